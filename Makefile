@@ -1,0 +1,58 @@
+# `make demo` and `make test` do everything on a machine that has Python >= 3.11 with pip and venv, and make.
+
+BIN := .venv/bin
+STAMP := .venv/.installed
+DEMO := demo
+DEMO_RUN := commonlaw discover --dataset linear-drag --noise 0.01 --seed 1 --order 2 --library poly:3 \
+	--differentiation savgol:25:3 --trim 8 --solver group-stlsq:1.5 --save $(DEMO)/law.json --plot $(DEMO)/law.png
+
+# The kernels gain nothing from threads of their own, and lose much when the cores are busy.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+# Both names: the first pins build environments for older pips, the second for newer ones.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
+
+.PHONY: help demo test lint types contracts unit clean
+.DEFAULT_GOAL := help
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(STAMP) ## Find a law in simulated drops: equations beside the truth, and a picture in demo/
+	mkdir -p $(DEMO)
+	$(BIN)/$(DEMO_RUN)
+
+test: lint types contracts unit ## Run every check
+
+lint: $(STAMP) ## Style and format
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: $(STAMP) ## Types, strictly
+	$(BIN)/mypy
+
+contracts: $(STAMP) ## Which room may import which
+	$(BIN)/lint-imports
+
+unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
+	$(BIN)/pytest -n 2
+
+clean: ## Remove the environment, caches and products
+	rm -rf .venv build dist $(DEMO) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMP): pyproject.toml constraints.txt
+	@python=; for each in $(PYTHON) python3.11 python3 python3.12 python3.13 python; do \
+		if "$$each" -c '$(SUITABLE)' >/dev/null 2>&1; then python=$$each; break; fi; \
+	done; \
+	if [ -z "$$python" ]; then \
+		echo "commonlaw needs Python 3.11 or newer with venv and pip, and found none:" \
+			"install it, or name it, as in 'make test PYTHON=/path/to/python3.11'" >&2; exit 1; \
+	fi; \
+	echo "$$python -m venv .venv"; "$$python" -m venv .venv
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@touch $@
