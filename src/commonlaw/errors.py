@@ -1,0 +1,21 @@
+"""The one kind of error that a user of commonlaw can cause and mend."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class CommonlawError(ValueError):
+    """Input that cannot be used; the message says what is wrong, where, and what to do."""
+
+
+def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
+    """Return the error for a name that is not among the known ones, with the nearest suggestion.
+
+    >>> print(unknown("column", "hieght", ["t", "height"]))
+    unknown column 'hieght': did you mean 'height'? Known: t, height
+    """
+    names = [str(each) for each in known]
+    folded = {each.casefold(): each for each in reversed(names)}
+    near = get_close_matches(str(name).casefold(), folded, n=1, cutoff=0.6)
+    hint = f"did you mean {folded[near[0]]!r}? " if near else ""
+    return CommonlawError(f"unknown {kind} {str(name)!r}: {hint}Known: {', '.join(names) or 'none'}")

@@ -1,0 +1,29 @@
+"""What can come out of a computation besides its numbers, said in words."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Something that a user should know about a result that was reached all the same.
+
+    Parameters
+    ----------
+    kind
+        Its name: ``"empty support"``, ``"diverged"``, ``"ill-conditioned"``, ``"not converged"``, ``"one object"``.
+    where
+        The equation, object or trial that it concerns; empty when it concerns the whole.
+    text
+        What happened, with its numbers.
+    remedy
+        What to do about it.
+    """
+
+    kind: str
+    where: str
+    text: str
+    remedy: str
+
+    def __str__(self) -> str:
+        place = f" ({self.where})" if self.where else ""
+        return f"{self.kind}{place}: {self.text}; {self.remedy}"
