@@ -1,0 +1,114 @@
+"""From measured states to smoothed states and rates, one file per method."""
+
+from collections.abc import Callable, Mapping
+
+from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
+from commonlaw.differentiation.centered import CenteredDifference
+from commonlaw.differentiation.finite_difference import FiniteDifference
+from commonlaw.differentiation.forward import ForwardDifference
+from commonlaw.differentiation.median import MedianFilter
+from commonlaw.differentiation.savitzky_golay import SavitzkyGolay
+from commonlaw.differentiation.smoothed import SmoothedDifference
+from commonlaw.differentiation.spectral import Spectral
+from commonlaw.differentiation.spline import SmoothingSpline
+from commonlaw.differentiation.total_variation import TotalVariation
+from commonlaw.differentiation.wiener import WienerFilter
+from commonlaw.errors import CommonlawError
+from commonlaw.spec import format_spec, parse_spec
+
+__all__ = [
+    "METHODS",
+    "AbstractDifferentiator",
+    "AbstractSmoother",
+    "CenteredDifference",
+    "FiniteDifference",
+    "ForwardDifference",
+    "MedianFilter",
+    "Rates",
+    "SavitzkyGolay",
+    "SmoothedDifference",
+    "SmoothingSpline",
+    "Spectral",
+    "TotalVariation",
+    "WienerFilter",
+    "default_differentiation",
+    "format_differentiation",
+    "parse_differentiation",
+]
+
+METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] = {
+    "centered": CenteredDifference,
+    "forward": ForwardDifference,
+    "finite": FiniteDifference,
+    "savgol": SavitzkyGolay,
+    "median": MedianFilter,
+    "wiener": WienerFilter,
+    "spline": SmoothingSpline,
+    "spectral": Spectral,
+    "tv": TotalVariation,
+}
+"""Differentiators and smoothers by the names that they have in texts."""
+
+
+def default_differentiation(order: int) -> AbstractDifferentiator:
+    """Return the method for a law of this order where none is chosen.
+
+    First order: `FiniteDifference` of accuracy 2, exact three-point stencils on any grid. It smooths nothing, so it
+    bends no fast state; where noise is visible choose a smoother. Second order: the falling-ball paper's rule,
+    `SmoothedDifference` with Savitzky-Golay windows of 35 samples, as differencing twice multiplies noise by the
+    squared sampling rate and no data but synthetic ones survive that unsmoothed.
+    """
+    return FiniteDifference(2) if order == 1 else SmoothedDifference(SavitzkyGolay(35, 3), CenteredDifference())
+
+
+def parse_differentiation(text: str) -> AbstractDifferentiator:
+    """Make the differentiator that a text such as ``savgol:35:3`` names.
+
+    The names are those of `METHODS`, each with its settings in order. The name of a smoother gives a
+    `SmoothedDifference`; the difference may follow (``savgol:35:3:forward``, ``median:5:finite:4``) and is the centred
+    one otherwise.
+
+    Raises
+    ------
+    CommonlawError
+        If a name is not known, a setting does not fit, or something follows a method that is not a smoother.
+
+    Examples
+    --------
+    >>> parse_differentiation("median:7:forward")
+    SmoothedDifference(smoother=MedianFilter(window=7), difference=ForwardDifference())
+    """
+    parts = text.split(":")
+    end = next((i for i, part in enumerate(parts) if i and part in METHODS), len(parts))
+    head, rest = ":".join(parts[:end]), ":".join(parts[end:])
+    method = parse_spec("differentiation", head, METHODS)
+    if isinstance(method, AbstractSmoother):
+        return SmoothedDifference(method, parse_differentiation(rest) if rest else CenteredDifference())
+    if rest:
+        raise CommonlawError(
+            f"differentiation {text!r}: {head!r} is a whole method and {rest!r} cannot follow; "
+            f"write one of them, or a smoother first, as in 'savgol:35:3:{rest}'"
+        )
+    return method
+
+
+def format_differentiation(differentiator: AbstractDifferentiator) -> str | None:
+    """Return the text that `parse_differentiation` reads back, or None if the method is not among `METHODS`.
+
+    Examples
+    --------
+    >>> format_differentiation(SmoothedDifference(SavitzkyGolay(15, 3), ForwardDifference()))
+    'savgol:15:3:forward'
+    """
+    if not isinstance(differentiator, SmoothedDifference):
+        return _text(differentiator)
+    smoother = _text(differentiator.smoother)
+    if differentiator.difference == CenteredDifference():
+        return smoother
+    difference = format_differentiation(differentiator.difference)
+    return None if smoother is None or difference is None else f"{smoother}:{difference}"
+
+
+def _text(method: AbstractDifferentiator | AbstractSmoother) -> str | None:
+    """Return name and settings of one method, or None if it has no name."""
+    return next((format_spec(name, method) for name, maker in METHODS.items() if type(method) is maker), None)

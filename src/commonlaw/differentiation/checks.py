@@ -1,0 +1,56 @@
+"""What the methods ask of their settings and of a trial's samples."""
+
+import numpy as np
+
+from commonlaw.differentiation.base import Floats
+from commonlaw.errors import CommonlawError
+
+
+def check_whole(name: str, value: object, least: int) -> None:
+    """Refuse a setting that is not a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise CommonlawError(f"{name} is {value!r}; give a whole number of at least {least}")
+
+
+def check_window(window: int) -> None:
+    """Refuse a window that is not an odd number of samples, three or more: it has to have a sample in its middle."""
+    check_whole("window", window, 3)
+    if window % 2 == 0:
+        raise CommonlawError(f"window is {window}, an even number; give an odd one, such as {window + 1}")
+
+
+def check_positive(name: str, value: float) -> None:
+    """Refuse a setting that is not a finite number above zero."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not 0 < float(value) < np.inf:
+        raise CommonlawError(f"{name} is {value!r}; give a finite number above zero")
+
+
+def need_samples(count: int, needed: int, method: str) -> None:
+    """Refuse a trial of fewer samples than the method's formula takes."""
+    if count < needed:
+        raise CommonlawError(
+            f"{count} samples are fewer than the {needed} that {method} take; drop the trial or choose another method"
+        )
+
+
+def fit_window(count: int, window: int) -> None:
+    """Refuse a trial of fewer samples than the window."""
+    if count < window:
+        largest = count - 1 + count % 2
+        way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"
+        raise CommonlawError(f"{count} samples are fewer than the window of {window}; {way_out}")
+
+
+def check_uniform(times: Floats, tolerance: float, method: str) -> None:
+    """Refuse times with a step that differs from the median step by more than `tolerance` of it."""
+    steps = np.diff(times)
+    median = np.median(steps)
+    far = np.flatnonzero(np.abs(steps - median) > tolerance * median)
+    if len(far):
+        i = int(far[0])
+        raise CommonlawError(
+            f"the step from sample {i + 1} to sample {i + 2} is {steps[i]:g}, the median step {median:g}: {method} "
+            f"assumes uniform sampling (steps within {tolerance:.0%} of the median); cut the trial there, resample it, "
+            "or choose a method for any grid, such as 'finite' or 'spline'"
+        )

@@ -1,0 +1,82 @@
+"""Finite differences that are exact for polynomials on any grid."""
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.differentiation.checks import check_whole, need_samples
+from commonlaw.errors import CommonlawError
+
+
+@dataclass(frozen=True)
+class FiniteDifference(AbstractDifferentiator):
+    """Finite differences with weights of their own at every sample (the stencils of Fornberg 1988).
+
+    The derivative of order k at a sample is that of the polynomial through the samples of a window around it: an odd,
+    centred window inside (``accuracy + 1`` samples for the first and second derivative), and the first or last
+    ``k + accuracy`` samples at the ends. Each derivative is taken from the states directly.
+
+    Takes any grid: the first and second derivative of polynomials up to degree `accuracy` are exact. On a uniform grid
+    the error is of order `accuracy` in the step for every derivative. Assumes smooth states and little noise: noise
+    grows as the step to the power -k. States are returned as measured.
+
+    Parameters
+    ----------
+    accuracy
+        Order of the error in the step: even, 2 or more.
+
+    Raises
+    ------
+    CommonlawError
+        If `accuracy` is not an even number of at least 2, or a trial has fewer than ``order + accuracy`` samples.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 1.0, 1.5, 3.0])
+    >>> FiniteDifference().differentiate(t, t[:, None] ** 2, 2).derivatives[1].ravel().round(9).tolist()
+    [2.0, 2.0, 2.0, 2.0]
+    """
+
+    accuracy: int = 2
+
+    def __post_init__(self) -> None:
+        check_whole("accuracy", self.accuracy, 2)
+        if self.accuracy % 2:
+            raise CommonlawError(f"accuracy is {self.accuracy}; give an even number: centred windows reach no odd one")
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), order + self.accuracy, f"finite differences of accuracy {self.accuracy}")
+        return Rates(states, tuple(self._derivative(times, states, k) for k in range(1, order + 1)))
+
+    def _derivative(self, times: Floats, states: Floats, order: int) -> Floats:
+        count, inside, at_ends = len(times), (order - 1) // 2 * 2 + 1 + self.accuracy, order + self.accuracy
+        half = inside // 2
+        derivative = np.empty_like(states)
+        for samples, nodes in (
+            (slice(half), [slice(k, k + 1) for k in range(at_ends)]),
+            (slice(half, count - half), [slice(k, count - inside + 1 + k) for k in range(inside)]),
+            (slice(count - half, count), [slice(count - k - 1, count - k) for k in range(at_ends)]),
+        ):
+            offsets = [times[node] - times[samples] for node in nodes]
+            # Differences to the sample itself: a large offset of the states then costs no digits.
+            rises = [states[node] - states[samples] for node in nodes]
+            derivative[samples] = _lagrange(offsets, rises, order)
+        return derivative
+
+
+def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats:
+    """Return the derivative at zero, shape (m, d), of the polynomials through `values` at `offsets`.
+
+    There is one entry for each node of the window, of shape (m, d) and (m,) for m samples.
+    """
+    derivative = np.zeros_like(values[0])
+    for k, value in enumerate(values):
+        powers = np.zeros((order + 1, len(value)))  # of the node's Lagrange polynomial, as far as they are wanted
+        powers[0] = 1
+        for other in offsets[:k] + offsets[k + 1 :]:
+            powers[1:], powers[0] = powers[:-1] - other * powers[1:], -other * powers[0]
+            powers /= offsets[k] - other
+        derivative += factorial(order) * powers[order][:, np.newaxis] * value
+    return derivative

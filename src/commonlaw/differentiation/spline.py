@@ -1,0 +1,94 @@
+"""Smoothing splines."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.differentiation.checks import check_positive, need_samples
+from commonlaw.differentiation.curvature import INNER, log_determinant, slope_bands, solve
+from commonlaw.errors import CommonlawError
+
+
+@dataclass(frozen=True)
+class SmoothingSpline(AbstractDifferentiator):
+    """The natural cubic spline f that minimises ``sum (x - f)^2 + strength * integral f''^2`` (Reinsch 1967).
+
+    With D the changes of slope and R the Gram matrix of hat functions, ``f + strength D' c = x`` and ``D f = R c`` are
+    solved for the values f and the second derivatives c at the samples; the rates are those of the spline. Work is
+    linear in the number of samples.
+
+    Takes any grid. Assumes white noise of one level over the trial and a state of one roughness. The spline is
+    natural: its second derivative is zero at both ends, which ruins laws of second order near them; prefer
+    `SmoothedDifference` there.
+
+    Parameters
+    ----------
+    strength
+        Weight of the roughness, in time units cubed. None chooses it for each state by generalised cross-validation
+        (Craven and Wahba 1979), from one fifty-thousandth of the step cubed up to a straight line, on a logarithmic
+        scale and in units of the step, so that the choice does not depend on the unit of time (that of
+        `scipy.interpolate.make_smoothing_spline` does).
+
+    Raises
+    ------
+    CommonlawError
+        If `strength` is not above zero, a trial has fewer than 5 samples, or a third derivative is asked for.
+    """
+
+    strength: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.strength is not None:
+            check_positive("strength", self.strength)
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), 5, "smoothing splines")
+        if order > 2:
+            raise CommonlawError(f"a cubic spline has no smooth derivative of order {order}; ask for at most 2")
+        step = (times[-1] - times[0]) / (len(times) - 1)
+        steps = np.diff(times) / step
+        columns = []
+        for column in states.T:
+            strength = _cross_validated(steps, column) if self.strength is None else self.strength / step**3
+            columns.append(_spline(steps, column, strength))
+        smoothed, rate, curvature = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        return Rates(smoothed, (rate / step, curvature / step**2)[:order])
+
+
+def _spline(steps: Floats, state: Floats, strength: float) -> tuple[Floats, Floats, Floats]:
+    """Return the spline's values, first and second derivatives at the samples, each of shape (n,)."""
+    smoothed, multipliers = solve(_bands(steps, strength), state)
+    curvature = multipliers / strength
+    slopes = np.diff(smoothed) / steps
+    rate = slopes - steps * (2 * curvature[:-1] + curvature[1:]) / 6
+    last = slopes[-1] + steps[-1] * curvature[-2] / 6
+    return smoothed, np.append(rate, last), curvature
+
+
+def _bands(steps: Floats, strength: float) -> Floats:
+    bands = slope_bands(steps)
+    bands[3, INNER] = -(steps[:-1] + steps[1:]) / (3 * strength)
+    bands[1, 5:-1:2] = bands[5, 3:-3:2] = -steps[1:-1] / (6 * strength)
+    return bands
+
+
+def _cross_validated(steps: Floats, state: Floats) -> float:
+    """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score."""
+    from scipy.optimize import minimize_scalar
+
+    grid = np.linspace(np.log(2e-5), 4 * np.log(len(state)), 40)
+    best = int(np.argmin([_score(each, steps, state) for each in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    return float(np.exp(minimize_scalar(_score, bounds=bounds, args=(steps, state), method="bounded").x))
+
+
+def _score(logarithm: float, steps: Floats, state: Floats) -> float:
+    """Return ``n RSS / trace(1 - A)^2``, A being the matrix from the measured to the smoothed state.
+
+    The trace is n - 2 and the derivative of the system's log determinant by the logarithm of the strength.
+    """
+    smoothed, _, _ = _spline(steps, state, np.exp(logarithm))
+    low, high = (log_determinant(_bands(steps, np.exp(logarithm + shift))) for shift in (-0.01, 0.01))
+    trace = len(state) - 2 + (high - low) / 0.02
+    return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)

@@ -1,0 +1,384 @@
+"""Each method against closed forms, NumPy, SciPy, and its own assumptions."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import make_smoothing_spline
+from scipy.ndimage import median_filter
+from scipy.optimize import lsq_linear
+from scipy.signal import savgol_filter, wiener
+
+from commonlaw.differentiation import (
+    CenteredDifference,
+    FiniteDifference,
+    ForwardDifference,
+    MedianFilter,
+    SavitzkyGolay,
+    SmoothedDifference,
+    SmoothingSpline,
+    Spectral,
+    TotalVariation,
+    WienerFilter,
+    default_differentiation,
+)
+from commonlaw.errors import CommonlawError
+
+
+def _rates(method, times, state, order=1):
+    """Return states and derivatives of one state, each of shape (n,)."""
+    rates = method.differentiate(times, np.asarray(state)[:, np.newaxis], order)
+    return rates.states[:, 0], *(each[:, 0] for each in rates.derivatives)
+
+
+def _drop(noise=0.0, count=49):
+    """Return times, heights, velocities and accelerations of a fall with linear drag: h(0) = 40, a = -9.8 - 0.5 v."""
+    times = np.arange(count) / 15
+    velocity = -19.6 * (1 - np.exp(-0.5 * times))
+    height = 40 - 19.6 * times + 39.2 * (1 - np.exp(-0.5 * times))
+    return times, height + noise * np.random.default_rng(0).standard_normal(count), velocity, -9.8 - 0.5 * velocity
+
+
+def _uneven(count=30, seed=1):
+    return np.cumsum(np.random.default_rng(seed).uniform(0.05, 0.2, count))
+
+
+def _error(found, true):
+    return np.linalg.norm(found - true) / np.linalg.norm(true)
+
+
+def test_centered_difference_divides_by_the_measured_times_inside():
+    times = _uneven()
+    _, rate = _rates(CenteredDifference(), times, np.sin(times))
+    np.testing.assert_allclose(rate[1:-1], (np.sin(times[2:]) - np.sin(times[:-2])) / (times[2:] - times[:-2]))
+
+
+def test_centered_difference_takes_each_end_by_its_own_step():
+    times, x = np.array([0.0, 0.1, 0.3, 0.4, 0.6, 1.0]), np.array([1.0, 3.0, -2.0, 5.0, 8.0, 4.0])
+    _, rate = _rates(CenteredDifference(), times, x)
+    assert rate[0] == pytest.approx((-11 / 6 * 1 + 3 * 3 - 3 / 2 * -2 + 1 / 3 * 5) / 0.1)
+    assert rate[-1] == pytest.approx((11 / 6 * 4 - 3 * 8 + 3 / 2 * 5 - 1 / 3 * -2) / 0.4)
+
+
+def test_centered_difference_is_exact_for_a_cubic_at_the_ends_of_a_uniform_grid():
+    times = np.linspace(0, 1, 9)
+    _, rate = _rates(CenteredDifference(), times, times**3)
+    np.testing.assert_allclose(rate[[0, -1]], [0, 3], atol=1e-12)
+
+
+def test_centered_difference_repeats_for_the_second_derivative():
+    times = _uneven()
+    _, rate, second = _rates(CenteredDifference(), times, np.sin(times), 2)
+    np.testing.assert_array_equal(second, _rates(CenteredDifference(), times, rate)[1])
+
+
+def test_forward_difference_looks_ahead_and_at_the_last_sample_back():
+    times, x = np.array([0.0, 1.0, 3.0, 4.0, 5.0]), np.array([2.0, 4.0, 0.0, 1.0, 7.0])
+    _, rate, second = _rates(ForwardDifference(), times, x, 2)
+    np.testing.assert_allclose(rate, [2, -2, 1, 6, 1.5 * 7 - 2 * 1 + 0.5 * 0])
+    np.testing.assert_allclose(second, [-4, 1.5, 5, 2.5, 1.5 * 8.5 - 2 * 6 + 0.5 * 1])
+
+
+def test_finite_difference_of_accuracy_two_is_numpys_gradient_on_any_grid():
+    times = _uneven()
+    _, rate = _rates(FiniteDifference(), times, np.exp(times))
+    np.testing.assert_allclose(rate, np.gradient(np.exp(times), times, edge_order=2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("accuracy", [2, 4, 6])
+def test_finite_difference_differentiates_polynomials_exactly_on_any_grid(accuracy):
+    times = _uneven(14)
+    polynomial = np.polynomial.Polynomial(np.random.default_rng(0).standard_normal(accuracy + 1))
+    _, *derivatives = _rates(FiniteDifference(accuracy), times, polynomial(times), 4)
+    for k, found in enumerate(derivatives[:2], start=1):
+        np.testing.assert_allclose(found, polynomial.deriv(k)(times), rtol=1e-7, atol=1e-7)
+    third = derivatives[2][2:-2]
+    np.testing.assert_allclose(third, polynomial.deriv(3)(times)[2:-2], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("order", "accuracy", "weights"),
+    [
+        (1, 4, [1 / 12, -2 / 3, 0, 2 / 3, -1 / 12]),
+        (2, 2, [1, -2, 1]),
+        (2, 4, [-1 / 12, 4 / 3, -5 / 2, 4 / 3, -1 / 12]),
+        (3, 2, [-1 / 2, 1, 0, -1, 1 / 2]),
+        (4, 2, [1, -4, 6, -4, 1]),
+    ],
+)
+def test_finite_difference_has_fornbergs_weights_on_a_uniform_grid(order, accuracy, weights):
+    count, middle, half = 15, 7, len(weights) // 2
+    columns = np.eye(count)
+    found = FiniteDifference(accuracy).differentiate(np.arange(count) * 1.0, columns, order).derivatives[-1][middle]
+    np.testing.assert_allclose(found[middle - half : middle + half + 1], weights, atol=1e-12)
+    assert np.count_nonzero(np.abs(found) > 1e-12) == np.count_nonzero(weights)
+
+
+@pytest.mark.parametrize(("order", "accuracy"), [(1, 2), (1, 4), (2, 2), (2, 4), (3, 2)])
+def test_finite_difference_error_falls_as_its_accuracy_says_up_to_the_ends(order, accuracy):
+    true = [np.sin, np.cos, lambda t: -np.sin(t), lambda t: -np.cos(t)][order]
+    errors = []
+    for count in (41, 81):
+        times = np.linspace(0, 4, count)
+        errors.append(np.abs(_rates(FiniteDifference(accuracy), times, np.sin(times), order)[-1] - true(times)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(accuracy, abs=0.4)
+
+
+def test_savitzky_golay_is_scipys_along_time():
+    states = np.random.default_rng(0).standard_normal((50, 2))
+    found = SavitzkyGolay(11, 2).smooth(np.arange(50.0), states)
+    for column in range(2):
+        np.testing.assert_allclose(found[:, column], savgol_filter(states[:, column], 11, 2))
+
+
+def test_median_removes_an_outlier_and_leaves_a_monotone_state():
+    times = _uneven()
+    spoiled = times.copy()
+    spoiled[10] = 1000
+    found = MedianFilter(5).smooth(times, np.column_stack([times, spoiled]))
+    np.testing.assert_array_equal(found[:, 0], times)
+    assert found[10, 1] == times[11]
+    np.testing.assert_array_equal(found[2:-2, 1], median_filter(spoiled, 5)[2:-2])
+
+
+def test_wiener_is_scipys_formula_inside():
+    times, x, _, _ = _drop(noise=0.5)
+    padded = np.pad(x, 2, mode="reflect", reflect_type="odd")
+    noise = np.mean([np.var(padded[i : i + 5]) for i in range(len(x))])
+    found = WienerFilter(5).smooth(times, x[:, np.newaxis])[:, 0]
+    np.testing.assert_allclose(found[2:-2], wiener(x, 5, noise=noise)[2:-2], rtol=1e-9)
+
+
+def test_wiener_does_not_drag_the_ends_toward_zero():
+    times = np.arange(20.0)
+    line = 100 + times
+    assert abs(wiener(line, 5)[0] - 100) > 1
+    np.testing.assert_allclose(WienerFilter(5).smooth(times, line[:, np.newaxis])[:, 0], line)
+
+
+def test_wiener_leaves_a_constant_state_without_a_warning():
+    np.testing.assert_array_equal(WienerFilter(5).smooth(np.arange(9.0), np.full((9, 1), 3.0)), 3.0)
+
+
+def test_smoothed_difference_smooths_the_rate_again_only_before_it_is_differentiated():
+    times, x, _, _ = _drop(noise=0.1)
+    times = times + 0.002 * np.sin(np.arange(49))
+
+    def difference(x):
+        first, last = times[1] - times[0], times[-1] - times[-2]
+        left = (-11 / 6 * x[0] + 3 * x[1] - 3 / 2 * x[2] + x[3] / 3) / first
+        right = (11 / 6 * x[-1] - 3 * x[-2] + 3 / 2 * x[-3] - x[-4] / 3) / last
+        return np.concatenate([[left], (x[2:] - x[:-2]) / (times[2:] - times[:-2]), [right]])
+
+    smooth = savgol_filter(x, 35, 3)
+    velocity = difference(smooth)
+    acceleration = difference(savgol_filter(velocity, 35, 3))
+    found = _rates(SmoothedDifference(), times, x, 2)
+    for each, expected in zip(found, (smooth, velocity, acceleration), strict=True):
+        np.testing.assert_allclose(each, expected, rtol=1e-9)
+
+
+def test_smoothing_brings_the_noise_in_the_rates_of_a_falling_ball_far_down():
+    times, x, velocity, acceleration = _drop(noise=0.1)
+    raw, smoothed = (_rates(method, times, x, 2) for method in (CenteredDifference(), SmoothedDifference()))
+    assert _error(smoothed[1], velocity) < _error(raw[1], velocity) / 3
+    assert _error(smoothed[2], acceleration) < _error(raw[2], acceleration) / 10
+
+
+@pytest.mark.parametrize("strength", [1e-5, 1e-2, 10.0])
+def test_smoothing_spline_is_scipys_on_uneven_times(strength):
+    times = _uneven(60)
+    x = np.sin(times) + 0.1 * np.random.default_rng(0).standard_normal(60)
+    spline = make_smoothing_spline(times, x, lam=strength)
+    found = _rates(SmoothingSpline(strength), times, x, 2)
+    for k, each in enumerate(found):
+        expected = spline.derivative(k)(times) if k else spline(times)
+        np.testing.assert_allclose(each, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_smoothing_spline_chooses_the_strength_of_least_cross_validation_score():
+    times, x, _, _ = _drop(noise=0.1)
+
+    def score(strength):
+        influence = np.column_stack([make_smoothing_spline(times, e, lam=strength)(times) for e in np.eye(49)])
+        return np.mean((x - influence @ x) ** 2) / (1 - np.trace(influence) / 49) ** 2
+
+    smoothed, *_ = _rates(SmoothingSpline(), times, x)
+    best = min(np.geomspace(1e-4, 1e2, 61), key=score)
+    np.testing.assert_allclose(smoothed, make_smoothing_spline(times, x, lam=best)(times), atol=2e-3)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_smoothing_spline_finds_the_rate_whatever_the_unit_of_time(unit):
+    times, x, velocity, _ = _drop(noise=0.1)
+    _, rate = _rates(SmoothingSpline(), times / unit, x)
+    assert _error(rate / unit, velocity) < 0.04
+
+
+def test_smoothing_spline_returns_a_line_as_it_is():
+    times = _uneven()
+    smoothed, rate, second = _rates(SmoothingSpline(), times, 3 * times + 2, 2)
+    np.testing.assert_allclose(smoothed, 3 * times + 2)
+    np.testing.assert_allclose(rate, 3)
+    np.testing.assert_allclose(second, 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [32, 33])
+def test_spectral_derivatives_of_a_periodic_state_are_exact(count):
+    times = 5 + 2 * np.arange(count) / count
+    phase = np.pi * times
+    state = 3 + np.sin(2 * phase) - np.cos(5 * phase)
+    _, rate, second = _rates(Spectral(), times, state, 2)
+    np.testing.assert_allclose(rate, np.pi * (2 * np.cos(2 * phase) + 5 * np.sin(5 * phase)), atol=1e-10)
+    np.testing.assert_allclose(second, np.pi**2 * (-4 * np.sin(2 * phase) + 25 * np.cos(5 * phase)), atol=1e-8)
+
+
+def test_spectral_cutoff_drops_what_is_faster():
+    times = np.arange(64) / 64
+    slow, fast = np.sin(2 * np.pi * 3 * times), np.sin(2 * np.pi * 20 * times)
+    smoothed, rate = _rates(Spectral(cutoff=10), times, slow + fast)
+    np.testing.assert_allclose(smoothed, slow, atol=1e-12)
+    np.testing.assert_allclose(rate, 6 * np.pi * np.cos(2 * np.pi * 3 * times), atol=1e-10)
+
+
+def test_total_variation_reaches_the_optimum_of_its_convex_problem():
+    times = _uneven(60)
+    x = np.abs(times - 4) + 0.05 * np.random.default_rng(0).standard_normal(60)
+    strength = 1e-3
+    span, scaled = times[-1] - times[0], (x - x.mean()) / x.std()
+    slope = np.diff(np.eye(60), axis=0) / (np.diff(times) / span)[:, np.newaxis]
+    bends = np.diff(slope, axis=0)
+    weight = strength * 60
+    dual = lsq_linear(bends.T, scaled, bounds=(-weight, weight), tol=1e-12)
+
+    def objective(z):
+        return np.mean((z - scaled) ** 2) / 2 + strength * np.abs(bends @ z).sum()
+
+    smoothed, rate = _rates(TotalVariation(strength), times, x)
+    best = objective(scaled - bends.T @ dual.x)
+    assert objective((smoothed - x.mean()) / x.std()) == pytest.approx(best, rel=1e-3)
+    np.testing.assert_allclose(rate, np.gradient(smoothed, times))
+
+
+def test_total_variation_finds_a_kink_that_smoothing_rounds_off():
+    times = np.linspace(0, 1, 200)
+    x = np.abs(times - 0.5) + 0.005 * np.random.default_rng(0).standard_normal(200)
+    near = (np.abs(times - 0.5) > 0.01) & (np.abs(times - 0.5) < 0.06)
+    _, sharp = _rates(TotalVariation(1e-4), times, x)
+    _, round_ = _rates(SmoothedDifference(SavitzkyGolay(35, 3)), times, x)
+    true = np.sign(times - 0.5)
+    assert _error(sharp[near], true[near]) < 0.1 < _error(round_[near], true[near])
+
+
+def test_total_variation_second_derivative_integrates_to_the_rate():
+    times, x, velocity, _ = _drop(noise=0.02)
+    _, rate, second = _rates(TotalVariation(1e-5), times, x, 2)
+    np.testing.assert_allclose(cumulative_trapezoid(second, times), rate[1:] - rate[0], atol=1.5)
+    assert _error(rate, velocity) < 0.05
+
+
+def test_total_variation_keeps_its_digits_on_a_long_trial():
+    times = np.linspace(0, 1, 50_000)
+    _, rate = _rates(TotalVariation(1e-4), times, times**2 + 0.01 * np.random.default_rng(0).standard_normal(50_000))
+    assert _error(rate, 2 * times) < 0.1
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_methods_leave_a_constant_state_at_rest(order):
+    times = np.arange(40.0)
+    for method in (
+        SmoothingSpline(),
+        TotalVariation(1e-3),
+        SmoothedDifference(WienerFilter(5)),
+        Spectral(),
+        FiniteDifference(),
+    ):
+        np.testing.assert_allclose(_rates(method, times, np.full(40, 0.1), order)[1:], 0, atol=1e-10)
+
+
+def test_the_default_smooths_only_laws_of_second_order():
+    assert default_differentiation(1) == FiniteDifference(2)
+    assert default_differentiation(2) == SmoothedDifference(SavitzkyGolay(35, 3), CenteredDifference())
+
+
+@pytest.mark.parametrize(
+    ("method", "needed", "message"),
+    [
+        (CenteredDifference(), 4, "3 samples are fewer than the 4 that centred differences take"),
+        (ForwardDifference(), 3, "2 samples are fewer than the 3 that forward differences take"),
+        (FiniteDifference(4), 6, "5 samples are fewer than the 6 that finite differences of accuracy 4 take"),
+        (SmoothingSpline(), 5, "4 samples are fewer than the 5"),
+        (Spectral(), 3, "2 samples are fewer than the 3"),
+        (TotalVariation(1e-3), 3, "2 samples are fewer than the 3"),
+        (
+            SmoothedDifference(MedianFilter(5)),
+            5,
+            "4 samples are fewer than the window of 5; choose a window of at most 3",
+        ),
+        (
+            SmoothedDifference(WienerFilter(5)),
+            5,
+            "4 samples are fewer than the window of 5; choose a window of at most 3",
+        ),
+        (
+            SmoothedDifference(SavitzkyGolay(45, 3)),
+            45,
+            "44 samples are fewer than the window of 45; choose a window of",
+        ),
+    ],
+)
+def test_a_trial_that_is_too_short_is_refused_and_one_sample_more_is_taken(method, needed, message):
+    times = np.arange(float(needed))
+    states = np.sin(times)[:, np.newaxis]
+    assert np.all(np.isfinite(method.differentiate(times, states, 2).derivatives))
+    with pytest.raises(CommonlawError, match=re.escape(message)):
+        method.differentiate(times[:-1], states[:-1], 2)
+
+
+def test_the_largest_window_that_fits_is_named():
+    with pytest.raises(
+        CommonlawError, match="42 samples are fewer than the window of 45; choose a window of at most 41"
+    ):
+        SavitzkyGolay(45, 3).smooth(np.arange(42.0), np.zeros((42, 1)))
+    with pytest.raises(CommonlawError, match="2 samples are fewer than the window of 5; drop the trial"):
+        MedianFilter(5).smooth(np.arange(2.0), np.zeros((2, 1)))
+
+
+def test_sampling_that_is_not_uniform_is_refused_with_its_sample():
+    times = np.arange(60.0) / 15
+    times[40:] += 0.1
+    states = np.zeros((60, 1))
+    with pytest.raises(
+        CommonlawError, match=r"from sample 40 to sample 41 is 0.166667, the median step 0.0666667.*50%"
+    ):
+        SmoothedDifference().differentiate(times, states, 1)
+    with pytest.raises(CommonlawError, match="the spectral derivative assumes uniform sampling"):
+        Spectral().differentiate(times, states, 1)
+
+
+def test_a_third_derivative_of_a_cubic_spline_is_refused():
+    with pytest.raises(CommonlawError, match="no smooth derivative of order 3"):
+        SmoothingSpline().differentiate(np.arange(9.0), np.zeros((9, 1)), 3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SavitzkyGolay(34, 3), "window is 34, an even number; give an odd one, such as 35"),
+        (lambda: SavitzkyGolay(5, 5), "choose a degree of at most 4"),
+        (lambda: SavitzkyGolay(5, -1), "polynomial is -1"),
+        (lambda: SavitzkyGolay(5.0, 3), "window is 5.0; give a whole number of at least 3"),
+        (lambda: MedianFilter(1), "window is 1; give a whole number of at least 3"),
+        (lambda: WienerFilter("5"), "window is '5'"),
+        (lambda: FiniteDifference(3), "accuracy is 3; give an even number"),
+        (lambda: FiniteDifference(True), "accuracy is True"),
+        (lambda: SmoothingSpline(0), "strength is 0; give a finite number above zero"),
+        (lambda: Spectral(-1.0), "cutoff is -1.0"),
+        (lambda: TotalVariation(float("nan")), "strength is nan"),
+        (lambda: TotalVariation("much"), "strength is 'much'"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused_at_once(make, message):
+    with pytest.raises(CommonlawError, match=re.escape(message)):
+        make()

@@ -1,0 +1,93 @@
+"""Differentiation methods as texts."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from commonlaw.differentiation import (
+    AbstractDifferentiator,
+    CenteredDifference,
+    FiniteDifference,
+    ForwardDifference,
+    MedianFilter,
+    SavitzkyGolay,
+    SmoothedDifference,
+    SmoothingSpline,
+    Spectral,
+    TotalVariation,
+    WienerFilter,
+    format_differentiation,
+    parse_differentiation,
+)
+from commonlaw.errors import CommonlawError
+
+TEXTS = {
+    "centered": CenteredDifference(),
+    "forward": ForwardDifference(),
+    "finite:4": FiniteDifference(4),
+    "savgol:35:3": SmoothedDifference(SavitzkyGolay(35, 3)),
+    "savgol:15:2:forward": SmoothedDifference(SavitzkyGolay(15, 2), ForwardDifference()),
+    "median:7:finite:4": SmoothedDifference(MedianFilter(7), FiniteDifference(4)),
+    "median:5:savgol:15:3": SmoothedDifference(MedianFilter(5), SmoothedDifference(SavitzkyGolay(15, 3))),
+    "wiener:9": SmoothedDifference(WienerFilter(9)),
+    "spline:None": SmoothingSpline(),
+    "spline:0.01": SmoothingSpline(0.01),
+    "spectral:None": Spectral(),
+    "spectral:2.5": Spectral(2.5),
+    "tv:1e-05": TotalVariation(1e-5),
+}
+SHORT_TEXTS = {
+    "finite": FiniteDifference(2),
+    "savgol": SmoothedDifference(),
+    "savgol:polynomial=2": SmoothedDifference(SavitzkyGolay(35, 2)),
+    "savgol:15:forward": SmoothedDifference(SavitzkyGolay(15, 3), ForwardDifference()),
+    "savgol:35:3:centered": SmoothedDifference(),
+    "spline": SmoothingSpline(),
+    "spectral": Spectral(),
+}
+
+
+@pytest.mark.parametrize(("text", "method"), TEXTS.items())
+def test_text_and_method_stand_for_each_other(text, method):
+    assert parse_differentiation(text) == method
+    assert format_differentiation(method) == text
+
+
+@pytest.mark.parametrize(("text", "method"), SHORT_TEXTS.items())
+def test_a_text_may_leave_out_defaults_or_write_them(text, method):
+    assert parse_differentiation(text) == method
+
+
+@dataclass(frozen=True)
+class _Own(AbstractDifferentiator):
+    def differentiate(self, times, states, order):
+        return CenteredDifference().differentiate(times, states, order)
+
+
+@pytest.mark.parametrize("method", [_Own(), SmoothedDifference(MedianFilter(5), _Own())])
+def test_a_method_of_the_users_own_has_no_text(method):
+    assert format_differentiation(method) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("savgl:35", "unknown differentiation 'savgl': did you mean 'savgol'"),
+        ("savgol:34", "differentiation 'savgol:34': window is 34, an even number"),
+        ("savgol:35:forwrd", "polynomial is 'forwrd'; give a whole number"),
+        ("tv", "write it as 'tv:STRENGTH'"),
+        ("finite:2:3", r"write it as 'finite:\[ACCURACY=2\]'"),
+        ("centered:forward", "'centered' is a whole method and 'forward' cannot follow"),
+    ],
+)
+def test_a_text_that_does_not_fit_is_refused_with_the_way_out(text, message):
+    with pytest.raises(CommonlawError, match=message):
+        parse_differentiation(text)
+
+
+def test_importing_the_methods_loads_nothing_of_scipy():
+    code = "import sys, commonlaw.differentiation; print([m for m in sys.modules if m.startswith('scipy')])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"
