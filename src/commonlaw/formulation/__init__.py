@@ -1,0 +1,6 @@
+"""From trials and candidate terms to regression rows, and from rows to compressed systems."""
+
+from commonlaw.formulation.strong import StrongForm
+from commonlaw.formulation.system import System
+
+__all__ = ["StrongForm", "System"]
