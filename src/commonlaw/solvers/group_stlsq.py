@@ -1,0 +1,62 @@
+"""Sequentially thresholded least squares with one support for all objects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.formulation import System
+from commonlaw.solvers.base import AbstractSolver, Fit
+from commonlaw.solvers.importance import L1, AbstractImportance
+from commonlaw.solvers.stlsq import check_settings
+from commonlaw.solvers.thresholding import threshold_sequentially
+
+
+@dataclass(frozen=True)
+class GroupSTLSQ(AbstractSolver):
+    """Sequentially thresholded least squares with one support shared by all objects.
+
+    De Silva, Higdon, Brunton, Kutz (2020), section 2.3.2, algorithm 1: solve least squares for every object, drop
+    the terms whose coefficients, taken over all objects, have too little importance, and repeat until none is dropped.
+    With one object it equals `STLSQ`.
+
+    Parameters
+    ----------
+    threshold
+        Smallest importance of a term that stays, in the units of the importance.
+    importance
+        The measure R of a row of coefficients: `L1` (the paper's), `L2`, `Mean`, `Median`, `Quantile`, `Count`.
+    ridge
+        Weight of the squared norm of the coefficients in each least-squares problem.
+    max_iterations
+        At most so many sweeps; a support that still changes then is an outcome of the fit.
+    normalize
+        Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
+    """
+
+    threshold: float = 0.1
+    importance: AbstractImportance = L1()
+    ridge: float = 0.0
+    max_iterations: int = 10
+    normalize: bool = False
+
+    def __post_init__(self) -> None:
+        check_settings(self.threshold, self.ridge, self.max_iterations)
+
+    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+        """Return the shared support and each object's coefficients."""
+
+        def keep(magnitudes: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+            importance = self.importance.measure(magnitudes)
+            largest = np.repeat(importance.max(axis=1, initial=0.0)[np.newaxis], len(magnitudes), axis=0)
+            return np.broadcast_to(importance >= self.threshold, magnitudes.shape), largest
+
+        return threshold_sequentially(
+            systems,
+            candidates,
+            keep,
+            ridge=self.ridge,
+            max_iterations=self.max_iterations,
+            normalize=self.normalize,
+        )

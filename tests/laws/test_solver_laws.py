@@ -1,0 +1,93 @@
+"""What holds for every solver."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from commonlaw.formulation import System
+from commonlaw.solvers import IMPORTANCES, SOLVERS, GroupSTLSQ
+
+NAMED = [
+    *((name, {"threshold": 0.3}) for name in SOLVERS),
+    *(("group-stlsq", {"threshold": 0.3, "importance": name}) for name in IMPORTANCES if name != "count"),
+    ("group-stlsq", {"threshold": 2, "importance": "count", "level": 0.3}),
+]
+every_solver = pytest.mark.parametrize(
+    "solver", [SOLVERS[name](**options) for name, options in NAMED], ids=lambda solver: repr(solver)
+)
+TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0, 0.0]])
+CANDIDATES = np.ones((1, 4), dtype=bool)
+
+
+def systems(seed=0, noise=0.0, rows=60, scale=1.0):
+    generator = np.random.default_rng(seed)
+    libraries = [generator.standard_normal((rows, 4)) for _ in TRUTH]
+    return [
+        System.of(library, scale * (library @ own + noise * generator.standard_normal(rows))[:, np.newaxis])
+        for library, own in zip(libraries, TRUTH, strict=True)
+    ]
+
+
+@every_solver
+def test_the_truth_is_found_without_noise(solver):
+    fit = solver.solve(systems(), CANDIDATES)
+    np.testing.assert_allclose(fit.coefficients[:, 0], TRUTH, atol=1e-12)
+    assert fit.converged
+
+
+@every_solver
+@given(seed=st.integers(0, 10_000))
+def test_the_order_of_objects_does_not_matter(solver, seed):
+    given_order = systems(seed, noise=0.5)
+    order = np.random.default_rng(seed).permutation(3)
+    fit = solver.solve(given_order, CANDIDATES)
+    shuffled = solver.solve([given_order[i] for i in order], CANDIDATES)
+    np.testing.assert_allclose(shuffled.coefficients, fit.coefficients[order], rtol=1e-12)
+
+
+@every_solver
+@given(seed=st.integers(0, 10_000))
+def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver, seed):
+    problem = systems(seed, noise=0.5)
+    fit = solver.solve(problem, CANDIDATES)
+    for system, own, support in zip(problem, fit.coefficients[:, 0], fit.support[:, 0], strict=True):
+        np.testing.assert_array_equal(own, system.least_squares(support, 0))
+        assert not own[~support].any()
+
+
+@every_solver
+def test_terms_that_are_no_candidates_stay_out(solver):
+    fit = solver.solve(systems(), np.array([[True, True, False, True]]))
+    assert not fit.support[:, :, 2].any()
+
+
+@every_solver
+def test_data_that_arrive_in_parts_give_the_same_fit(solver):
+    parts = [systems(seed, noise=0.1) for seed in range(3)]
+    merged = [a + b + c for a, b, c in zip(*parts, strict=True)]
+    again = [a + (c + b) for a, b, c in zip(*parts, strict=True)]
+    np.testing.assert_allclose(
+        solver.solve(merged, CANDIDATES).coefficients, solver.solve(again, CANDIDATES).coefficients, rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_normalised_columns_make_the_support_independent_of_units(name):
+    solver, scales = SOLVERS[name](threshold=3.0, normalize=True), np.array([1e-3, 1.0, 1e4, 10.0])
+    generator = np.random.default_rng(3)
+    library = generator.standard_normal((100, 4))
+    target = (library @ TRUTH[0] + 0.1 * generator.standard_normal(100))[:, np.newaxis]
+    plain = solver.solve([System.of(library, target)], CANDIDATES)
+    scaled = solver.solve([System.of(library * scales, target)], CANDIDATES)
+    np.testing.assert_array_equal(plain.support, scaled.support)
+    np.testing.assert_allclose(scaled.coefficients * scales, plain.coefficients, rtol=1e-9)
+    assert 0 < plain.support.sum() < 4
+
+
+@given(seed=st.integers(0, 10_000), threshold=st.floats(0.01, 3))
+def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
+    for system in systems(seed, noise=1.0):
+        group = GroupSTLSQ(threshold).solve([system], CANDIDATES)
+        single = SOLVERS["stlsq"](threshold).solve([system], CANDIDATES)
+        np.testing.assert_array_equal(group.coefficients, single.coefficients)

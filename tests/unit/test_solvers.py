@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System
+from commonlaw.solvers import L1, L2, STLSQ, Count, GroupSTLSQ, Mean, Median, Quantile, parse_solver
+
+MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
+
+
+@pytest.mark.parametrize(
+    ("importance", "expected"),
+    [
+        (L1(), [8.0, 0.6]),
+        (L2(), [np.sqrt(26), np.sqrt(0.14)]),
+        (Mean(), [2.0, 0.15]),
+        (Median(), [2.0, 0.15]),
+        (Quantile(0.25), [0.75, 0.075]),
+        (Count(0.2), [3, 2]),
+    ],
+)
+def test_importance_of_a_term_over_the_objects(importance, expected):
+    np.testing.assert_allclose(importance.measure(MAGNITUDES), expected)
+
+
+def test_stlsq_repeats_until_the_support_is_stable():
+    library = np.array([[1.0, 1.0], [1.0, 1.1], [1.0, 0.9], [1.0, 1.05]])
+    target = np.array([[2.0], [2.0], [2.0], [2.1]])
+    fit = STLSQ(threshold=0.5).solve([System.of(library, target)], np.ones((1, 2), dtype=bool))
+    full = np.linalg.lstsq(library, target, rcond=None)[0][:, 0]
+    assert abs(full[1]) < 0.5 < abs(full[0])
+    np.testing.assert_allclose(fit.coefficients[0, 0], [target.mean(), 0])
+    assert fit.largest[0, 0] == pytest.approx(abs(full[0]))
+
+
+def test_one_sweep_is_not_enough_and_says_so():
+    generator = np.random.default_rng(1)
+    library = generator.standard_normal((20, 3))
+    target = library @ [[1.0], [0.01], [0.0]]
+    fit = STLSQ(threshold=0.5, max_iterations=1).solve([System.of(library, target)], np.ones((1, 3), dtype=bool))
+    assert not fit.converged
+    assert fit.support[0, 0].tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("text", "solver"),
+    [
+        ("stlsq:0.04", STLSQ(0.04)),
+        ("stlsq:0.04:ridge=1", STLSQ(0.04, ridge=1)),
+        ("group-stlsq:1.5", GroupSTLSQ(1.5)),
+        ("group-stlsq:0.2:quantile:0.25", GroupSTLSQ(0.2, Quantile(0.25))),
+        ("group-stlsq:3:count:0.1:normalize=True", GroupSTLSQ(3, Count(0.1), normalize=True)),
+    ],
+)
+def test_solvers_are_named_by_text(text, solver):
+    assert parse_solver(text) == solver
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stlqs:1", "unknown solver 'stlqs': did you mean 'stlsq'"),
+        ("stlsq:-1", "threshold -1 does not fit: give a number of at least 0"),
+        ("stlsq:nan", "threshold nan does not fit"),
+        ("stlsq:big", "threshold 'big' does not fit"),
+        ("group-stlsq:1:l3", "unknown importance 'l3': Known: l1, l2, mean"),
+        ("group-stlsq:1:l1:3", "importance 'l1' takes no level"),
+        ("group-stlsq:1:quantile:2", "quantile level 2 does not fit: give a number from 0 to 1"),
+        ("group-stlsq:1:count:0", "magnitude 0 of a vote does not fit"),
+        ("stlsq:1:2:3:4:5", "write it as 'stlsq:"),
+    ],
+)
+def test_solvers_that_do_not_exist_or_fit_are_refused(text, message):
+    with pytest.raises(CommonlawError, match=message):
+        parse_solver(text)
