@@ -1,0 +1,5 @@
+"""Laws: equations with shared terms and each object's own coefficients."""
+
+from commonlaw.law.law import Law
+
+__all__ = ["Law"]

@@ -1,0 +1,107 @@
+"""Laws as people write them."""
+
+from collections.abc import Sequence
+from string import ascii_lowercase
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.library.naming import latex_name
+
+if TYPE_CHECKING:
+    from commonlaw.law.law import Law
+
+Floats = NDArray[np.float64]
+
+
+def equation(left: str, coefficients: Floats, names: Sequence[str], digits: int) -> str:
+    """Return ``left = sum of coefficients times names``, terms with coefficient zero left out.
+
+    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), ["1", "x", "v"], 4)
+    "x'' = -9.34 + 0.0466 v"
+    """
+    parts = [
+        _signed(f"{abs(c):.{digits}g}", "" if name == "1" else f" {name}", c < 0)
+        for c, name in zip(coefficients, names, strict=True)
+        if c
+    ]
+    return f"{left} = {_joined(parts)}"
+
+
+def latex(law: "Law", coefficients: Floats, digits: int) -> str:
+    """Return equations, coefficients of shape (equations, terms), as an ``aligned`` block."""
+    names = law.terms.variables.names
+    forms = [term.latex(names) for term in law.terms.terms]
+    mark = r"\dot" if law.order == 1 else r"\ddot"
+    lines = []
+    for state, row in zip(law.states, coefficients, strict=True):
+        parts = [
+            _signed(_latex_number(abs(c), digits), "" if form == "1" else rf"\, {form}", c < 0)
+            for c, form in zip(row, forms, strict=True)
+            if c
+        ]
+        lines.append(rf"{mark}{{{latex_name(state)}}} &= {_joined(parts)}")
+    return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+
+
+def law_text(law: "Law") -> str:
+    """Return the law as `print` shows it: its structure, then each object's coefficients."""
+    lines = []
+    if len(law.objects) == 1:
+        lines += law.equations()
+    elif law.shared:
+        lines += [*structure(law), "", _table(law)]
+    else:
+        for name in law.objects:
+            lines += [f"{name}:", *(f"  {each}" for each in law.equations(name))]
+    if law.rates:
+        lines += ["", "with " + ", ".join(f"{r} = {s}'" for r, s in zip(law.rates, law.states, strict=True))]
+    lines += [f"Note: {outcome}" for outcome in law.outcomes]
+    return "\n".join(lines)
+
+
+def structure(law: "Law") -> tuple[str, ...]:
+    """Return the form of each equation, with letters for the coefficients: ``x'' = a + b v``."""
+    parts: list[list[str]] = [[] for _ in law.states]
+    for letter, (j, k) in zip(letters(law), np.argwhere(law.support), strict=True):
+        name = law.terms.names[k]
+        parts[j].append(letter if name == "1" else f"{letter} {name}")
+    return tuple(f"{s}{law.primes} = {' + '.join(each) or '0'}" for s, each in zip(law.states, parts, strict=True))
+
+
+def letters(law: "Law") -> tuple[str, ...]:
+    """Return a letter for each coefficient of the law that is not the name of a variable: a, b, ..., a1, b1, ..."""
+    free = [letter for letter in ascii_lowercase if letter not in law.terms.variables.names]
+    return tuple(
+        free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(int(law.support.sum()))
+    )
+
+
+def _table(law: "Law") -> str:
+    """Return each object's coefficients under their letters."""
+    head = letters(law)
+    cells = [[f"{value:.4g}" for value in row] for row in law.coefficients[:, law.support]]
+    widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
+    first = max(map(len, law.objects))
+    rows = zip(["", *law.objects], [head, *cells], strict=True)
+    return "\n".join(
+        "  ".join([f"{name:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))]).rstrip()
+        for name, row in rows
+    )
+
+
+def _signed(number: str, rest: str, negative: bool) -> tuple[bool, str]:
+    return negative, number + rest
+
+
+def _joined(parts: Sequence[tuple[bool, str]]) -> str:
+    if not parts:
+        return "0"
+    first, *others = parts
+    return ("-" if first[0] else "") + first[1] + "".join(f" {'-' if neg else '+'} {text}" for neg, text in others)
+
+
+def _latex_number(value: float, digits: int) -> str:
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return mantissa if not exponent else rf"{mantissa} \times 10^{{{int(exponent)}}}"

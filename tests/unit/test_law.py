@@ -1,0 +1,173 @@
+import re
+
+import numpy as np
+import pytest
+import sympy
+
+from commonlaw.differentiation import CenteredDifference, parse_differentiation
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.library import PolynomialLibrary, Variables, parse_library
+from commonlaw.outcomes import Outcome
+from commonlaw.trials import Schema, Trial, Trials
+
+HEIGHT = Schema(("x",), object="ball", trial="drop", units={"x": "m", "t": "s"})
+
+
+@pytest.fixture
+def drag():
+    terms = PolynomialLibrary(2).bind(Variables(("x", "v")))
+    coefficients = np.zeros((2, 1, len(terms)))
+    coefficients[:, 0, terms.index("1")] = [-9.8, -9.34]
+    coefficients[:, 0, terms.index("v")] = [-0.5, 0.0466]
+    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, CenteredDifference())
+
+
+@pytest.fixture
+def predators():
+    terms = PolynomialLibrary(2).bind(Variables(("x", "y")))
+    coefficients = np.zeros((1, 2, len(terms)))
+    coefficients[0, 0, [terms.index("x"), terms.index("x y")]] = [1.0, -0.5]
+    coefficients[0, 1, [terms.index("y"), terms.index("x y")]] = [-2.0, 0.25]
+    return Law(terms, Schema(("x", "y")), 1, ("island",), coefficients)
+
+
+def test_equations_as_text(drag, predators):
+    assert drag.equations("light") == ("x'' = -9.34 + 0.0466 v",)
+    assert predators.equations() == ("x' = 1 x - 0.5 x y", "y' = -2 y + 0.25 x y")
+
+
+def test_a_law_without_terms_says_zero(drag):
+    empty = Law(drag.terms, HEIGHT, 2, ("heavy",), np.zeros((1, 1, len(drag.terms))))
+    assert empty.equations() == ("x'' = 0",)
+    assert empty.to_frame().shape == (1, 0)
+
+
+def test_print_shows_the_shared_form_and_each_objects_coefficients(drag):
+    assert str(drag) == (
+        "x'' = a + b v\n\n           a       b\nheavy   -9.8    -0.5\nlight  -9.34  0.0466\n\nwith v = x'"
+    )
+
+
+def test_print_shows_each_object_when_they_share_no_form(drag):
+    own = drag.coefficients.copy()
+    own[1, 0, drag.terms.index("v")] = 0
+    text = str(Law(drag.terms, HEIGHT, 2, drag.objects, own))
+    assert "heavy:\n  x'' = -9.8 - 0.5 v\nlight:\n  x'' = -9.34\n" in text
+
+
+def test_letters_for_coefficients_avoid_the_names_of_variables():
+    terms = PolynomialLibrary(1).bind(Variables(("a", "c")))
+    law = Law(terms, Schema(("a", "c")), 1, ("one", "two"), np.ones((2, 2, 3)))
+    assert law.structure() == ("a' = b + d a + e c", "c' = f + g a + h c")
+
+
+def test_the_frame_has_a_row_for_each_object_and_a_column_for_each_term(drag, predators):
+    frame = drag.to_frame()
+    assert frame.loc["light"].to_dict() == {"1": -9.34, "v": 0.0466}
+    columns = predators.to_frame().columns
+    assert columns.tolist() == [("x'", "x"), ("x'", "x y"), ("y'", "y"), ("y'", "x y")]
+
+
+def test_latex(drag, predators):
+    assert drag.to_latex("heavy") == "\\begin{aligned}\n\\ddot{x} &= -9.8 - 0.5\\, v\n\\end{aligned}"
+    assert "\\dot{y} &= -2\\, y + 0.25\\, x y" in predators.to_latex()
+
+
+def test_sympy(predators):
+    x, y = sympy.symbols("x y", real=True)
+    forms = predators.to_sympy()
+    assert [str(left) for left in forms] == ["x'", "y'"]
+    assert sympy.simplify(list(forms.values())[1] - (-2.0 * y + 0.25 * x * y)) == 0
+
+
+def test_units_of_coefficients(drag):
+    assert drag.coefficient_units() == {("x''", "1"): "m / s ** 2", ("x''", "v"): "1 / s"}
+
+
+def test_evaluation_agrees_with_the_equations(drag, predators):
+    values = np.array([[30.0, -5.0, 0.1], [20.0, -15.0, 0.2]])
+    np.testing.assert_allclose(drag.evaluate("heavy", values)[:, 0], -9.8 - 0.5 * values[:, 1])
+    x, y, t = 3.0, 2.0, 0.0
+    np.testing.assert_allclose(predators.evaluate("island", [[x, y, t]]), [[x - 0.5 * x * y, -2 * y + 0.25 * x * y]])
+
+
+def test_simulation_of_all_objects_agrees_with_the_exact_solution(drag):
+    times = np.linspace(0, 3, 31)
+    found = drag.simulate(times, [47.33, 0.0])
+    assert list(found) == ["heavy", "light"]
+    for name, (gravity, own) in zip(found, [(-9.8, -0.5), (-9.34, 0.0466)], strict=True):
+        exact = 47.33 - gravity / own * times + gravity / own**2 * (np.exp(own * times) - 1)
+        np.testing.assert_allclose(found[name].states[:, 0], exact, rtol=1e-7)
+
+
+def test_simulation_from_each_objects_own_initial_state(drag):
+    found = drag.simulate([0.0, 1.0], {"light": [10.0, 2.0]})
+    assert list(found) == ["light"]
+    assert found["light"].states[0].tolist() == [10.0, 2.0]
+    with pytest.raises(CommonlawError, match="heavy: the initial state has 1 numbers, expected 2: x, v"):
+        drag.simulate([0.0, 1.0], {"heavy": [10.0]})
+    with pytest.raises(CommonlawError, match="unknown object of this law 'hevy': did you mean 'heavy'"):
+        drag.simulate([0.0, 1.0], {"hevy": [10.0, 0.0]})
+
+
+def test_a_law_with_inputs_is_driven_by_the_measured_inputs():
+    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u",)))
+    law = Law(terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[-1.0, 1.0]]]))
+    times = np.linspace(0, 5, 501)
+    exact = (np.sin(times) - np.cos(times) + 3 * np.exp(-times)) / 2
+    trials = Trials((Trial("tank", "1", times, exact, np.sin(times)),), law.schema)
+    np.testing.assert_allclose(law.predict(trials).trajectories[0].states[:, 0], exact, atol=2e-5)
+    with pytest.raises(CommonlawError, match="this law has inputs"):
+        law.simulate([0, 1], [1.0])
+
+
+@pytest.mark.parametrize("rule", ["savgol:35:3", "finite:4", None])
+def test_a_saved_law_comes_back_whole(drag, tmp_path, rule):
+    law = Law(
+        parse_library("poly:2 + terms:v*abs(v),sin(2*x)").bind(Variables(("x", "v"))),
+        HEIGHT,
+        2,
+        ("heavy",),
+        np.random.default_rng(0).standard_normal((1, 1, 8)),
+        None if rule is None else parse_differentiation(rule),
+        (Outcome("one object", "heavy", "only one", "add more"),),
+    )
+    law.save(tmp_path / "law.json")
+    again = Law.load(tmp_path / "law.json")
+    assert again.terms == law.terms
+    assert (again.schema, again.order, again.objects) == (law.schema, law.order, law.objects)
+    np.testing.assert_array_equal(again.coefficients, law.coefficients)
+    assert again.differentiation == law.differentiation
+    assert again.outcomes == law.outcomes
+
+
+def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
+    path, text = tmp_path / "law.json", drag.to_json()
+    for damage, message in (
+        (text.replace('"version": 1', '"version": 9'), "law.json: the law is of version 9 .* reads version 1"),
+        (text[:200], "law.json: this is not a law or it is damaged"),
+        ("[1, 2]", "law.json: this is not a law or it is damaged"),
+        (text.replace("-9.8", "null"), "law.json: this is not a law or it is damaged"),
+        (text.replace('"x*v"', '"__import__"'), "law.json: unknown variable|law.json: .*__import__"),
+        (re.sub(r'"heavy": \[\s*\[', '"heavy": [[1.5, ', text), "the coefficients of 'heavy' are not 1 x 6 numbers"),
+    ):
+        assert damage != text
+        path.write_text(damage)
+        with pytest.raises(CommonlawError, match=message):
+            Law.load(path)
+    with pytest.raises(CommonlawError, match="cannot read .*nowhere.json: No such file"):
+        Law.load(tmp_path / "nowhere.json")
+
+
+def test_trials_with_other_variables_are_refused(drag):
+    trials = Trials((Trial("heavy", "1", [0, 1, 2], [1.0, 2.0, 3.0]),), Schema(("height",)))
+    with pytest.raises(CommonlawError, match="the law has the states x, the trials have height"):
+        drag.predict(trials)
+
+
+def test_coefficients_are_checked_and_cannot_be_changed(drag):
+    with pytest.raises(ValueError, match="read-only"):
+        drag.coefficients[0, 0, 0] = 1
+    with pytest.raises(CommonlawError, match=r"expected \(objects, equations, terms\) = \(1, 1, 6\)"):
+        Law(drag.terms, HEIGHT, 2, ("one",), np.zeros((1, 2, 6)))
