@@ -1,0 +1,94 @@
+"""Data sets by name: measured drops of balls, and simulated systems whose law is known."""
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from inspect import signature
+from typing import TYPE_CHECKING, Any
+
+from commonlaw.datasets.ball_drops import ball_drops
+from commonlaw.datasets.dataset import Dataset
+from commonlaw.datasets.linear_drag import linear_drag
+from commonlaw.datasets.lorenz import lorenz
+from commonlaw.datasets.lotka_volterra import lotka_volterra
+from commonlaw.datasets.nonlinear_oscillator import nonlinear_oscillator
+from commonlaw.datasets.reynolds_drag import PRINTED_VISCOSITY, reynolds_drag
+from commonlaw.errors import unknown
+from commonlaw.spec import parse_spec
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    from commonlaw.law import Law
+
+__all__ = [
+    "DATASETS",
+    "PRINTED_VISCOSITY",
+    "Dataset",
+    "ball_drops",
+    "linear_drag",
+    "load",
+    "lorenz",
+    "lotka_volterra",
+    "nonlinear_oscillator",
+    "reynolds_drag",
+    "truth_of",
+]
+
+DATASETS: "Mapping[str, Dataset[..., Callable[..., Law] | None]]" = {
+    each.name: each for each in (ball_drops, linear_drag, reynolds_drag, nonlinear_oscillator, lotka_volterra, lorenz)
+}
+
+
+def load(name: str, **options: Any) -> Trials:
+    """Return the trials of the data set of that name.
+
+    Parameters
+    ----------
+    name
+        One of `DATASETS`.
+    **options
+        Options of the data set.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such data set, or it has no such option.
+
+    Examples
+    --------
+    >>> load("linear-drag", noise=0.1, seed=1)
+    <Trials: 10 trials of 5 objects, 490 samples of x>
+    """
+    if name not in DATASETS:
+        raise unknown("data set", name, DATASETS)
+    dataset = DATASETS[name]
+    known = signature(dataset.load).parameters
+    for option in options:
+        if option not in known:
+            raise unknown(f"option of the data set {name!r}", option, known)
+    return dataset(**options)
+
+
+def truth_of(text: str) -> "Law | None":
+    """Return the law behind the data set that a text names with its options; None where it is not known.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such data set, or the options do not fit.
+
+    Examples
+    --------
+    >>> truth_of("linear-drag:drag=-0.5:noise=0.1").equations()
+    ("x'' = -9.8 - 0.5 v",)
+    """
+    return parse_spec("data set", text, {name: _law_maker(dataset) for name, dataset in DATASETS.items()})
+
+
+def _law_maker(dataset: "Dataset[..., Callable[..., Law] | None]") -> "Callable[..., Law | None]":
+    """Return `dataset.law_behind` with the signature of `dataset.load`, which messages show."""
+
+    @wraps(dataset.load)
+    def make(*args: Any, **options: Any) -> "Law | None":
+        return dataset.law_behind(*args, **options)
+
+    return make

@@ -1,0 +1,139 @@
+"""Ten sports balls dropped from a bridge, filmed."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Schema, Trial, Trials
+
+_SOURCE = (
+    "https://raw.githubusercontent.com/briandesilva/discovery-of-physics-from-data/"
+    "b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7/data/"
+)
+_HEIGHTS = "Ball_drops_data.xls"
+_BALLS = "balls.txt"
+_SHA256 = {
+    _HEIGHTS: "942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed",
+    _BALLS: "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
+}
+_VARIABLE = "COMMONLAW_DATA"
+_OUNCE = 0.028349523125
+"""Avoirdupois, kg."""
+
+_VOLLEYBALL_RADIUS = 0.105
+"""m; the authors' estimate from other volleyballs."""
+
+_NAMES = {
+    "Golf Ball": "golfball",
+    "Baseball": "baseball",
+    "Tennis Ball": "tennisball",
+    "Volleyball": "volleyball",
+    "Blue Basketball": "bluebasketball",
+    "Green Basketball": "greenbasketball",
+    "Whiffle Ball 1": "wiffleball1",
+    "Whiffle Ball 2": "wiffleball2",
+    "Yellow Whiffle Ball": "yellowWiffle",
+    "Orange Whiffle Ball": "orangeWiffle",
+}
+"""Sheets of the workbook, in the order of the paper's tables, and what the list of balls calls them."""
+
+
+def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Trials:
+    """Return the heights of ten balls dropped twice from the Alex Fraser Bridge, Vancouver, in June 2013.
+
+    Heights ``x`` in m at about 15 frames a second, ``t`` in s. The bowling ball, whose first drop is corrupted, and the
+    velocities in the file are left out, as in the paper.
+
+    Properties are ``radius`` in m, ``mass`` in kg and ``density`` in kg/m^3, from the measured weights and
+    circumferences. The volleyball was not measured: its radius is the authors' estimate, and it has no mass and
+    density. The golf ball weighs 1.62 oz as measured (0.0459 kg); the paper's table has 1.6 oz (0.0454 kg) and the
+    density that goes with it.
+
+    Parameters
+    ----------
+    folder
+        Where ``Ball_drops_data.xls`` and ``balls.txt`` are. Default: the folder that the environment variable
+        COMMONLAW_DATA names; without it both files are downloaded once, and kept in the user's cache.
+    clip
+        Whether drops end before their last irregular frame, see `commonlaw.trials.clip_irregular`.
+
+    Raises
+    ------
+    CommonlawError
+        If a file cannot be had, or is not the published one.
+    """
+    from commonlaw.trials import clip_irregular
+
+    heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
+    table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
+    drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of(name))
+    units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
+    trials = Trials(drops, Schema(("x",), units=units), _properties(balls.read_text()))
+    return clip_irregular(trials) if clip else trials
+
+
+def _properties(listed: str) -> dict[str, dict[str, float]]:
+    """Return the properties of each ball from the text that lists weights in ounces and circumferences in cm."""
+    rows = {name: values for name, *values in map(str.split, listed.splitlines())}
+    found = {}
+    for name, short in _NAMES.items():
+        weight, circumference = rows[short]
+        if weight == "??":
+            found[name] = {"radius": _VOLLEYBALL_RADIUS}
+            continue
+        radius, mass = float(circumference) / 100 / (2 * np.pi), float(weight) * _OUNCE
+        found[name] = {"radius": radius, "mass": mass, "density": mass / (4 / 3 * np.pi * radius**3)}
+    return found
+
+
+def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:
+    """Return the path of a file that is the published one: in the folder, in the one of the environment, or fetched."""
+    if folder is not None:
+        return _checked(Path(folder) / name, "the folder given")
+    if os.environ.get(_VARIABLE):
+        return _checked(Path(os.environ[_VARIABLE]) / name, f"the folder in {_VARIABLE}")
+    return _downloaded(name)
+
+
+def _checked(path: Path, whose: str) -> Path:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise CommonlawError(
+            f"cannot read {path.name} in {whose}, {str(path.parent)!r}: {error.strerror}; "
+            f"put the file from {_SOURCE} there, or name another folder"
+        ) from None
+    found = hashlib.sha256(content).hexdigest()
+    if found != _SHA256[path.name]:
+        raise CommonlawError(
+            f"{path} is not the published file: its sha256 is {found}, expected {_SHA256[path.name]}; "
+            f"put the file from {_SOURCE} there"
+        )
+    return path
+
+
+def _downloaded(name: str) -> Path:
+    """Return the path of a file in the user's cache, downloaded if it is not there yet."""
+    import pooch
+
+    cache = pooch.os_cache("commonlaw")
+    try:
+        return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache))
+    except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
+        raise CommonlawError(
+            f"cannot download {_SOURCE}{name} to {str(cache)!r}: {error}; download {_HEIGHTS} and {_BALLS} from there "
+            f"yourself, and name their folder in the environment variable {_VARIABLE} or as the option folder"
+        ) from error
+
+
+ball_drops = Dataset(
+    "ball-drops",
+    "measured drops of ten sports balls from a bridge, two drops each",
+    f"{DE_SILVA_2020}; data: https://github.com/briandesilva/discovery-of-physics-from-data (MIT licence)",
+    _load,
+    None,
+)

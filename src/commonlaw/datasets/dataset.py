@@ -1,0 +1,61 @@
+"""What every data set is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from inspect import signature
+from typing import TYPE_CHECKING, Generic, ParamSpec, TypeVar
+
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    from commonlaw.law import Law
+
+P = ParamSpec("P")
+Truth_co = TypeVar("Truth_co", bound="Callable[..., Law] | None", covariant=True)
+
+DE_SILVA_2020 = (
+    "B. M. de Silva, D. M. Higdon, S. L. Brunton and J. N. Kutz, Discovery of Physics from Data: Universal Laws and "
+    "Discrepancies, Frontiers in Artificial Intelligence 3:25 (2020), doi:10.3389/frai.2020.00025"
+)
+
+
+@dataclass(frozen=True)
+class Dataset(Generic[P, Truth_co]):
+    """Trials that can be had by name; calling the data set loads or simulates them.
+
+    Parameters
+    ----------
+    name
+        As the command line has it: ``"linear-drag"``.
+    summary
+        What it is, in a line.
+    citation
+        Where it comes from.
+    load
+        Returns the trials; its parameters are the data set's options, and its docstring says what they mean.
+    truth
+        Returns the law behind the trials, given those options that the law depends on; None where it is not known.
+    """
+
+    name: str
+    summary: str
+    citation: str = field(repr=False)
+    load: Callable[P, Trials] = field(repr=False)
+    truth: Truth_co = field(repr=False)
+
+    def __post_init__(self) -> None:
+        # So that help, completion and messages about options show those of `load`
+        object.__setattr__(self, "__signature__", signature(self.load))
+        object.__setattr__(self, "__doc__", self.load.__doc__)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Trials:
+        """Return the trials, see `load`."""
+        return self.load(*args, **kwargs)
+
+    def law_behind(self, *args: P.args, **kwargs: P.kwargs) -> "Law | None":
+        """Return the law behind the trials that the same options load; None where it is not known."""
+        options = signature(self.load).bind(*args, **kwargs).arguments
+        if self.truth is None:
+            return None
+        taken = signature(self.truth).parameters
+        return self.truth(**{name: value for name, value in options.items() if name in taken})

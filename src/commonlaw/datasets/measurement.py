@@ -1,0 +1,130 @@
+"""Simulated measurements: when samples are taken, and how noise comes in."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Schema, Trial, Trials
+
+Floats = NDArray[np.float64]
+
+
+class NormalSource(Protocol):
+    """What standard normals are drawn from: `numpy.random.Generator`, or the older `numpy.random.RandomState`."""
+
+    def standard_normal(self, size: tuple[int, ...]) -> Floats:
+        """Return independent standard normals of this shape."""
+
+
+Seed = int | NormalSource
+Path = Callable[[NormalSource], Floats]
+"""Simulates one trial: from a source for its random initial state to noise-free states, shape (n, states)."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """How simulated objects are measured.
+
+    Parameters
+    ----------
+    times
+        When samples are taken, shape (n,).
+    trials
+        Number of trials of each object.
+    noise
+        Standard deviation of the white noise that is added to every state, in the states' units.
+    seed
+        A whole number, or a source that is drawn from: object by object, trial by trial, at every noise level alike.
+
+    Raises
+    ------
+    CommonlawError
+        If the number of trials, the noise or the seed cannot be.
+    """
+
+    times: Floats
+    trials: int
+    noise: float
+    seed: Seed
+
+    def __post_init__(self) -> None:
+        counted("trials", self.trials, 1)
+        if not (np.isfinite(self.noise) and self.noise >= 0):
+            raise CommonlawError(f"noise is {self.noise:g}: give its standard deviation, 0 or positive")
+        if not hasattr(self.seed, "standard_normal"):
+            counted("seed", self.seed, 0)
+
+    def of(
+        self, paths: Mapping[str, Path], schema: Schema, properties: Mapping[str, Mapping[str, float]] | None = None
+    ) -> Trials:
+        """Return the measured trials of objects by name; trials are called ``1``, ``2``, ..."""
+        source = np.random.default_rng(self.seed) if isinstance(self.seed, int | np.integer) else self.seed
+        measured = [
+            Trial(name, str(number), self.times, self._noisy(path(source), source))
+            for name, path in paths.items()
+            for number in range(1, self.trials + 1)
+        ]
+        how = f"with white noise of standard deviation {self.noise:g}" if self.noise else "without noise"
+        return Trials(tuple(measured), schema, properties or {}, (f"simulated, {how}",))
+
+    def _noisy(self, states: Floats, source: NormalSource) -> Floats:
+        return states + self.noise * source.standard_normal(states.shape)
+
+
+def fixed(states: Floats) -> Path:
+    """Return the path that is the same in every trial."""
+    return lambda _: states
+
+
+def ball_names(balls: int) -> list[str]:
+    """Return ``Ball 1``, ``Ball 2``, ..."""
+    return [f"Ball {i}" for i in range(1, balls + 1)]
+
+
+def sample_times(samples: int, rate: float) -> Floats:
+    """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,)."""
+    counted("samples", samples, 2)
+    return np.arange(samples) / numbers("rate", rate, positive=True)[0]
+
+
+def counted(name: str, value: object, least: int) -> None:
+    """Refuse what is not a whole number of at least `least`."""
+    if not isinstance(value, int | np.integer) or value < least:
+        raise CommonlawError(f"{name} is {value!r}: give a whole number, at least {least}")
+
+
+def numbers(name: str, values: float | Sequence[float], *, positive: bool = False) -> tuple[float, ...]:
+    """Return one or several numbers as a tuple.
+
+    Raises
+    ------
+    CommonlawError
+        If there is none, or one is not finite, or not positive where it must be.
+    """
+    found = tuple(float(each) for each in np.atleast_1d(values))
+    if not found:
+        raise CommonlawError(f"{name} is empty: give a number for each object")
+    for each in found:
+        if not np.isfinite(each) or (positive and each <= 0):
+            raise CommonlawError(f"{name} is {each:g}: it must be finite{' and positive' if positive else ''}")
+    return found
+
+
+def together(**columns: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    """Return the rows of several columns, one row for each object; a single number serves all objects.
+
+    Raises
+    ------
+    CommonlawError
+        If columns of several numbers differ in length.
+    """
+    longest = max(columns.values(), key=len)
+    for name, column in columns.items():
+        if len(column) not in (1, len(longest)):
+            sizes = ", ".join(f"{len(each)} {key}" for key, each in columns.items())
+            raise CommonlawError(f"{name} does not fit the other options ({sizes}): give one number, or one per object")
+    return tuple(zip(*(column * (len(longest) // len(column)) for column in columns.values()), strict=True))

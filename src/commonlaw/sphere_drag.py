@@ -1,0 +1,201 @@
+"""Drag on a smooth sphere in a fluid, in SI units; by default in air at 65 degrees Fahrenheit at sea level."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonlaw.errors import CommonlawError
+
+Floats = NDArray[np.float64]
+
+AIR_DENSITY = 1.211
+"""kg/m^3 (White, Fluid Mechanics, 2003; as in de Silva et al. 2020)."""
+
+AIR_DYNAMIC_VISCOSITY = 1.82e-5
+"""Pa s (White, Fluid Mechanics, 2003; as in de Silva et al. 2020)."""
+
+AIR_VISCOSITY = AIR_DYNAMIC_VISCOSITY / AIR_DENSITY
+"""Kinematic viscosity, m^2/s."""
+
+MAX_REYNOLDS = 2e5
+"""Where the correlation of `drag_coefficient` ends: shortly before the drag crisis, in which the coefficient drops."""
+
+# Brown and Lawler (2003): C_D Re = STOKES (1 + INERTIA Re^EXPONENT) + PRESSURE Re^2 / (Re + TRANSITION)
+STOKES = 24.0
+INERTIA = 0.150
+EXPONENT = 0.681
+PRESSURE = 0.407
+TRANSITION = 8710.0
+
+
+def reynolds_number(speed: ArrayLike, diameter: ArrayLike, viscosity: ArrayLike = AIR_VISCOSITY) -> Floats:
+    """Return the Reynolds number ``speed * diameter / viscosity`` of a sphere.
+
+    Parameters
+    ----------
+    speed
+        Against the fluid, m/s, not negative.
+    diameter
+        m, positive.
+    viscosity
+        Kinematic viscosity of the fluid, m^2/s, positive.
+
+    Returns
+    -------
+    NDArray
+        Dimensionless, of the shape that the arguments have together.
+
+    Raises
+    ------
+    CommonlawError
+        If a value is not finite, or has the wrong sign.
+
+    Examples
+    --------
+    >>> print(f"{reynolds_number(20, 0.044):.3g}")
+    5.86e+04
+    """
+    return _natural("speed", speed) * _positive("diameter", diameter) / _positive("viscosity", viscosity)
+
+
+def drag_coefficient(reynolds: ArrayLike) -> Floats:
+    """Return the drag coefficient of a smooth sphere, ``24/Re (1 + 0.150 Re^0.681) + 0.407/(1 + 8710/Re)``.
+
+    The correlation was fitted to experiments at Re < 2e5 (`MAX_REYNOLDS`). Beyond, it is evaluated all the same, as
+    simulations of large balls do, and is then too large: it does not know the drag crisis; `in_valid_range` tells.
+
+    Parameters
+    ----------
+    reynolds
+        Reynolds number, not negative. At 0 the coefficient is infinite, while `drag_force` goes to 0.
+
+    Raises
+    ------
+    CommonlawError
+        If a value is not finite, or negative.
+
+    References
+    ----------
+    Brown and Lawler, Sphere drag and settling velocity revisited, J. Environ. Eng. 129 (2003) 222.
+
+    Examples
+    --------
+    >>> print(f"{drag_coefficient(1e5):.4f}")
+    0.4661
+    """
+    number = _natural("Reynolds number", reynolds)
+    with np.errstate(divide="ignore"):
+        return _coefficient_times(number) / number
+
+
+def in_valid_range(reynolds: ArrayLike) -> NDArray[np.bool_]:
+    """Return where `drag_coefficient` rests on experiments: at Reynolds numbers below `MAX_REYNOLDS`."""
+    return np.asarray(_natural("Reynolds number", reynolds) < MAX_REYNOLDS)
+
+
+def drag_force(
+    speed: ArrayLike,
+    diameter: ArrayLike,
+    density: ArrayLike = AIR_DENSITY,
+    viscosity: ArrayLike = AIR_VISCOSITY,
+) -> Floats:
+    """Return the size of the drag force ``density C_D pi diameter^2 speed^2 / 8`` on a smooth sphere, in N.
+
+    It is finite for every speed, and Stokes' ``3 pi density viscosity diameter speed`` for small ones.
+
+    Parameters
+    ----------
+    speed
+        Against the fluid, m/s, not negative.
+    diameter
+        m, positive.
+    density
+        Of the fluid, kg/m^3, positive.
+    viscosity
+        Kinematic viscosity of the fluid, m^2/s, positive.
+
+    Raises
+    ------
+    CommonlawError
+        If a value is not finite, or has the wrong sign.
+
+    Examples
+    --------
+    >>> print(drag_force(0, 0.044), f"{drag_force(20, 0.044):.3f}")
+    0.0 0.171
+    """
+    reynolds = reynolds_number(speed, diameter, viscosity)
+    scale = _positive("density", density) * np.square(np.asarray(viscosity, dtype=np.float64))
+    return np.pi / 8 * scale * reynolds * _coefficient_times(reynolds)
+
+
+def terminal_velocity(
+    mass: ArrayLike,
+    diameter: ArrayLike,
+    gravity: ArrayLike = 9.8,
+    density: ArrayLike = AIR_DENSITY,
+    viscosity: ArrayLike = AIR_VISCOSITY,
+) -> Floats:
+    """Return the speed at which the drag on a falling sphere balances its weight, in m/s; buoyancy is left out.
+
+    Parameters
+    ----------
+    mass
+        kg, positive.
+    diameter
+        m, positive.
+    gravity
+        Its size, m/s^2, positive.
+    density
+        Of the fluid, kg/m^3, positive.
+    viscosity
+        Kinematic viscosity of the fluid, m^2/s, positive.
+
+    Raises
+    ------
+    CommonlawError
+        If a value is not finite, or not positive.
+
+    Examples
+    --------
+    >>> print(f"{terminal_velocity(0.0454, 0.044):.1f}")
+    32.2
+    """
+    weight = _positive("mass", mass) * _positive("gravity", gravity)
+    spheres = np.broadcast(weight, *map(np.asarray, (diameter, density, viscosity)))
+    speeds = [_balance(*(float(each) for each in sphere)) for sphere in spheres]
+    return np.array(speeds).reshape(spheres.shape)
+
+
+def _balance(weight: float, diameter: float, density: float, viscosity: float) -> float:
+    """Return the speed at which drag equals the weight in N; drag grows with speed, so there is one."""
+    from scipy.optimize import brentq
+
+    _positive("density", density)
+    # Drag is never below Stokes', so the speed is never above Stokes' terminal velocity
+    resistance = 3 * np.pi * density * float(_positive("viscosity", viscosity) * _positive("diameter", diameter))
+
+    def excess(speed: float) -> float:
+        return float(drag_force(speed, diameter, density, viscosity)) - weight
+
+    return float(brentq(excess, 0.0, 2 * weight / resistance, xtol=np.finfo(float).tiny))
+
+
+def _coefficient_times(reynolds: Floats) -> Floats:
+    """Return the drag coefficient times the Reynolds number, which unlike the coefficient is finite at 0."""
+    return STOKES * (1 + INERTIA * reynolds**EXPONENT) + PRESSURE * reynolds**2 / (reynolds + TRANSITION)
+
+
+def _natural(name: str, values: ArrayLike) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    return _checked(name, array, np.isfinite(array) & (array >= 0), "not be negative")
+
+
+def _positive(name: str, values: ArrayLike) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    return _checked(name, array, np.isfinite(array) & (array > 0), "be positive")
+
+
+def _checked(name: str, array: Floats, good: NDArray[np.bool_], rule: str) -> Floats:
+    if not np.all(good):
+        raise CommonlawError(f"{name} is {array[~good].flat[0]:g}: it must be finite and {rule}")
+    return array

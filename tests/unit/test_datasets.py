@@ -1,0 +1,281 @@
+"""Data sets: exact simulations, their laws, noise by seed, and the measured drops."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pooch
+import pytest
+from scipy.integrate import solve_ivp
+
+from commonlaw import datasets, sphere_drag
+from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY
+from commonlaw.errors import CommonlawError
+
+SIMULATED = [name for name, dataset in DATASETS.items() if dataset.truth is not None]
+
+# Published: radius in m, mass in kg, density in kg/m^3, cut off after the last digit
+BALLS = {
+    "Golf Ball": (0.021963, 0.045359, 1022.066427),
+    "Baseball": (0.035412, 0.141747, 762.037525),
+    "Tennis Ball": (0.033025, 0.056699, 375.813253),
+    "Volleyball": (0.105, None, None),
+    "Blue Basketball": (0.119366, 0.510291, 71.628378),
+    "Green Basketball": (0.116581, 0.453592, 68.342914),
+    "Whiffle Ball 1": (0.036287, 0.028349, 141.641937),
+    "Whiffle Ball 2": (0.036287, 0.028349, 141.641937),
+    "Yellow Whiffle Ball": (0.046155, 0.042524, 103.250857),
+    "Orange Whiffle Ball": (0.046155, 0.042524, 103.250857),
+}
+
+
+def integrated(field, initial, times):
+    """Integrate with another method than the package."""
+    span = (times[0], times[-1])
+    return solve_ivp(field, span, initial, "DOP853", times, rtol=1e-12, atol=1e-12).y.T
+
+
+@pytest.mark.parametrize("drag", [-0.7, -1e-9, 0.0, 0.3])
+def test_drops_with_linear_drag_solve_their_equation_and_start_at_rest(drag):
+    trial = datasets.linear_drag(drag=drag, trials=1, noise=0.0, gravity=-9.7, height=40.0)[0]
+    expected = integrated(lambda _, y: [y[1], -9.7 + drag * y[1]], [40.0, 0.0], trial.times)[:, :1]
+    np.testing.assert_allclose(trial.states, expected, atol=1e-9)
+    np.testing.assert_array_equal(trial.times, np.arange(49) / 15)
+
+
+@pytest.mark.parametrize("viscosity", [sphere_drag.AIR_VISCOSITY, PRINTED_VISCOSITY])
+def test_drops_with_reynolds_drag_solve_the_force_balance(viscosity):
+    drops = datasets.reynolds_drag(viscosity=viscosity, trials=1, noise=0.0)
+    assert drops.properties["Ball 3"] == {"radius": 0.036, "mass": 0.0283}
+    for trial in drops:
+        radius, mass = drops.properties[trial.object].values()
+
+        def field(_, y, radius=radius, mass=mass):
+            reynolds = max(abs(y[1]) * 2 * radius / viscosity, 1e-12)
+            coefficient = 24 / reynolds * (1 + 0.15 * reynolds**0.681) + 0.407 / (1 + 8710 / reynolds)
+            return [y[1], -9.8 + 1.211 * np.pi * radius**2 * coefficient * y[1] ** 2 / 2 / mass]
+
+        expected = integrated(field, [47.33, 0.0], trial.times)
+        np.testing.assert_allclose(trial.states, expected[:, :1], atol=1e-8)
+
+
+@pytest.mark.parametrize("viscosity", [sphere_drag.AIR_VISCOSITY, PRINTED_VISCOSITY])
+def test_the_law_of_reynolds_drag_is_the_force_of_the_correlation_up_and_down(viscosity):
+    radius, mass = (0.02, 0.1, 0.02), (0.05, 0.4, 0.1)
+    law = datasets.reynolds_drag.truth(radius, mass, viscosity=viscosity, gravity=0.0)
+    assert len(law.terms) == 3 + len(set(radius))
+    v = np.array([-40.0, -3.0, -0.01, 0.01, 2.0, 30.0])
+    for name, size, weight in zip(law.objects, radius, mass, strict=True):
+        found = law.evaluate(name, np.column_stack([0 * v, v, 0 * v]))[:, 0]
+        expected = -np.sign(v) * sphere_drag.drag_force(abs(v), 2 * size, viscosity=viscosity) / weight
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_the_law_of_reynolds_drag_has_finite_slopes_at_rest():
+    law = datasets.reynolds_drag.truth()
+    slopes = law.terms.jacobian(np.zeros((1, 3)))[0, :, 1]
+    np.testing.assert_allclose(slopes, [0, 1, *[0] * 6], atol=1e-15)
+
+
+def test_the_last_ball_leaves_the_range_of_the_correlation_as_its_docstring_says():
+    drops = datasets.reynolds_drag(trials=1, noise=0.0)
+    valid = {
+        trial.object: sphere_drag.in_valid_range(
+            sphere_drag.reynolds_number(
+                np.abs(np.gradient(trial.states[:, 0], trial.times)), 2 * drops.properties[trial.object]["radius"]
+            )
+        )
+        for trial in drops
+    }
+    assert [name for name, each in valid.items() if not each.all()] == ["Ball 5"]
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_simulating_the_true_law_gives_the_noise_free_data(name):
+    dataset = DATASETS[name]
+    law, trials = dataset.truth(), datasets.load(name, samples=100, noise=0.0)
+    assert law.schema == trials.schema
+    assert law.objects == trials.objects
+    for trial in trials:
+        start = np.concatenate([trial.states[0], np.zeros(len(law.rates))])
+        found = law.simulate(trial.times, {trial.object: start})[trial.object].states[:, : trial.states.shape[1]]
+        np.testing.assert_allclose(found, trial.states, atol=2e-5 * np.abs(trial.states).max())
+
+
+def test_the_oscillator_and_lorenz_obey_the_textbook_equations():
+    trial = datasets.nonlinear_oscillator()[0]
+    x, y = trial.states.T
+    expected = integrated(
+        lambda _, s: [-0.1 * s[0] ** 3 + 2 * s[1] ** 3, -2 * s[0] ** 3 - 0.1 * s[1] ** 3], [2, 0], trial.times
+    )
+    np.testing.assert_allclose(trial.states, expected, atol=1e-8)
+    assert (x[0], y[0], len(trial), trial.times[1]) == (2, 0, 500, 0.01)
+    trial = datasets.lorenz(samples=200)[1]
+    expected = integrated(
+        lambda _, s: [10 * (s[1] - s[0]), s[0] * (28 - s[2]) - s[1], s[0] * s[1] - 8 / 3 * s[2]],
+        trial.states[0],
+        trial.times,
+    )
+    np.testing.assert_allclose(trial.states, expected, atol=1e-6)
+
+
+def test_prey_and_predators_keep_the_invariant_of_each_pair():
+    trials = datasets.lotka_volterra()
+    law = datasets.lotka_volterra.truth()
+    assert len(trials) == 10
+    for trial in trials:
+        (a, _, b), (_, c, d) = np.abs(law.of(trial.object))
+        x, y = trial.states.T
+        invariant = d * x - c * np.log(x) + b * y - a * np.log(y)
+        np.testing.assert_allclose(invariant, invariant[0], rtol=1e-8)
+    assert np.ptp([trial.states[0, 0] for trial in trials]) > 1
+
+
+def test_coefficients_of_their_own_make_objects_and_single_numbers_serve_all():
+    trials = datasets.lorenz(rho=(24.0, 28.0, 32.0), samples=10)
+    assert trials.objects == ("System 1", "System 2", "System 3")
+    law = datasets.lorenz.truth(rho=(24.0, 28.0, 32.0))
+    assert law.equations("System 3")[1] == "y' = 32 x - 1 y - 1 x z"
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_a_seed_gives_the_same_bits_and_another_seed_others(name):
+    first, again, other = (datasets.load(name, noise=0.1, seed=seed, samples=20) for seed in (3, 3, 4))
+    assert all(a.states.tobytes() == b.states.tobytes() for a, b in zip(first, again, strict=True))
+    assert all(not np.array_equal(a.states, b.states) for a, b in zip(first, other, strict=True))
+
+
+def test_noise_is_white_on_every_state_and_scales_draws_that_do_not_depend_on_it():
+    clean, low, high = (datasets.lorenz(noise=noise, samples=4000, rate=1000, trials=1) for noise in (0.0, 0.1, 1.0))
+    draws = high[0].states - clean[0].states
+    np.testing.assert_allclose(low[0].states - clean[0].states, 0.1 * draws, atol=1e-12)
+    np.testing.assert_allclose(np.cov(draws.T), np.eye(3), atol=0.1)
+    assert np.abs(np.mean(draws[1:] * draws[:-1], axis=0)).max() < 0.1
+    assert low.notes == ("simulated, with white noise of standard deviation 0.1",)
+
+
+@pytest.mark.parametrize("make", [np.random.RandomState, np.random.default_rng])
+def test_a_generator_is_drawn_from_ball_by_ball_and_drop_by_drop(make):
+    clean = datasets.linear_drag(drag=(-0.1, -0.3), noise=0.0)
+    noisy = datasets.linear_drag(drag=(-0.1, -0.3), noise=0.5, seed=make(100))
+    source = make(100)
+    for before, after in zip(clean, noisy, strict=True):
+        expected = before.states[:, 0] + 0.5 * source.standard_normal(49)
+        np.testing.assert_array_equal(after.states[:, 0], expected)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"noise": -1.0}, "noise is -1: give its standard deviation"),
+        ({"seed": -1}, "seed is -1: give a whole number, at least 0"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"trials": 0}, "trials is 0: give a whole number, at least 1"),
+        ({"samples": 1}, "samples is 1: give a whole number, at least 2"),
+        ({"rate": 0.0}, "rate is 0: it must be finite and positive"),
+        ({"drag": ()}, "drag is empty"),
+        ({"drag": (np.nan,)}, "drag is nan"),
+        ({"nois": 1.0}, "unknown option of the data set 'linear-drag' 'nois': did you mean 'noise'.*Known: drag, grav"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_by_name(options, message):
+    with pytest.raises(CommonlawError, match=message):
+        datasets.load("linear-drag", **options)
+
+
+def test_unknown_names_and_columns_that_do_not_fit_are_refused():
+    with pytest.raises(CommonlawError, match="unknown data set 'lorentz': did you mean 'lorenz'"):
+        datasets.load("lorentz")
+    with pytest.raises(CommonlawError, match=r"mass does not fit the other options \(3 radius, 2 mass\)"):
+        datasets.reynolds_drag(radius=(0.1, 0.1, 0.2), mass=(1.0, 2.0))
+    with pytest.raises(CommonlawError, match=r"cannot simulate System 1: the forecast ran away at t = .* choose other"):
+        datasets.lorenz(sigma=-100.0)
+
+
+def test_the_law_behind_a_data_set_follows_those_options_that_it_depends_on():
+    law = datasets.truth_of("linear-drag:-0.5:gravity=-1.6:noise=3:seed=2")
+    assert law is not None
+    assert law.equations() == ("x'' = -1.6 - 0.5 v",)
+    assert datasets.truth_of("ball-drops:folder=nowhere") is None
+    with pytest.raises(CommonlawError, match=r"does not fit: write it as 'linear-drag:\[DRAG="):
+        datasets.truth_of("linear-drag:nois=3")
+
+
+def test_importing_data_sets_costs_no_heavy_import():
+    heavy = "scipy", "pandas", "pyarrow", "pooch", "sympy", "pint", "matplotlib", "commonlaw.law"
+    code = f"import sys, commonlaw.datasets; print([each for each in {heavy} if each in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_the_measured_drops_are_20_clipped_at_their_last_irregular_frame(ball_drops_folder):
+    drops = datasets.ball_drops(ball_drops_folder)
+    whole = datasets.ball_drops(ball_drops_folder, clip=False)
+    lengths = {(trial.object, trial.name): len(trial) for trial in drops}
+    assert drops.objects == tuple(BALLS)
+    assert [trial.name for trial in drops] == ["1", "2"] * 10
+    assert lengths["Golf Ball", "1"] == min(lengths.values()) == 42
+    assert (lengths["Whiffle Ball 2", "1"], lengths["Yellow Whiffle Ball", "1"]) == (55, 58)
+    assert sum(map(len, whole)) - sum(map(len, drops)) == 8
+    assert "Golf Ball, trial 1 from 43 to 42 samples" in drops.notes[0]
+    assert drops[0].states[0, 0] == 49.4717739218
+    assert drops.schema.units == {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
+
+
+def test_properties_of_the_balls_are_those_published_to_their_digits(ball_drops_folder):
+    found = datasets.ball_drops(ball_drops_folder).properties
+    for name, (radius, mass, density) in BALLS.items():
+        assert found[name]["radius"] == pytest.approx(radius, abs=1e-6)
+        if mass is None:
+            assert set(found[name]) == {"radius"}
+            continue
+        # The paper weighs the golf ball at 1.6 oz, the data file at 1.62 oz
+        factor = 1.62 / 1.6 if name == "Golf Ball" else 1.0
+        assert found[name]["mass"] == pytest.approx(mass * factor, abs=1e-6)
+        assert found[name]["density"] == pytest.approx(density * factor, rel=1e-6)
+
+
+def test_the_folder_of_the_environment_is_read_before_anything_is_downloaded(ball_drops_folder, monkeypatch, tmp_path):
+    monkeypatch.setattr(pooch, "retrieve", lambda *_, **__: pytest.fail("a download was tried"))
+    monkeypatch.setenv("COMMONLAW_DATA", str(ball_drops_folder))
+    assert len(datasets.ball_drops()) == 20
+    monkeypatch.setenv("COMMONLAW_DATA", str(tmp_path))
+    with pytest.raises(
+        CommonlawError, match=r"cannot read Ball_drops_data.xls in the folder in COMMONLAW_DATA, .*No such"
+    ):
+        datasets.ball_drops()
+
+
+def test_a_file_that_is_not_the_published_one_is_refused(ball_drops_folder, tmp_path):
+    (tmp_path / "Ball_drops_data.xls").write_bytes((ball_drops_folder / "Ball_drops_data.xls").read_bytes())
+    (tmp_path / "balls.txt").write_bytes((ball_drops_folder / "balls.txt").read_bytes() + b"\n")
+    with pytest.raises(
+        CommonlawError, match=r"balls\.txt is not the published file: its sha256 is \w{64}, expected 7cc28"
+    ):
+        datasets.ball_drops(tmp_path)
+
+
+def test_downloads_are_pinned_checked_and_kept(ball_drops_folder, monkeypatch):
+    monkeypatch.delenv("COMMONLAW_DATA", raising=False)
+    asked = []
+
+    def retrieve(url, known_hash, fname, path):
+        asked.append((url.rsplit("/", 3)[1:], known_hash, path))
+        return str(ball_drops_folder / fname)
+
+    monkeypatch.setattr(pooch, "retrieve", retrieve)
+    assert len(datasets.ball_drops()) == 20
+    (where, known, cache), _ = asked
+    assert where == ["b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7", "data", "Ball_drops_data.xls"]
+    assert known == "sha256:942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"
+    assert cache == pooch.os_cache("commonlaw")
+
+
+@pytest.mark.parametrize("failure", [OSError("no route to host"), ValueError("SHA256 hash does not match")])
+def test_without_a_connection_the_error_says_what_was_tried_and_how_to_name_a_folder(monkeypatch, failure):
+    def retrieve(*_, **__):
+        raise failure
+
+    monkeypatch.delenv("COMMONLAW_DATA", raising=False)
+    monkeypatch.setattr(pooch, "retrieve", retrieve)
+    with pytest.raises(CommonlawError, match=f"cannot download https://raw.*: {failure}; .*COMMONLAW_DATA"):
+        datasets.ball_drops()

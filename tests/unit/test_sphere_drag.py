@@ -1,0 +1,72 @@
+"""Drag on spheres against limits, hand-worked values and force balances."""
+
+import numpy as np
+import pytest
+
+from commonlaw import sphere_drag
+from commonlaw.errors import CommonlawError
+from commonlaw.sphere_drag import AIR_DENSITY, AIR_DYNAMIC_VISCOSITY, AIR_VISCOSITY
+
+
+def test_reynolds_number_in_the_papers_air_is_0_665e5_times_speed_times_diameter() -> None:
+    assert sphere_drag.reynolds_number(20.0, 0.1) == pytest.approx(0.665e5 * 20.0 * 0.1, rel=1e-3)
+
+
+def test_drag_coefficient_at_1e5_is_the_value_worked_out_by_hand() -> None:
+    # 1e5^0.681 = 10^3.405 = 2540.973, so 24e-5 (1 + 381.146) = 0.0917150; 0.407 / 1.0871 = 0.3743906
+    assert sphere_drag.drag_coefficient(1e5) == pytest.approx(0.4661056, abs=1e-6)
+
+
+def test_slow_spheres_obey_stokes() -> None:
+    assert sphere_drag.drag_coefficient(1e-9) == pytest.approx(24 / 1e-9, rel=1e-6)
+    stokes = 3 * np.pi * AIR_DYNAMIC_VISCOSITY * 1e-6 * 1e-5
+    assert sphere_drag.drag_force(1e-5, 1e-6) == pytest.approx(stokes, rel=1e-6)
+    weight = 1e-18 * 9.8
+    settling = weight / (3 * np.pi * AIR_DYNAMIC_VISCOSITY * 1e-7)
+    assert sphere_drag.terminal_velocity(1e-18, 1e-7) == pytest.approx(settling, rel=1e-6)
+
+
+def test_force_at_rest_is_zero_without_a_warning_while_the_coefficient_is_infinite() -> None:
+    assert sphere_drag.drag_force(0.0, 0.1) == 0.0
+    assert sphere_drag.drag_coefficient(0.0) == np.inf
+
+
+def test_force_is_the_textbook_product_of_coefficient_area_and_dynamic_pressure() -> None:
+    speed, diameter = np.array([0.1, 3.0, 40.0])[:, np.newaxis], np.array([0.01, 0.24])
+    coefficient = sphere_drag.drag_coefficient(sphere_drag.reynolds_number(speed, diameter, 1e-6))
+    expected = coefficient * np.pi * diameter**2 / 4 * 998.0 * speed**2 / 2
+    np.testing.assert_allclose(sphere_drag.drag_force(speed, diameter, 998.0, 1e-6), expected, rtol=1e-13)
+
+
+def test_drag_balances_weight_at_terminal_velocity_for_every_sphere_of_an_array() -> None:
+    mass, diameter = np.array([[1e-15], [0.0454], [5.0]]), np.array([1e-6, 0.044, 0.24])
+    speed = sphere_drag.terminal_velocity(mass, diameter)
+    assert speed.shape == (3, 3)
+    np.testing.assert_allclose(sphere_drag.drag_force(speed, diameter), mass * 9.8 + 0 * diameter, rtol=1e-12)
+
+
+def test_the_correlation_is_known_to_end_at_2e5_and_is_evaluated_beyond() -> None:
+    assert sphere_drag.in_valid_range([0.0, 1.99e5, 2e5]).tolist() == [True, True, False]
+    assert np.isfinite(sphere_drag.drag_coefficient(1e7))
+
+
+def test_air_viscosity_is_kinematic() -> None:
+    assert AIR_VISCOSITY == AIR_DYNAMIC_VISCOSITY / AIR_DENSITY == pytest.approx(1.503e-5, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: sphere_drag.reynolds_number([1.0, -2.0], 0.1), "speed is -2: it must be finite and not be negative"),
+        (lambda: sphere_drag.reynolds_number(1.0, 0.0), "diameter is 0: it must be finite and be positive"),
+        (lambda: sphere_drag.drag_coefficient(np.nan), "Reynolds number is nan"),
+        (lambda: sphere_drag.drag_force(1.0, 0.1, density=-1.0), "density is -1"),
+        (lambda: sphere_drag.drag_force(1.0, 0.1, viscosity=0.0), "viscosity is 0"),
+        (lambda: sphere_drag.terminal_velocity(-1.0, 0.1), "mass is -1"),
+        (lambda: sphere_drag.terminal_velocity(1.0, -0.1), "diameter is -0.1"),
+        (lambda: sphere_drag.terminal_velocity(1.0, 0.1, gravity=0.0), "gravity is 0"),
+    ],
+)
+def test_values_that_cannot_be_are_refused_by_name(call, message) -> None:
+    with pytest.raises(CommonlawError, match=message):
+        call()
