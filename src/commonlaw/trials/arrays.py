@@ -1,0 +1,119 @@
+"""Trials from arrays."""
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials.headers import joined_units
+from commonlaw.trials.properties import given_properties
+from commonlaw.trials.roles import PropertyTable
+from commonlaw.trials.trial import Schema, Trial, label
+from commonlaw.trials.trials import Trials
+
+
+def trials_from_arrays(
+    times: Sequence[Any] | NDArray[Any],
+    states: ArrayLike,
+    *,
+    object: object = "object",
+    trial: object = None,
+    inputs: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    properties: str | os.PathLike[str] | PropertyTable | Any = None,
+) -> Trials:
+    """Return the trials in arrays: one trial, or lists with an entry for each trial.
+
+    Parameters
+    ----------
+    times
+        Sample times, shape (n,); or a list of such arrays.
+    states
+        Measured states, shape (n,) or (n, number of states); or a list of such arrays.
+    object
+        The object's name, or a list of one for each trial.
+    trial
+        The trial's label, or a list of them. Default: the trials of each object are counted from 1.
+    inputs
+        Measured inputs, shaped as the states.
+    names
+        Names of the states and then of the inputs. Default: ``x`` or ``x1``, ``x2``, ..., and ``u`` or ``u1``, ...
+    units
+        Units by name: of states, inputs, properties, and of the time, which is called ``t``.
+    properties
+        A mapping from object to property values by name; or a table (a file, a frame) with a row for each object and
+        the objects' names in its column ``object``.
+
+    Raises
+    ------
+    CommonlawError
+        If shapes or numbers of trials disagree, or a value cannot be used; the message names trial and sample.
+
+    Examples
+    --------
+    >>> trials = trials_from_arrays([0.0, 0.1], [5.0, 4.9], object="ball", names=["height"], units={"height": "m"})
+    >>> trials, trials.schema.units
+    (<Trials: 1 trials of 1 objects, 2 samples of height>, {'height': 'm'})
+    """
+    single = _is_one(times)
+    runs: list[Any] = [times] if single else list(times)
+    count = len(runs)
+    objects = [label(each) for each in _per_trial("objects", object, count)]
+    labels = _counted(objects) if trial is None else _per_trial("trial labels", trial, count)
+    all_states = _per_trial("arrays of states", [states] if single else states, count)
+    all_inputs = _per_trial("arrays of inputs", [inputs] if single else inputs, count)
+    made = tuple(
+        Trial(name, run, at, values, np.empty((0, 0)) if driven is None else driven)
+        for name, run, at, values, driven in zip(objects, labels, runs, all_states, all_inputs, strict=True)
+    )
+    if not made:
+        raise CommonlawError("there is no trial: the list of times is empty")
+    columns = _columns(made[0], names)
+    known = given_properties(properties, "object", list(dict.fromkeys(objects)))
+    used = ["t", *columns[0], *columns[1], *known.names]
+    schema = Schema(*columns, units=joined_units(known.units, units, used, used))
+    return Trials(made, schema, known.values, known.notes)
+
+
+def _is_one(times: Any) -> bool:
+    """Say whether times are of one trial, and not a list of such arrays."""
+    return not hasattr(times, "__iter__") or np.ndim(next(iter(times), [])) == 0
+
+
+def _per_trial(what: str, values: Any, count: int) -> list[Any]:
+    """Return one value for each trial; a single name, or nothing, is for all of them."""
+    if values is None or isinstance(values, str) or not hasattr(values, "__len__"):
+        return [values] * count
+    if len(values) != count:
+        raise CommonlawError(f"there are {len(values)} {what} for {count} trials: give one for each trial")
+    return list(values)
+
+
+def _counted(objects: Sequence[str]) -> list[str]:
+    """Return labels that count the trials of each object from 1."""
+    seen: Counter[str] = Counter()
+    labels = []
+    for name in objects:
+        seen[name] += 1
+        labels.append(str(seen[name]))
+    return labels
+
+
+def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the states and of the inputs."""
+    states, inputs = trial.states.shape[1], trial.inputs.shape[1]
+    if names is None:
+        return _numbered("x", states), _numbered("u", inputs)
+    if isinstance(names, str) or len(names) != states + inputs:
+        driven = f" and {inputs} of inputs" if inputs else ""
+        raise CommonlawError(f"names are {names!r}: give a list of {states} names of states{driven}")
+    return tuple(names[:states]), tuple(names[states:])
+
+
+def _numbered(letter: str, count: int) -> tuple[str, ...]:
+    return (letter,) if count == 1 else tuple(f"{letter}{i}" for i in range(1, count + 1))

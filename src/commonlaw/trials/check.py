@@ -1,0 +1,185 @@
+"""What there is to know about trials before they are used."""
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from commonlaw.trials.clip import regular_length
+from commonlaw.trials.trial import Floats, Trial
+from commonlaw.trials.trials import Trials
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SHORT = 5  # samples; fewer leave nothing to judge a rate by
+_JITTER = 0.1  # of the median step
+_JUMP = 10.0  # robust standard deviations of second differences
+_UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
+
+
+@dataclass(frozen=True)
+class TrialCheck:
+    """Figures of one trial.
+
+    Parameters
+    ----------
+    object, trial
+        Its labels.
+    samples
+        The number of samples.
+    duration
+        From the first sample to the last, in the unit of the times.
+    median_step, largest_deviation
+        The median step between samples, and how far a step is from it at most; None for a single sample.
+    clipped
+        The number of samples at the end that `clip_irregular` would take away.
+    first, last
+        First and last values by state.
+    """
+
+    object: str
+    trial: str
+    samples: int
+    duration: float
+    median_step: float | None
+    largest_deviation: float | None
+    clipped: int
+    first: dict[str, float]
+    last: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Figures of every trial, what is odd about the trials, and what was done to them before, in words."""
+
+    trials: tuple[TrialCheck, ...]
+    oddities: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``."""
+        import pandas as pd
+
+        rows = []
+        for each in self.trials:
+            row = asdict(each)
+            for end in ("first", "last"):
+                row |= {f"{name} ({end})": value for name, value in row.pop(end).items()}
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report in values that JSON holds."""
+        return asdict(self)
+
+
+def check(trials: Trials, tolerance: float = 0.005) -> Report:
+    """Return figures of every trial and what is odd about them.
+
+    Parameters
+    ----------
+    trials
+        The trials.
+    tolerance
+        How far a step may be from the median step before `clip_irregular` would clip there, in the unit of the times.
+    """
+    names = trials.schema.states
+    rows = tuple(_figures(trial, names, tolerance) for trial in trials)
+    oddities = [
+        f"{trial.label}: {oddity}"
+        for trial, row in zip(trials, rows, strict=True)
+        for oddity in (*_sampling(row), *_values(trial, names, len(trial) - row.clipped))
+    ]
+    return Report(rows, (*oddities, *_uneven(trials), *_without_unit(trials)), trials.notes)
+
+
+def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialCheck:
+    steps = np.diff(trial.times)
+    median = float(np.median(steps)) if len(steps) else None
+    return TrialCheck(
+        trial.object,
+        trial.name,
+        len(trial),
+        float(trial.times[-1] - trial.times[0]),
+        median,
+        None if median is None else float(np.abs(steps - median).max()),
+        len(trial) - regular_length(trial.times, tolerance),
+        dict(zip(names, trial.states[0].tolist(), strict=True)),
+        dict(zip(names, trial.states[-1].tolist(), strict=True)),
+    )
+
+
+def _sampling(row: TrialCheck) -> list[str]:
+    """Return what is odd about a trial's length and steps."""
+    found = []
+    if row.samples < _SHORT:
+        found.append(f"very short, {row.samples} samples")
+    if row.clipped:
+        found.append(
+            f"irregular frame: clip_irregular() would keep {row.samples - row.clipped} of {row.samples} samples"
+        )
+    elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
+        found.append(
+            f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
+        )
+    return found
+
+
+def _values(trial: Trial, names: tuple[str, ...], stop: int) -> list[str]:
+    """Return what is odd about the states of a trial; jumps are looked for in its first `stop` samples."""
+    found = []
+    for name, values in zip(names, trial.states.T, strict=True):
+        if np.all(values == values[0]) and len(values) > 1:
+            found.append(f"{name} is constant, {values[0]:g} in every sample")
+        place = _jump(trial.times[:stop], values[:stop])
+        if place is not None:
+            jump = values[place + 1] - values[place]
+            found.append(f"{name} jumps by {jump:.3g} from sample {place + 1} to sample {place + 2}")
+    return found
+
+
+def _jump(times: Floats, values: Floats) -> int | None:
+    """Return the index of the sample before the first jump, or None.
+
+    A jump is a second difference (of slopes, for uneven steps) further from the median of its neighbours, which follow
+    a steep but smooth course, than 10 robust standard deviations of all second differences; where most of these are
+    nought, the smallest change between samples stands in for the deviation.
+    """
+    if len(values) < _SHORT:
+        return None
+    slopes = np.diff(values) / np.diff(times) * np.median(np.diff(times))
+    bends = np.diff(slopes)
+    neighbours = sliding_window_view(np.pad(bends, 2, mode="reflect"), 5)
+    off = np.abs(bends - np.median(neighbours, axis=1))
+    deviation = 1.4826 * np.median(np.abs(bends - np.median(bends)))
+    rounding = 1e-12 * np.abs(values).max()
+    if deviation <= rounding:
+        changes = np.abs(slopes)[np.abs(slopes) > rounding]
+        deviation = changes.min(initial=np.inf)
+    wild = np.flatnonzero(off > _JUMP * deviation)
+    if not len(wild):
+        return None
+    before, after = np.abs(slopes[wild[0] : wild[0] + 2] - np.median(slopes))
+    return int(wild[0] + (after >= before))
+
+
+def _uneven(trials: Trials) -> list[str]:
+    """Return the objects whose trials have very different lengths."""
+    lengths: dict[str, list[int]] = {}
+    for trial in trials:
+        lengths.setdefault(trial.object, []).append(len(trial))
+    return [
+        f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples"
+        for name, each in lengths.items()
+        if max(each) >= _UNEVEN * min(each)
+    ]
+
+
+def _without_unit(trials: Trials) -> list[str]:
+    schema = trials.schema
+    bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
+    if not bare:
+        return []
+    return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units="]

@@ -1,0 +1,115 @@
+"""Column headers that carry a unit: ``height [m]`` or ``Height (m)``."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.trials.units import check_unit, is_unit
+
+_SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
+_ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
+
+
+def split_header(header: str) -> tuple[str, str]:
+    """Return the name and the unit in a header; the unit is empty where there is none.
+
+    What stands in brackets and is not a unit is part of the name. Empty square brackets say that the name before
+    them is complete, although it looks as if it ended in a unit.
+
+    >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []")
+    (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''))
+    """
+    text = header.strip()
+    square = _SQUARE.fullmatch(text)
+    if square:
+        unit = square[2].strip()
+        return (square[1], unit) if not unit or is_unit(unit) else (text, "")
+    rounded = _ROUND.fullmatch(text)
+    # x(t) is a function of time, not a mass of x tonnes
+    if rounded and is_unit(rounded[3]) and (rounded[2] or rounded[3] != "t"):
+        return rounded[1], rounded[3].strip()
+    return text, ""
+
+
+def join_header(name: str, unit: str) -> str:
+    """Return the header that `split_header` takes apart again.
+
+    >>> join_header("height", "m"), join_header("height", ""), join_header("height (m)", "")
+    ('height [m]', 'height', 'height (m) []')
+    """
+    if unit:
+        return f"{name} [{unit}]"
+    return name if split_header(name) == (name, "") else f"{name} []"
+
+
+def find_name(name: str, known: Iterable[str]) -> str:
+    """Return that of the known names which is meant by a name, given as it is or as a header with its unit.
+
+    Raises
+    ------
+    CommonlawError
+        If there is none.
+    """
+    names = list(known)
+    for each in (str(name).strip(), split_header(str(name))[0]):
+        if each in names:
+            return each
+    raise unknown("column", name, names)
+
+
+def joined_units(
+    headers: Mapping[str, str], given: Mapping[str, str] | None, known: Iterable[str], used: Iterable[str]
+) -> dict[str, str]:
+    """Return the units of the columns that are used.
+
+    Parameters
+    ----------
+    headers
+        Units from the headers, by column.
+    given
+        Units that the user gave, by column; they take precedence, and an empty one takes a unit away.
+    known
+        Columns that can have a unit.
+    used
+        Columns whose units are wanted.
+
+    Raises
+    ------
+    CommonlawError
+        If a unit is given for a column that is not known, or pint does not know it.
+    """
+    units, known = dict(headers), list(known)
+    for name, unit in (given or {}).items():
+        column = find_name(name, known)
+        if unit.strip():
+            units[column] = check_unit(unit, f"column {column!r}")
+        else:
+            units.pop(column, None)
+    return {name: units[name] for name in used if name in units}
+
+
+def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the names of columns and the units by name.
+
+    Columns whose names differ in their units alone keep their whole header as the name.
+
+    Raises
+    ------
+    CommonlawError
+        If two headers are the same or a header is empty.
+    """
+    blank = [place for place, header in enumerate(headers, 1) if not header.strip()]
+    if blank:
+        raise CommonlawError(f"{source}: column {blank[0]} has no header; give it one, or delete the column")
+    parts = [split_header(header) for header in headers]
+    short = Counter(name for name, _ in parts)
+    names = [name if short[name] == 1 else header.strip() for (name, _), header in zip(parts, headers, strict=True)]
+    places: dict[str, int] = {}
+    for place, name in enumerate(names, 1):
+        if places.setdefault(name, place) != place:
+            raise CommonlawError(
+                f"{source}: the header {name!r} is there twice, in columns {places[name]} and {place}; "
+                "give each column a name of its own"
+            )
+    return tuple(names), {name: unit for name, (_, unit) in zip(names, parts, strict=True) if unit}

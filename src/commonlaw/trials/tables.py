@@ -1,0 +1,200 @@
+"""Trials from files and frames."""
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Unpack, cast
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.headers import joined_units
+from commonlaw.trials.properties import column_properties, constant_columns, given_properties, object_codes
+from commonlaw.trials.roles import Roles
+from commonlaw.trials.sources import frame_table, read_table
+from commonlaw.trials.trial import Floats, Schema, Trial, label
+from commonlaw.trials.trials import Trials
+
+
+def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> Trials:
+    """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, told by the content.
+
+    Parameters
+    ----------
+    path
+        The file. Text is UTF-8, its columns separated by commas, semicolons or tabs. A Parquet file written by
+        `Trials.to_parquet` says itself which column is what.
+    sheet
+        The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
+        an object of the sheet's name unless there is a column ``object``.
+    **roles
+        Which column is what, see `Roles`. Without a column of objects there is one object, named after the file.
+
+    Raises
+    ------
+    CommonlawError
+        If the file or a column is not there, or a value cannot be used; the message names the column and the row,
+        counted from 1 below the header.
+    """
+    table = read_table(path, sheet)
+    return _trials(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)}))
+
+
+def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> Trials:
+    """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    **roles
+        Which column is what, see `Roles`. Without a column of objects there is one object, named ``object``.
+
+    Raises
+    ------
+    CommonlawError
+        If a column is not there, or a value cannot be used; the message names the column and the row, counted from 1.
+    """
+    return _trials(frame_table(frame), "object", _checked(roles))
+
+
+def _checked(roles: Roles) -> Roles:
+    """Return the keywords that say something, having refused those that there are not."""
+    for name in roles:
+        if name not in Roles.__annotations__:
+            raise unknown("keyword", name, [*Roles.__annotations__, "sheet"])
+    said = {name: value for name, value in roles.items() if value is not None}
+    for name in ("states", "inputs"):
+        if name in said and not said[name]:
+            del said[name]
+    return cast(Roles, said)
+
+
+def _trials(table: Table, default_object: str, roles: Roles) -> Trials:
+    """Return the trials in a table whose columns have these roles."""
+    objects_in, trials_in = _role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",))
+    time = _role(table, roles, "time", ("t", "time"))
+    if time is None:
+        raise CommonlawError(
+            f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"
+        )
+    owners, objects = _labels(table, objects_in, "object", default_object)
+    runs, labels = _labels(table, trials_in, "trial", "1")
+    columns = _columns(table, roles, [each for each in (objects_in, trials_in, time) if each is not None], owners)
+    if columns.properties is None:
+        known = given_properties(roles["properties"], objects_in or "object", objects)
+    else:
+        known = column_properties(table, columns.properties, owners, objects)
+    names = [time, *columns.states, *columns.inputs]
+    units = joined_units(
+        {**table.units, **known.units}, roles.get("units"), [*table.columns, *known.names], [*names, *known.names]
+    )
+    schema = Schema(columns.states, columns.inputs, objects_in or "object", trials_in or "trial", time, units)
+    located = replace(table, place=lambda row: f"{table.place(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}")
+    values = np.column_stack([located.numbers(name) for name in names])
+    made, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
+    return Trials(made, schema, known.values, (*table.notes, *columns.notes, *known.notes, *notes))
+
+
+def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:
+    """Return the column that has a role, named by the user or found by its name, capitals not counting."""
+    named = roles.get(role)
+    # the schema of a table without such a column has the default for its name, and may be what names the columns here
+    if named is not None and (named != role or named in table.columns):
+        return table.find(named)
+    folded = {name.casefold(): name for name in reversed(list(table.columns))}
+    exact = [name for name in defaults if name in table.columns]
+    # of time and T, time is the time and T may be a temperature
+    alike = [folded[name] for name in reversed(defaults) if name in folded]
+    return next(iter((*exact, *alike)), None)
+
+
+def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[Codes, list[str]]:
+    if column is None:
+        return np.zeros(len(table), dtype=np.int64), [label(default)]
+    return object_codes(table, column, what)
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Columns of states, inputs and properties (None: they are elsewhere), and what was noticed."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    properties: list[str] | None
+    notes: tuple[str, ...]
+
+
+def _columns(table: Table, roles: Roles, taken: list[str], owners: Codes) -> _Columns:
+    """Give the columns that are not taken their roles: as named; else properties where constant, and states."""
+    inputs = _found(table, roles.get("inputs", ()))
+    states = _found(table, roles.get("states", ()))
+    given = roles.get("properties")
+    properties = _found(table, given) if _names_columns(table, given) else []
+    roles_of = Counter([*taken, *inputs, *states, *properties])
+    name, count = roles_of.most_common(1)[0]
+    if count > 1:
+        raise CommonlawError(f"{table.source}: column {name!r} is given two roles: give it one")
+    rest = [name for name in table.columns if name not in roles_of]
+    notes = []
+    if given is None and (properties := constant_columns(table, rest, owners)):
+        notes = [f"{', '.join(properties)}: taken as properties, being constant for each object"]
+    rest = [name for name in rest if name not in properties]
+    if not states:
+        states = tuple(name for name in rest if table.is_numeric(name))
+    left = [name for name in rest if name not in states]
+    if left:
+        notes.append(f"columns left out: {', '.join(left)}")
+    if not states:
+        raise CommonlawError(
+            f"{table.source}: no column of numbers is left for the states; name them with states=[...]; "
+            f"columns: {', '.join(table.columns)}"
+        )
+    elsewhere = given is not None and not _names_columns(table, given)
+    return _Columns(states, inputs, None if elsewhere else list(properties), tuple(notes))
+
+
+def _found(table: Table, names: Any) -> tuple[str, ...]:
+    return tuple(table.find(name) for name in ([names] if isinstance(names, str) else names))
+
+
+def _names_columns(table: Table, given: Any) -> bool:
+    """Say whether properties are given as names of columns and not as a second table."""
+    if isinstance(given, str):
+        return given in table.columns or not (Path(given).suffix or Path(given).exists())
+    return isinstance(given, Sequence)
+
+
+def _cut(
+    table: Table, values: Floats, group: Codes, objects: Sequence[str], labels: Sequence[str], states: int
+) -> tuple[tuple[Trial, ...], list[str]]:
+    """Cut rows of time, states and inputs into trials, in order of first appearance and sorted by time."""
+    codes, first, which = np.unique(group, return_index=True, return_inverse=True)
+    in_order = np.argsort(first)
+    rank = np.argsort(in_order)[which]
+    bounds = np.cumsum(np.bincount(rank))[:-1]
+    made, late = [], []
+    for code, rows in zip(codes[in_order], np.split(np.argsort(rank, kind="stable"), bounds), strict=True):
+        name, run = objects[code // len(labels)], labels[code % len(labels)]
+        times = values[rows, 0]
+        if np.any(times[1:] < times[:-1]):
+            rows = rows[np.argsort(times, kind="stable")]
+            late.append(f"{name}, trial {run}")
+        _refuse_twice(table, values[rows, 0], rows, f"{name}, trial {run}")
+        cells = values[rows]
+        made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
+    return tuple(made), [f"sorted by time: {'; '.join(late)}"] if late else []
+
+
+def _refuse_twice(table: Table, times: Floats, rows: Codes, where: str) -> None:
+    """Refuse a trial in which a time, in the sorted `times` of these rows, is there twice."""
+    twice = np.flatnonzero(times[1:] == times[:-1])
+    if len(twice):
+        here, there = (table.place(int(row)) for row in rows[twice[0] : twice[0] + 2])
+        raise CommonlawError(
+            f"{table.source}: {where}: the time {times[twice[0]]:g} is there twice, in {here} and in {there}; remove a "
+            "row, or name the columns that tell trials and objects apart with trial=... and object=..."
+        )

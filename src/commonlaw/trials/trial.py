@@ -1,0 +1,152 @@
+"""One run of one object, and the names of what was measured in it."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Names and units of the columns of a table of trials.
+
+    Parameters
+    ----------
+    states
+        Names of the measured state variables, such as ``("x", "y")``.
+    inputs
+        Names of the measured inputs (controls, forcing).
+    object, trial, time
+        Names of the columns that hold the object, the trial's label and the time.
+    units
+        Unit of a column by its name, in any form that pint reads (``"m"``, ``"m/s^2"``); columns without one
+        are left out.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
+    object: str = "object"
+    trial: str = "trial"
+    time: str = "t"
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [self.object, self.trial, self.time, *self.states, *self.inputs]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
+        if not self.states:
+            raise CommonlawError("no state variable is named: say which columns were measured")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One run of one object.
+
+    Parameters
+    ----------
+    object
+        The name of the object, kept as `label` writes it.
+    name
+        The trial's label, unique among the trials of its object; kept as `label` writes it.
+    times
+        Sample times, strictly increasing, shape (n,).
+    states
+        Measured states, shape (n, number of states).
+    inputs
+        Measured inputs, shape (n, number of inputs).
+
+    Raises
+    ------
+    CommonlawError
+        If there is no sample or no label, shapes disagree, a value is not finite, or the times do not increase; the
+        message names the sample.
+    """
+
+    object: str
+    name: str
+    times: Floats
+    states: Floats
+    inputs: Floats = field(default_factory=lambda: np.empty((0, 0)))
+
+    def __post_init__(self) -> None:
+        for name in ("object", "name"):
+            object.__setattr__(self, name, label(getattr(self, name)))
+        try:
+            times, states, inputs = _frozen(self.times, 1), _frozen(self.states, 2), _frozen(self.inputs, 2)
+        except CommonlawError as error:
+            raise CommonlawError(f"{self.label}: {error}") from None
+        if inputs.size == 0:
+            inputs = _frozen(np.empty((len(times), 0)), 2)
+        for name, values in (("times", times), ("states", states), ("inputs", inputs)):
+            object.__setattr__(self, name, values)
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def label(self) -> str:
+        """Object and trial as shown in messages: ``Golf Ball, trial 1``."""
+        return f"{self.object}, trial {self.name}"
+
+    def cut(self, stop: int) -> "Trial":
+        """Return the trial's first `stop` samples."""
+        return Trial(self.object, self.name, self.times[:stop], self.states[:stop], self.inputs[:stop])
+
+    def _check(self) -> None:
+        if not self.object or not self.name:
+            raise CommonlawError(f"{self.label}: the label of the object or of the trial is empty; name both")
+        if not len(self.times):
+            raise CommonlawError(f"{self.label} has no sample: leave the trial out")
+        if not len(self.times) == len(self.states) == len(self.inputs):
+            raise CommonlawError(
+                f"{self.label}: {len(self.times)} times, {len(self.states)} rows of states and "
+                f"{len(self.inputs)} rows of inputs; give one row for each time"
+            )
+        for what, values in (("time", self.times), ("state", self.states), ("input", self.inputs)):
+            bad = np.argwhere(~np.isfinite(values))
+            if len(bad):
+                place = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
+                raise CommonlawError(
+                    f"{self.label}: {what} is {values[tuple(bad[0])]} in {place}; remove or repair the sample"
+                )
+        late = np.flatnonzero(self.times[1:] <= self.times[:-1])
+        if len(late):
+            i = int(late[0])
+            raise CommonlawError(
+                f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
+                "sort the samples and keep one for each time"
+            )
+
+
+def label(value: object) -> str:
+    """Return the text by which an object or a trial is known: 1, 1.0, "1" and "1.0" are the same label.
+
+    >>> label(1.0), label(" 1.0"), label("Golf Ball"), label("v1.0")
+    ('1', '1', 'Golf Ball', 'v1.0')
+    """
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        return str(int(value))
+    text = str(value).strip()
+    return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
+
+
+def _frozen(values: Floats, dimensions: int) -> Floats:
+    """Return a read-only copy of `values` with the given number of dimensions."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise CommonlawError(f"expected an array of numbers: {error}") from None
+    if array.ndim == 1 and dimensions == 2:
+        array = array[:, np.newaxis]
+    if array.ndim != dimensions:
+        raise CommonlawError(f"expected an array of {dimensions} dimensions, got one of shape {array.shape}")
+    array.flags.writeable = False
+    return array

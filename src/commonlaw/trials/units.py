@@ -1,0 +1,92 @@
+"""Units of measurement, read by pint when they are needed."""
+
+import re
+from difflib import get_close_matches
+from functools import cache
+from tokenize import TokenError
+from typing import TYPE_CHECKING
+
+from commonlaw.errors import CommonlawError
+
+if TYPE_CHECKING:
+    import pint
+
+# Names, signs of degree, percent, powers and products. All else, and towers of powers, would only keep pint busy.
+_UNIT = re.compile(r"[\w°%µΩ·⁻⁰¹²³⁴⁵⁶⁷⁸⁹./*^()\- ]{1,80}")
+_TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
+
+
+@cache
+def registry() -> "pint.UnitRegistry[float]":
+    """Return the one registry of units, loaded at the first call."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@cache
+def parse_unit(text: str) -> "pint.Unit":
+    """Return the unit that a text stands for.
+
+    Raises
+    ------
+    CommonlawError
+        If pint does not know the unit; the message has the nearest name that it knows.
+
+    Examples
+    --------
+    >>> print(parse_unit("m/s^2"))
+    meter / second ** 2
+    """
+    unit = _parsed(text)
+    if unit is None:
+        raise CommonlawError(_unknown_unit(text))
+    return unit
+
+
+def check_unit(text: str, where: str) -> str:
+    """Return a unit's text without outer blanks, having made sure that pint reads it.
+
+    Parameters
+    ----------
+    text
+        The unit, such as ``"kg m^2"``.
+    where
+        What has this unit, for the message: ``"column 'height'"``.
+
+    Raises
+    ------
+    CommonlawError
+        If pint does not know the unit.
+    """
+    if _parsed(text) is None:
+        raise CommonlawError(f"{where}: {_unknown_unit(text)}")
+    return text.strip()
+
+
+def is_unit(text: str) -> bool:
+    """Say whether a text is a unit that pint knows."""
+    return _parsed(text) is not None
+
+
+@cache
+def _parsed(text: str) -> "pint.Unit | None":
+    import pint
+
+    if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
+        return None
+    try:
+        return registry().parse_units(text)
+    # pint lets the errors of its tokenizer and of the arithmetic on exponents through
+    except (pint.PintError, TokenError, ArithmeticError, AssertionError, TypeError, ValueError):
+        return None
+
+
+def _unknown_unit(text: str) -> str:
+    """Return the message for an unknown unit, about that one of its words that pint does not know."""
+    words = re.findall(r"[^\W\d_]+", text)
+    word = next((each for each in words if _parsed(each) is None), text)
+    near = get_close_matches(word, [name for name in registry() if len(name) > 2], n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    whole = "" if word == text else f" in {text!r}"
+    return f"unknown unit {word!r}{whole}{hint}; write it as pint reads it, such as m, s, kg or m/s^2"

@@ -1,0 +1,195 @@
+"""Trials as values: selection, indexing, what is refused on the way in."""
+
+import copy
+import dataclasses
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.model_selection import GroupKFold, KFold
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Schema, Trial, Trials, trials_from_arrays
+
+
+def ramp(name="ball", run="1", samples=4, states=1):
+    return Trial(name, run, np.arange(samples) / 10, np.arange(float(samples * states)).reshape(samples, states))
+
+
+@pytest.fixture
+def trials():
+    made = [ramp(name, run) for name in ("golf", "tennis", "wiffle") for run in ("1", "2")]
+    properties = {"golf": {"mass": 0.046, "skin": "hard"}, "tennis": {"mass": 0.057, "skin": "felt"}}
+    return Trials(tuple(made), Schema(("x",)), properties)
+
+
+def labels(trials):
+    return [(trial.object, trial.name) for trial in trials]
+
+
+def test_importing_trials_loads_no_library_for_tables_or_units():
+    code = (
+        "import sys, commonlaw.trials; "
+        "print([m for m in ('pandas', 'pyarrow', 'narwhals', 'pint', 'python_calamine') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_selection_by_names_takes_numbers_for_labels(trials):
+    assert labels(trials.select(object="golf", trial=2)) == [("golf", "2")]
+    assert labels(trials.select(object=["golf", "wiffle"], trial=1.0)) == [("golf", "1"), ("wiffle", "1")]
+    assert len(trials.select(trial=range(1, 3))) == 6
+
+
+def test_selection_by_property_takes_values_and_functions(trials):
+    assert trials.select(skin="felt").objects == ("tennis",)
+    assert trials.select(mass=lambda mass: mass < 0.05).objects == ("golf",)
+    assert trials.select(mass=[0.046, 0.057], trial=1).objects == ("golf", "tennis")
+
+
+def test_selection_keeps_the_properties_of_the_objects_kept(trials):
+    assert trials.select(object="golf").properties == {"golf": {"mass": 0.046, "skin": "hard"}}
+    assert trials.select(object="wiffle").properties == {}
+
+
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        ({"object": "gulf"}, "unknown object 'gulf': did you mean 'golf'"),
+        ({"trial": 3}, "unknown trial '3'.*Known: 1, 2"),
+        ({"mas": 1}, "unknown property 'mas': did you mean 'mass'"),
+        ({"object": "golf", "skin": "felt"}, "no trial fits object=golf, skin=felt together"),
+    ],
+)
+def test_selection_refuses_what_is_not_there(trials, conditions, message):
+    with pytest.raises(CommonlawError, match=message):
+        trials.select(**conditions)
+
+
+def test_split_parts_the_trials_in_two(trials):
+    chosen, rest = trials.split(trial=1)
+    assert labels(chosen) == [("golf", "1"), ("tennis", "1"), ("wiffle", "1")]
+    assert sorted(labels(chosen) + labels(rest)) == sorted(labels(trials))
+    with pytest.raises(CommonlawError, match="leaves nothing on the other side"):
+        trials.split(trial=[1, 2])
+
+
+def test_indexing_is_that_of_an_array_of_trials(trials):
+    assert trials[-1] is trials.trials[-1]
+    assert labels(trials[1:3]) == labels(trials[[1, 2]]) == labels(trials[np.array([1, 2])])
+    assert labels(trials[np.arange(6) < 2]) == labels(trials[:2])
+    with pytest.raises(CommonlawError, match="there is no trial"):
+        trials[[]]
+
+
+def test_splitters_of_scikit_learn_work_on_trials(trials):
+    groups = [trial.object for trial in trials]
+    folds = [(trials[train], trials[test]) for train, test in GroupKFold(3).split(trials, groups=groups)]
+    assert sorted(test.objects[0] for _, test in folds) == ["golf", "tennis", "wiffle"]
+    assert all(not set(train.objects) & set(test.objects) for train, test in folds)
+    assert [len(trials[test]) for _, test in KFold(3).split(trials)] == [2, 2, 2]
+
+
+def test_trials_cannot_be_changed(trials):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        trials.notes = ()
+    with pytest.raises(ValueError, match="read-only"):
+        trials[0].states[0] = 1.0
+    given = np.zeros(3)
+    made = Trial("ball", "1", np.arange(3.0), given)
+    given[0] = 9.0
+    assert made.states[0, 0] == 0.0
+
+
+def test_trials_are_copied_and_pickled_with_all_they_hold(trials):
+    for other in (pickle.loads(pickle.dumps(trials)), copy.deepcopy(trials)):
+        assert labels(other) == labels(trials)
+        assert (other.schema, other.properties) == (trials.schema, trials.properties)
+        np.testing.assert_array_equal(other[3].states, trials[3].states)
+
+
+def test_labels_are_the_same_however_they_are_written():
+    assert ramp(3, 1.0).label == ramp(" 3", "1.0").label == "3, trial 1"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ramp(name=" "), "label of the object or of the trial is empty"),
+        (lambda: ramp(samples=0), "ball, trial 1 has no sample"),
+        (lambda: Trial("ball", "1", [0, 1, 2], [0, 1]), "ball, trial 1: 3 times, 2 rows of states"),
+        (lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2]), "time 1 of sample 3 does not come after 1"),
+        (lambda: Trial("ball", "1", [0, 1], [0, np.nan]), "ball, trial 1: state is nan in sample 2, state 1"),
+        (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), "ball, trial 1: expected an array of numbers"),
+        (lambda: Trial("ball", "1", [[0, 1]], [0, 1]), r"ball, trial 1: expected an array of 1 dimensions.*\(1, 2\)"),
+        (lambda: Schema(()), "no state variable is named"),
+        (lambda: Schema(("t",)), "the name 't' stands for two columns"),
+        (lambda: Trials((), Schema(("x",))), "there is no trial"),
+        (lambda: Trials((ramp(), ramp(run=1.0)), Schema(("x",))), "ball, trial 1 is there twice"),
+        (lambda: Trials((ramp(states=2),), Schema(("x",))), "ball, trial 1 has 2 states, expected x"),
+        (lambda: Trials((ramp(),), Schema(("x",)), {"bell": {"mass": 1}}), "objects without trials: bell.*ball"),
+        (
+            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"x": 1}}),
+            "'x' is the name of a column and of a property",
+        ),
+        (
+            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"mass": np.nan}}),
+            "property 'mass' of ball is nan: leave",
+        ),
+        (
+            lambda: Trials((ramp("a"), ramp("b")), Schema(("x",)), {"a": {"mass": 1}, "b": {"mass": "??"}}),
+            r"property 'mass' is 1.0 for a and '\?\?' for b: give numbers for all objects or text for all",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_name(make, message):
+    with pytest.raises(CommonlawError, match=message):
+        make()
+
+
+def test_one_trial_comes_from_plain_arrays():
+    trials = trials_from_arrays(range(3), np.ones((3, 2)), inputs=[4, 5, 6])
+    assert (trials.schema.states, trials.schema.inputs, trials.objects) == (("x1", "x2"), ("u",), ("object",))
+    np.testing.assert_array_equal(trials[0].inputs, [[4], [5], [6]])
+
+
+def test_lists_of_arrays_may_differ_in_length_and_are_counted_by_object():
+    trials = Trials.from_arrays(
+        [np.arange(3), pd.Series([0, 1], index=[7, 8]), np.arange(4)],
+        [np.arange(3), [1, 2], np.ones((4, 1))],
+        object=["a", "b", "a"],
+        names=["height"],
+        units={"height": "m", "mass": "kg"},
+        properties=pd.DataFrame({"object": ["b", "a"], "mass": [1, 2]}),
+    )
+    assert labels(trials) == [("a", "1"), ("b", "1"), ("a", "2")]
+    assert trials.schema == Schema(("height",), units={"height": "m", "mass": "kg"})
+    assert trials.properties == {"a": {"mass": 2.0}, "b": {"mass": 1.0}}
+    assert labels(Trials.from_arrays(np.ones((2, 1)), np.ones((2, 1)), trial=["x", 7])) == [
+        ("object", "x"),
+        ("object", "7"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"times": []}, "the list of times is empty"),
+        ({"states": [[1, 2]]}, "there are 1 arrays of states for 2 trials"),
+        ({"object": ["a"]}, "there are 1 objects for 2 trials"),
+        ({"names": ["x", "y"]}, r"names are \['x', 'y'\]: give a list of 1 names of states"),
+        ({"units": {"y": "m"}}, "unknown column 'y'.*Known: t, x"),
+        ({"properties": {"a": {"mass": 1}}}, "objects without trials: a"),
+        ({"properties": {"object": 1}}, "properties of 'object' are 1: give values by name"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(keywords, message):
+    given = {"times": [[0, 1], [0, 1]], "states": [[1, 2], [3, 4]], **keywords}
+    if not given["times"]:
+        given["states"] = []
+    with pytest.raises(CommonlawError, match=message):
+        trials_from_arrays(**given)

@@ -1,0 +1,396 @@
+"""Tables in: the same trials from every kind of table, and errors that name the place and the remedy."""
+
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pandas as pd
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Schema, Trials, read_trials, trials_from_frame
+
+HEADER = ["ball", "drop", "time (s)", "height [m]", "wind", "mass [kg]"]
+ROWS = [
+    ["golf", 1, 0.0, 50.0, 0.1, 0.046],
+    ["golf", 1, 0.1, 49.95, 0.2, 0.046],
+    ["golf", 2, 0.0, 40.12345678901234, 0.3, 0.046],
+    ["tennis", 1, 0.0, 30, 0.4, 0.057],
+    ["tennis", 1, 0.25, 1 / 3, 0.5, 0.057],
+]
+FRAME = pd.DataFrame(ROWS, columns=HEADER)
+ROLES = {"object": "ball", "trial": "drop", "inputs": "wind"}
+
+
+def workbook(path, sheets):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+def text(path, content):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def german(path):
+    content = FRAME.to_csv(index=False, sep=";", decimal=",", float_format="%.17g")
+    return text(path, content)
+
+
+SOURCES = {
+    "csv": lambda folder: text(folder / "drops.csv", FRAME.to_csv(index=False)),
+    "csv of Windows": lambda folder: text(
+        folder / "drops.csv", b"\xef\xbb\xbf" + FRAME.to_csv(index=False, lineterminator="\r\n").encode()
+    ),
+    "csv without last line end": lambda folder: text(folder / "drops.csv", FRAME.to_csv(index=False).strip()),
+    "csv of old Macs": lambda folder: text(folder / "drops.csv", FRAME.to_csv(index=False, lineterminator="\r")),
+    "tsv": lambda folder: text(folder / "drops.txt", FRAME.to_csv(index=False, sep="\t")),
+    "semicolons": lambda folder: text(folder / "drops.csv", FRAME.to_csv(index=False, sep=";")),
+    "semicolons and decimal commas": lambda folder: german(folder / "drops.csv"),
+    "parquet by another name": lambda folder: (FRAME.to_parquet(folder / "drops.dat"), folder / "drops.dat")[1],
+    "workbook": lambda folder: workbook(folder / "drops.xlsx", {"Sheet": [HEADER, *ROWS], "Empty": []}),
+    "workbook by another name": lambda folder: workbook(folder / "drops.xls", {"Sheet": [HEADER, *ROWS]}),
+    "pandas": FRAME,
+    "pandas with categories": FRAME.astype({"ball": "category", "height [m]": object}),
+    "pandas of Arrow": FRAME.convert_dtypes(dtype_backend="pyarrow"),
+    "polars": pl.DataFrame(ROWS, schema=HEADER, orient="row", strict=False),
+    "polars lazy": pl.DataFrame(ROWS, schema=HEADER, orient="row", strict=False).lazy(),
+    "pyarrow": pa.Table.from_pandas(FRAME),
+}
+
+
+def load(source, **roles):
+    return trials_from_frame(source, **roles) if not isinstance(source, Path) else read_trials(source, **roles)
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+def test_every_kind_of_table_gives_the_same_trials(kind, tmp_path):
+    source = SOURCES[kind](tmp_path) if callable(SOURCES[kind]) else SOURCES[kind]
+    trials = load(source, **ROLES, states="height", properties=["mass"])
+    units = {"time": "s", "height": "m", "mass": "kg"}
+    assert trials.schema == Schema(("height",), ("wind",), "ball", "drop", "time", units)
+    assert [trial.label for trial in trials] == ["golf, trial 1", "golf, trial 2", "tennis, trial 1"]
+    assert trials.properties == {"golf": {"mass": 0.046}, "tennis": {"mass": 0.057}}
+    assert [trial.times.tolist() for trial in trials] == [[0.0, 0.1], [0.0], [0.0, 0.25]]
+    assert [trial.states[:, 0].tolist() for trial in trials] == [[50.0, 49.95], [40.12345678901234], [30.0, 1 / 3]]
+    assert [trial.inputs[:, 0].tolist() for trial in trials] == [[0.1, 0.2], [0.3], [0.4, 0.5]]
+
+
+def test_columns_without_a_named_role_are_told_apart_and_noted():
+    remarks = {"remark": ["", "a", "b", "c", "d"], "video": [[1], [2], [3], [4], [5]]}
+    frame = FRAME.assign(material=["balata"] * 3 + ["felt"] * 2, **remarks)
+    trials = trials_from_frame(frame, object="ball", trial="drop")
+    assert trials.schema.states == ("height", "wind")
+    assert trials.properties["tennis"] == {"mass": 0.057, "material": "felt"}
+    assert trials.notes == (
+        "mass, material: taken as properties, being constant for each object",
+        "columns left out: remark, video",
+    )
+
+
+def test_a_constant_column_of_a_single_object_is_a_state():
+    assert trials_from_frame(FRAME[:3], object="ball", trial="drop").schema.states == ("height", "wind", "mass")
+
+
+def test_object_trial_and_time_are_found_by_their_names(tmp_path):
+    path = text(tmp_path / "drops.csv", "Object,TRIAL,Time,x\na,1,0,1\na,2,0,1\n")
+    assert read_trials(path).schema == Schema(("x",), (), "Object", "TRIAL", "Time")
+    trials = read_trials(text(tmp_path / "one ball.csv", "T,t,x\n300,0,1\n301,1,2\n"))
+    assert (trials.schema.time, trials.schema.states) == ("t", ("T", "x"))
+    assert trials[0].label == "one ball, trial 1"
+
+
+def test_a_column_is_named_with_its_unit_or_without():
+    for name in ("height", "height [m]", "height (m)"):
+        assert trials_from_frame(FRAME, **ROLES, states=[name]).schema.states == ("height",)
+
+
+def test_brackets_without_a_unit_belong_to_the_name():
+    frame = pd.DataFrame(
+        {"t": [0.0], "x(t)": [1.0], "y (raw)": [2.0], "v (m/(s*s))": [3.0], "z (m)": 1.0, "z (ft)": 3.3}
+    )
+    schema = trials_from_frame(frame).schema
+    assert schema.states == ("x(t)", "y (raw)", "v", "z (m)", "z (ft)")
+    assert schema.units == {"v": "m/(s*s)", "z (m)": "m", "z (ft)": "ft"}
+
+
+def test_units_given_take_precedence_over_headers():
+    units = {"height [m]": "cm", "wind": "m/s", "mass": ""}
+    assert trials_from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}
+
+
+def test_unsorted_times_are_sorted_with_a_note():
+    trials = trials_from_frame(FRAME.iloc[[4, 1, 0, 2, 3]], **ROLES)
+    assert trials[0].times.tolist() == [0.0, 0.25]
+    assert trials[0].states[:, 0].tolist() == [1 / 3 if t else 30.0 for t in trials[0].times]
+    assert [trial.object for trial in trials] == ["tennis", "golf", "golf"]
+    assert trials.notes[-1] == "sorted by time: tennis, trial 1; golf, trial 1"
+
+
+def test_rows_in_which_nothing_stands_are_passed_over(tmp_path):
+    content = ",,\nt,x,\n0,1,\n,,\n1,2,\n,,\n".removeprefix(",,\n")
+    assert read_trials(text(tmp_path / "a.csv", content))[0].states.tolist() == [[1], [2]]
+    path = workbook(tmp_path / "a.xlsx", {"A": [["t", "x"], [0, 1], [None, None], [1, 2]]})
+    assert read_trials(path)[0].states.tolist() == [[1], [2]]
+
+
+def test_properties_come_from_a_file_a_frame_or_a_mapping(tmp_path):
+    frame = pd.DataFrame({"ball": ["tennis", "golf"], "mass [g]": [57.0, None], "maker": ["A", "B"]})
+    path = tmp_path / "balls.csv"
+    frame.to_csv(path, index=False)
+    given = {"tennis": {"mass": 57.0, "maker": "A"}, "golf": {"maker": "B"}}
+    main = FRAME.drop(columns="mass [kg]")
+    for properties in (path, str(path), frame, pl.from_pandas(frame), given):
+        trials = trials_from_frame(main, **ROLES, properties=properties)
+        assert trials.properties == given
+        assert trials.schema.units.get("mass") == ("g" if properties is not given else None)
+
+
+def test_objects_that_the_table_of_properties_lacks_are_noted():
+    trials = trials_from_frame(FRAME, **ROLES, states="height", properties={"golf": {"mass": 1}})
+    assert "no properties are given for tennis" in trials.notes
+
+
+def test_text_that_looks_like_numbers_stays_text_where_the_column_says_so():
+    frame = FRAME.assign(code=["007"] * 3 + ["011"] * 2)
+    assert trials_from_frame(frame, **ROLES, states="height").properties["golf"]["code"] == "007"
+
+
+def test_numbers_in_a_column_of_text_are_read_where_they_are_asked_for():
+    frame = pd.DataFrame({"t": ["0", " 0.1 "], "x": ["+1.5", "1e-3"]}, dtype="str")
+    assert trials_from_frame(frame, states="x")[0].states.tolist() == [[1.5], [1e-3]]
+
+
+def test_sheets_of_the_same_header_are_an_object_each(tmp_path):
+    rows = [["Drop #", "t", "x"], [1, 0.0, 1.0], [2, 0.0, 2.0]]
+    path = workbook(tmp_path / "balls.xlsx", {"Golf": rows, "Sheet2": [], "Tennis": rows[:2]})
+    trials = read_trials(path, trial="Drop #")
+    assert [trial.label for trial in trials] == ["Golf, trial 1", "Golf, trial 2", "Tennis, trial 1"]
+    assert read_trials(path, trial="Drop #", sheet="Golf").objects == ("balls",)
+
+
+def test_the_measured_ball_drops_are_read_as_they_are(ball_drops_folder):
+    trials = read_trials(ball_drops_folder / "Ball_drops_data.xls", trial="Drop #", states="Height")
+    assert len(trials) == 22
+    assert trials.schema == Schema(("Height",), (), "object", "Drop #", "Time", {"Time": "s", "Height": "m"})
+    with (ball_drops_folder / "Ball_drops_data.xls").open("rb") as file:
+        heights = [row[2] for row in openpyxl.load_workbook(file)["Golf Ball"].values if row[0] == 2]
+    assert trials.select(object="Golf Ball", trial=2)[0].states[:, 0].tolist() == heights
+
+
+GOOD = "object,trial,t,height,mass\n" + "".join(f"a,1,{i},{50 - i},2\n" for i in range(20))
+
+
+def changed(row, column, cell):
+    lines = GOOD.splitlines()
+    cells = lines[row].split(",")
+    cells[column] = cell
+    return "\n".join([*lines[:row], ",".join(cells), *lines[row + 1 :], ""])
+
+
+BAD_TEXT = {
+    "empty": ("", {}, "^drops.csv is empty: give a file with a header and rows"),
+    "blank": (" \n\n", {}, "^drops.csv is empty"),
+    "header only": ("t,x\n", {}, "^drops.csv: the table has a header and no row below it"),
+    "header without line end": ("t,x", {}, "a header and no row"),
+    "no such state": (GOOD, {"states": ["hieght"]}, "^drops.csv: unknown column 'hieght': did you mean 'height'"),
+    "no such object": (GOOD, {"object": "ball"}, "^drops.csv: unknown column 'ball'.*Known: object, trial, t, height"),
+    "no such time": (GOOD, {"time": "sec"}, "^drops.csv: unknown column 'sec'"),
+    "no such property": (GOOD, {"properties": "mas"}, "unknown column 'mas': did you mean 'mass'"),
+    "no such unit column": (GOOD, {"units": {"heigt": "m"}}, "unknown column 'heigt': did you mean 'height'"),
+    "no such keyword": (GOOD, {"stats": "x"}, "unknown keyword 'stats': did you mean 'states'"),
+    "unknown unit": (
+        GOOD,
+        {"units": {"height": "metrez"}},
+        r"column 'height': unknown unit 'metrez' \(did you mean 'metre'\?\); write it as pint reads it",
+    ),
+    "unknown unit in a product": (
+        GOOD,
+        {"units": {"height": "m/secnd"}},
+        r"unknown unit 'secnd' in 'm/secnd' \(did you mean 'second'",
+    ),
+    "two roles": (GOOD, {"states": ["height", "t"]}, "column 't' is given two roles"),
+    "no time": ("a,b\n1,2\n", {}, "which column holds the time.*time=...; columns: a, b"),
+    "no state": ("t,b\n1,q\n", {}, r"no column of numbers is left for the states.*states=\[...\]; columns: t, b"),
+    "text in numbers": (
+        changed(17, 3, "abc"),
+        {},
+        r"^drops.csv: column 'height', row 17 \(line 18\), a, trial 1: 'abc' is not a number; repair the cell",
+    ),
+    "text in times": (
+        changed(17, 2, "1:30"),
+        {},
+        r"column 't', row 17 \(line 18\), a, trial 1: '1:30' is not a number",
+    ),
+    "text in a text column": (GOOD, {"states": "object"}, "two roles"),
+    "first of all": (changed(1, 3, "x"), {}, r"column 'height', row 1 \(line 2\)"),
+    "last of all": (changed(20, 3, "x"), {}, r"column 'height', row 20 \(line 21\)"),
+    "after blank lines": ("\n" + changed(4, 3, "x\n\n"), {}, r"row 4 \(line 6\) has 4 cells and the header 5"),
+    "line of a row after a blank line": (
+        changed(17, 3, "abc").replace("\na,1,3,", "\n\na,1,3,"),
+        {},
+        r"row 17 \(line 19\)",
+    ),
+    "missing value": (
+        changed(9, 3, ""),
+        {},
+        r"column 'height', row 9 \(line 10\), a, trial 1: the value is missing; repair the rows or remove them",
+    ),
+    "missing values": (
+        changed(9, 3, "NA").replace("a,1,18,32", "a,1,18,nan"),
+        {},
+        r"row 9 \(line 10\).*is missing \(2 values of the column are missing or infinite\)",
+    ),
+    "infinite value": (
+        changed(9, 3, "-inf"),
+        {},
+        r"column 'height', row 9 \(line 10\), a, trial 1: the value is infinite",
+    ),
+    "missing time": (changed(9, 2, " "), {}, r"column 't', row 9 \(line 10\).*the value is missing"),
+    "missing object": (changed(9, 0, ""), {}, r"column 'object', row 9 \(line 10\): the object is missing \(1 rows"),
+    "missing trial": (changed(9, 1, '""'), {}, r"column 'trial', row 9 \(line 10\): the trial is missing"),
+    "time twice": (
+        changed(17, 2, "3.0"),
+        {},
+        r"^drops.csv: a, trial 1: the time 3 is there twice, in row 4 \(line 5\) and in row 17 \(line 18\); rem",
+    ),
+    "property of two values": (
+        changed(5, 4, "3"),
+        {"properties": ["mass"]},
+        r"property 'mass' of a is 2.0 in row 1 \(line 2\) and 3.0 in row 5 \(line 6\); an object has one value",
+    ),
+    "header twice": ("t,x,x\n0,1,2\n", {}, "^drops.csv: the header 'x' is there twice, in columns 2 and 3"),
+    "header twice but for blanks": ("t,x, x\n0,1,2\n", {}, "the header 'x' is there twice, in columns 2 and 3"),
+    "mark of Excel and no more": (b"\xef\xbb\xbf\n", {}, "^drops.csv is empty"),
+    "a quotation mark without end": ('"t,x\n' + "0,1\n" * 40_000, {}, "^drops.csv, line .*check the quotation marks"),
+    "no header": (",t,x\n0,1,2\n", {}, "^drops.csv: column 1 has no header"),
+    "too many cells": ("t,x\n0,1\n1,2,3\n", {}, r"^drops.csv: row 2 \(line 3\) has 3 cells and the header 2"),
+    "Latin text": ("t,x\n0,1\n1,é\n".encode("latin1"), {}, "^drops.csv, line 3: byte 0xe9 is not UTF-8 text; save"),
+    "UTF-16": ("t,x\n0,1\n".encode("utf-16"), {}, "^drops.csv is text in UTF-16: save it as UTF-8"),
+    "binary": (b"t,x\n\x00\x01\n", {}, "neither text nor a workbook nor Parquet"),
+    "damaged Parquet": (b"PAR1 and no more", {}, "drops.csv is a damaged Parquet file"),
+    "damaged workbook": (
+        b"PK\x03\x04 and no more",
+        {},
+        "drops.csv cannot be read as a workbook.*save it as xlsx or CSV",
+    ),
+    "a sheet of text": (GOOD, {"sheet": "A"}, "drops.csv is not a workbook and has no sheet 'A'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TEXT)
+def test_a_file_that_cannot_be_used_is_refused_with_place_and_remedy(case, tmp_path):
+    content, roles, message = BAD_TEXT[case]
+    with pytest.raises(CommonlawError, match=message):
+        read_trials(text(tmp_path / "drops.csv", content), **roles)
+
+
+def test_a_missing_file_is_named_with_the_nearest_one(tmp_path):
+    text(tmp_path / "drops.csv", GOOD)
+    with pytest.raises(CommonlawError, match=r"there is no file 'drop.csv' in .*: did you mean 'drops.csv'"):
+        read_trials(tmp_path / "drop.csv")
+    with pytest.raises(CommonlawError, match="nor a folder"):
+        read_trials(tmp_path / "nowhere" / "drops.csv")
+    with pytest.raises(CommonlawError, match="is a folder: name a file in it"):
+        read_trials(tmp_path)
+
+
+def test_workbooks_that_cannot_be_used_are_refused(tmp_path):
+    path = workbook(tmp_path / "a.xlsx", {"A": [["t", "x"], [0, 1]], "B": [["t", "y"], [0, "abc"], [1, 2], [2, 3]]})
+    with pytest.raises(
+        CommonlawError, match=r"different headers, choose one with sheet=...: 'A' \(t \| x\); 'B' \(t \| y"
+    ):
+        read_trials(path)
+    with pytest.raises(CommonlawError, match=r"a.xlsx: unknown sheet 'a': did you mean 'A'"):
+        read_trials(path, sheet="a")
+    with pytest.raises(CommonlawError, match=r"a.xlsx: column 'y', row 1, a, trial 1: 'abc' is not a number"):
+        read_trials(path, sheet="B")
+    with pytest.raises(CommonlawError, match="there is nothing in the workbook"):
+        read_trials(workbook(tmp_path / "b.xlsx", {"A": []}))
+    rows = [["t", "x"], [0, 1], [1, None]]
+    with pytest.raises(CommonlawError, match="column 'x', row 2 of sheet 'B', B, trial 1: the value is missing"):
+        read_trials(workbook(tmp_path / "c.xlsx", {"A": rows[:2], "B": rows}))
+
+
+BAD_FRAMES = {
+    "not a frame": ([1, 2], {}, "cannot read a table from list: give a pandas, polars or pyarrow frame"),
+    "header twice": (
+        pd.DataFrame([[1, 2]], columns=["t", "t"]),
+        {},
+        "unique column names.*'t' 2 times; give each column",
+    ),
+    "no rows": (pd.DataFrame({"t": [], "x": []}), {}, "the frame: the table has a header and no row"),
+    "dates": (
+        pd.DataFrame({"t": pd.to_datetime(["2020-01-01"]), "x": 1.0}),
+        {},
+        "'t' holds timestamp.*give it as numbers",
+    ),
+    "a missing number": (
+        pl.DataFrame({"t": [0, 1], "x": [1.0, None]}),
+        {},
+        "column 'x', row 2, object, trial 1: the value is m",
+    ),
+    "mixed cells": (
+        pd.DataFrame({"t": [0, 1, 2], "x": [1.0, "abc", 2]}),
+        {},
+        "column 'x', row 2, .*'abc' is not a number",
+    ),
+    "lists": (pd.DataFrame({"t": [0], "x": [[1, 2]]}), {"states": "x"}, "column 'x' holds list.*give it as numbers"),
+    "missing object": (
+        pd.DataFrame({"object": ["a", None], "t": 0, "x": 1}),
+        {},
+        "column 'object', row 2: the object is m",
+    ),
+    "other key": (
+        FRAME,
+        {**ROLES, "properties": pd.DataFrame({"bal": ["golf"]})},
+        "unknown column 'bal.*stand in 'ball'",
+    ),
+    "properties of no trial": (FRAME, {**ROLES, "properties": {"squash": {"mass": 1}}}, "without trials: squash"),
+    "no file of properties": (FRAME, {**ROLES, "properties": "balls.csv"}, "there is no file 'balls.csv'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FRAMES)
+def test_a_frame_that_cannot_be_used_is_refused_with_place_and_remedy(case):
+    frame, roles, message = BAD_FRAMES[case]
+    with pytest.raises(CommonlawError, match=message):
+        trials_from_frame(frame, **roles)
+
+
+def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
+    trials = trials_from_frame(FRAME, **ROLES, properties=["mass"])
+    trials.to_parquet(tmp_path / "drops.parquet")
+    assert Trials.read(tmp_path / "drops.parquet").schema == trials.schema
+    assert Trials.read(tmp_path / "drops.parquet", inputs=()).schema == trials.schema
+    assert Trials.read(tmp_path / "drops.parquet", states=["wind"], inputs=["height"]).schema.states == ("wind",)
+    assert pq.read_table(tmp_path / "drops.parquet").column_names == [
+        "ball", "drop", "time [s]", "height [m]", "wind", "mass [kg]",
+    ]  # fmt: skip
+
+
+def test_a_frame_goes_out_as_it_came_in():
+    trials = trials_from_frame(FRAME, **ROLES, properties=["mass"])
+    out = trials.to_frame()
+    assert list(out.columns) == ["ball", "drop", "time", "height", "wind", "mass"]
+    assert out["ball"].tolist() == FRAME["ball"].tolist()
+    np.testing.assert_array_equal(out["height"], FRAME["height [m]"])
+    again = Trials.from_frame(out, **ROLES, properties=["mass"], units=trials.schema.units)
+    assert (again.schema, again.properties) == (trials.schema, trials.properties)
+
+
+def test_a_unit_that_no_reader_would_know_is_not_written(tmp_path):
+    trials = Trials.from_arrays([0, 1], [1, 2])
+    trials = Trials(trials.trials, Schema(("x",), units={"x": "furlog"}))
+    with pytest.raises(CommonlawError, match=r"column 'x': unknown unit 'furlog' \(did you mean 'furlong'"):
+        trials.to_csv(tmp_path / "a.csv")
+    assert not list(tmp_path.iterdir())
