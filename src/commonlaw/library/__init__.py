@@ -1,0 +1,91 @@
+"""Candidate terms of a law, and the families that list them."""
+
+from collections.abc import Callable
+from functools import reduce
+from operator import add, mul
+
+from commonlaw.library.algebra import ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
+from commonlaw.library.base import AbstractLibrary, AbstractTerm, Terms, Variables
+from commonlaw.library.constant import ConstantLibrary
+from commonlaw.library.expression import Expression
+from commonlaw.library.expressions import ExpressionLibrary
+from commonlaw.library.fourier import FourierLibrary
+from commonlaw.library.monomial import Monomial
+from commonlaw.library.parse import parse_term
+from commonlaw.library.polynomial import PolynomialLibrary
+from commonlaw.library.product import Product
+from commonlaw.library.rational import RationalLibrary
+from commonlaw.library.trigonometric import Trigonometric
+from commonlaw.library.units import term_unit
+from commonlaw.spec import parse_spec
+
+__all__ = [
+    "AbstractLibrary",
+    "AbstractTerm",
+    "ConstantLibrary",
+    "Expression",
+    "ExpressionLibrary",
+    "FourierLibrary",
+    "Monomial",
+    "PolynomialLibrary",
+    "Product",
+    "ProductLibrary",
+    "RationalLibrary",
+    "ReducedLibrary",
+    "SelectedLibrary",
+    "SumLibrary",
+    "Terms",
+    "Trigonometric",
+    "Variables",
+    "parse_library",
+    "parse_term",
+    "term_unit",
+]
+
+
+def parse_library(text: str) -> AbstractLibrary:
+    """Return the library that a text names.
+
+    Parameters
+    ----------
+    text
+        ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, or several of them
+        joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``. Inside a library there are no such
+        spaces: ``terms:1+x``, not ``terms:1 + x``. Variables are listed with commas: ``poly:3:x,v``.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such library or its arguments do not fit.
+
+    Examples
+    --------
+    >>> parse_library("poly:1 + terms:v*abs(v)").bind(Variables(("x", "v"))).names
+    ('1', 'x', 'v', 'v*abs(v)')
+    """
+    sums = [[_one(each) for each in part.split(" * ")] for part in text.strip().split(" + ")]
+    return reduce(add, (reduce(mul, factors) for factors in sums))
+
+
+def _one(text: str) -> AbstractLibrary:
+    makers: dict[str, Callable[..., AbstractLibrary]] = {
+        "poly": PolynomialLibrary,
+        "fourier": FourierLibrary,
+        "rational": RationalLibrary,
+        "terms": _listed,
+        "constant": ConstantLibrary,
+    }
+    return parse_spec("library", text.strip(), makers)
+
+
+def _listed(expressions: str) -> AbstractLibrary:
+    """Return the library of expressions between commas; commas in parentheses or backticks do not count."""
+    pieces, depth, quoted = [""], 0, False
+    for each in str(expressions):
+        quoted ^= each == "`"
+        depth += 0 if quoted else (each == "(") - (each == ")")
+        if each == "," and depth == 0 and not quoted:
+            pieces.append("")
+        else:
+            pieces[-1] += each
+    return ExpressionLibrary(*(piece.strip() for piece in pieces))

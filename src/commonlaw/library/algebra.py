@@ -1,0 +1,77 @@
+"""Sums and products of libraries, and libraries without some of their terms."""
+
+from dataclasses import dataclass
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.base import AbstractLibrary, Terms, Variables
+from commonlaw.library.product import multiply
+
+
+@dataclass(frozen=True)
+class SumLibrary(AbstractLibrary):
+    """The terms of one library and then those of another; a term of both is there once."""
+
+    left: AbstractLibrary
+    right: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        """Return the terms of both."""
+        left, right = self.left.bind(variables), self.right.bind(variables)
+        return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
+
+
+@dataclass(frozen=True)
+class ProductLibrary(AbstractLibrary):
+    """Every product of a term of one library and a term of another; equal products are there once."""
+
+    left: AbstractLibrary
+    right: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        """Return the products."""
+        left, right, size = self.left.bind(variables), self.right.bind(variables), len(variables.names)
+        products = (multiply((a, b), size) for a in left.terms for b in right.terms)
+        return Terms(variables, tuple(dict.fromkeys(products)))
+
+
+@dataclass(frozen=True)
+class SelectedLibrary(AbstractLibrary):
+    """Some terms of a library, in the order in which they are named."""
+
+    library: AbstractLibrary
+    names: tuple[str, ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        """Return the named terms.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no term of some name, or none is named.
+        """
+        terms = self.library.bind(variables)
+        if not self.names:
+            raise CommonlawError(f"no term is selected; choose from {', '.join(terms.names)}")
+        return terms.take(tuple(dict.fromkeys(terms.index(name) for name in self.names)))
+
+
+@dataclass(frozen=True)
+class ReducedLibrary(AbstractLibrary):
+    """The terms of a library but some."""
+
+    library: AbstractLibrary
+    names: tuple[str, ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        """Return the terms that are not named.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no term of some name, or none is left.
+        """
+        terms = self.library.bind(variables)
+        dropped = {terms.index(name) for name in self.names}
+        if len(dropped) == len(terms):
+            raise CommonlawError(f"without {', '.join(self.names)} no term is left in the library: keep at least one")
+        return terms.take([i for i in range(len(terms)) if i not in dropped])

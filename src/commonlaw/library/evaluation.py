@@ -1,0 +1,113 @@
+"""Computing many terms from one another, each distinct part once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from commonlaw.library.base import AbstractTerm
+
+Floats = NDArray[np.float64]
+Operation = tuple[np.ufunc, int, int]
+
+
+def slope(operation: np.ufunc, left: Floats, right: Floats, d_left: Floats, d_right: Floats) -> Floats:
+    """Return the derivative of a product (`numpy.multiply`) or a quotient (`numpy.divide`).
+
+    Parameters
+    ----------
+    operation
+        What makes the term out of its two parts.
+    left, right
+        Values of the parts, shape (n,).
+    d_left, d_right
+        Their derivatives by every variable, shape (variables, n).
+    """
+    if operation is np.multiply:
+        result: Floats = d_left * right + left * d_right
+    else:
+        result = (d_left - left / right * d_right) / right
+    return result
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The order in which terms are computed: what has parts after its parts, the rest directly.
+
+    A polynomial then costs one multiplication a term: ``x^2 v`` is the column ``x^2`` times the column ``v``. Each
+    term has one way of being computed, so its value does not depend on the others.
+
+    Parameters
+    ----------
+    steps
+        What is computed, in order: a term, and either the operation and the earlier steps that make it, or nothing.
+    places
+        The step that gives each wanted term.
+    """
+
+    steps: tuple[tuple["AbstractTerm", Operation | None], ...]
+    places: tuple[int, ...]
+
+    @classmethod
+    def of(cls, terms: Sequence["AbstractTerm"]) -> "Plan":
+        """Return the plan that computes these terms."""
+        found: dict[AbstractTerm, int] = {}
+        steps: list[tuple[AbstractTerm, Operation | None]] = []
+
+        def place(term: "AbstractTerm") -> int:
+            if term not in found:
+                parts = term.parts()
+                operation = None if parts is None else (parts[0], place(parts[1]), place(parts[2]))
+                found[term] = len(steps)
+                steps.append((term, operation))
+            return found[term]
+
+        places = tuple(place(term) for term in terms)
+        return cls(tuple(steps), places)
+
+    def evaluate(self, values: Floats) -> Floats:
+        """Return the wanted terms as the columns of a matrix in Fortran order, shape (n, terms)."""
+        matrix = np.empty((len(values), len(self.places)), order="F")
+        self._fill(values, matrix)
+        return matrix
+
+    def jacobian(self, values: Floats) -> Floats:
+        """Return the derivatives of the wanted terms by every variable, shape (n, terms, variables)."""
+        columns = self._fill(values, np.empty((len(values), len(self.places)), order="F"))
+        slopes: list[Floats] = []
+        with np.errstate(all="ignore"):
+            for term, operation in self.steps:
+                if operation is None:
+                    slopes.append(term.gradient(values).T)
+                else:
+                    kind, left, right = operation
+                    slopes.append(slope(kind, columns[left], columns[right], slopes[left], slopes[right]))
+        result = np.empty((len(self.places), values.shape[1], len(values)))
+        for block, step in zip(result, self.places, strict=True):
+            block[:] = slopes[step]
+        return result.transpose(2, 0, 1)
+
+    def _fill(self, values: Floats, matrix: Floats) -> list[Floats]:
+        """Fill the matrix of wanted terms and return the column of every step."""
+        columns: list[Floats | None] = [None] * len(self.steps)
+        wanted = list(matrix.T)
+        for column, step in zip(wanted, self.places, strict=True):
+            columns[step] = column
+        done: list[Floats] = []
+        with np.errstate(all="ignore"):
+            for (term, operation), out in zip(self.steps, columns, strict=True):
+                if operation is not None:
+                    kind, left, right = operation
+                    done.append(kind(done[left], done[right], out))
+                elif out is None:
+                    done.append(term.evaluate(values))
+                else:
+                    out[:] = term.evaluate(values)
+                    done.append(out)
+        for column, step in zip(wanted, self.places, strict=True):
+            if done[step] is not column:  # A term that is wanted twice
+                column[:] = done[step]
+        return done

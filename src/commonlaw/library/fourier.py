@@ -1,0 +1,52 @@
+"""Sines and cosines of the variables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.base import AbstractLibrary, Terms, Variables, checked_names
+from commonlaw.library.trigonometric import Trigonometric
+
+
+@dataclass(frozen=True)
+class FourierLibrary(AbstractLibrary):
+    """Sines and cosines of whole multiples of each variable, lower multiples first.
+
+    Parameters
+    ----------
+    frequencies
+        The highest multiple.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, but not time.
+
+    Examples
+    --------
+    >>> FourierLibrary(2).bind(Variables(("x",))).names
+    ('sin(x)', 'cos(x)', 'sin(2 x)', 'cos(2 x)')
+    """
+
+    frequencies: int = 1
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", checked_names(self.variables))
+        if not isinstance(self.frequencies, int) or not 1 <= self.frequencies <= 1000:
+            raise CommonlawError(
+                f"the frequencies of a Fourier library must be a whole number from 1 to 1000, not {self.frequencies}"
+            )
+
+    def bind(self, variables: Variables) -> Terms:
+        """Return the sines and cosines.
+
+        Raises
+        ------
+        CommonlawError
+            If a variable is not there.
+        """
+        terms = [
+            term
+            for frequency in range(1, self.frequencies + 1)
+            for column in variables.columns(self.variables)
+            for term in (Trigonometric("sin", frequency, column), Trigonometric("cos", frequency, column))
+        ]
+        return Terms(variables, tuple(terms))

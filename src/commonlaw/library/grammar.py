@@ -1,0 +1,218 @@
+"""The small language that terms are written in, read without ever running what it says.
+
+A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number above, and the
+`FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is read by
+Python's parser, never by its evaluator, and what is long, deep or huge is refused.
+"""
+
+import ast
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import add, mul, neg, pow, sub, truediv
+from typing import Any
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError, unknown
+
+LONGEST = 1000
+DEEPEST = 60
+HIGHEST_POWER = 100
+LARGEST_NUMBER = 1e100
+
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "arctan": np.arctan,
+    "sign": np.sign,
+}
+_OTHER_NAMES = {"atan": "arctan"}
+_OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: add,
+    ast.Sub: sub,
+    ast.Mult: mul,
+    ast.Div: truediv,
+    ast.Pow: pow,
+}
+_TOKEN = re.compile(
+    r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<bad>[^\s+\-*/().])"
+)
+_COLUMN = re.compile(r"v(\d+)")
+
+
+@dataclass(frozen=True)
+class Algebra:
+    """What a tree is computed in: how a number is written, and the functions."""
+
+    number: Callable[[float], Any]
+    functions: Mapping[str, Callable[..., Any]]
+
+
+NUMPY = Algebra(float, FUNCTIONS)
+Compiled = Callable[[Any, Algebra], Any]
+
+
+def read(text: str, names: Sequence[str]) -> ast.expr:
+    """Return the tree of an expression, the variable of column i written as the name ``v<i>``.
+
+    Raises
+    ------
+    CommonlawError
+        If the text is not an expression of the language, or too long, too deep or too large.
+    """
+    shown = text if len(text) <= 60 else f"{text[:57]}..."
+    if len(text) > LONGEST:
+        raise CommonlawError(f"the term {shown!r} has {len(text)} characters: write it in at most {LONGEST}")
+    try:
+        code = _TOKEN.sub(lambda token: _translated(token, names), text.strip())
+        tree = _parsed(code, names)
+        _check(tree, 0, 1)
+    except CommonlawError as error:
+        raise CommonlawError(f"cannot read the term {shown!r}: {error}") from None
+    except (RecursionError, MemoryError):
+        raise CommonlawError(f"cannot read the term {shown!r}: it is nested too deep, write it flatter") from None
+    return tree
+
+
+def write(tree: ast.expr) -> str:
+    """Return the tree as a text over the names ``v<i>``, always the same for the same tree."""
+    return re.sub(r" (\*\*|\*|/) ", r"\1", ast.unparse(tree))
+
+
+def with_names(code: str, names: Sequence[str]) -> str:
+    """Return what `write` returned with names in place of ``v<i>``."""
+    return _COLUMN.sub(lambda match: names[int(match[1])], code)
+
+
+def columns_in(code: str) -> frozenset[int]:
+    """Return the columns of the variables in what `write` returned."""
+    return frozenset(int(each) for each in _COLUMN.findall(code))
+
+
+@lru_cache(maxsize=4096)
+def compiled(code: str) -> Compiled:
+    """Return the function of variables, by column, and an algebra that computes what `write` returned.
+
+    Examples
+    --------
+    >>> compiled("v0*abs(v1)")([2.0, -3.0], NUMPY)
+    np.float64(6.0)
+    """
+    return _compiled(ast.parse(code, mode="eval").body)
+
+
+def constant(tree: ast.expr) -> float | None:
+    """Return the number that a tree without variables is; nothing for any other."""
+    if columns_in(ast.unparse(tree)):
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            return float(_compiled(tree)((), Algebra(np.float64, FUNCTIONS)))
+    except OverflowError:
+        return float("inf")
+
+
+def _translated(token: re.Match[str], names: Sequence[str]) -> str:
+    """Return a token of the language as one of Python, names replaced by columns."""
+    text, kind = token[0], token.lastgroup
+    if kind == "power":
+        return "**"
+    if kind == "bad":
+        raise CommonlawError(f"the character {text!r} has no place in it")
+    if kind == "function":
+        if text in names:
+            raise CommonlawError(f"{text} is a variable, not a function: write products with '*'")
+        function = _OTHER_NAMES.get(text, text)
+        if function not in FUNCTIONS:
+            raise unknown("function", text, FUNCTIONS)
+        return function
+    if kind == "number":
+        return text
+    name = text if kind == "name" else token["quoted"].replace("``", "`")
+    if name not in names:
+        raise unknown("variable", name, names)
+    return f"v{names.index(name)}"
+
+
+def _parsed(code: str, names: Sequence[str]) -> ast.expr:
+    try:
+        return ast.parse(code, mode="eval").body
+    except SyntaxError as error:
+        place = with_names(code[max(0, (error.offset or 1) - 1) :], names)
+        where = f"near {place[:30]!r}" if place else "at its end"
+        raise CommonlawError(f"it goes wrong {where}; write it like 'x**2*v' or 'v*abs(v)'") from None
+
+
+def _check(tree: ast.expr, depth: int, power: float) -> None:
+    """Refuse what the language does not have, or what could take for ever to compute."""
+    if depth > DEEPEST:
+        raise CommonlawError(f"it is nested deeper than {DEEPEST} levels: write it with fewer")
+    inside: tuple[ast.expr, ...] = ()
+    match tree:
+        case ast.Constant(value=int() | float()) | ast.Name():
+            pass
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            inside = (operand,)
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            power *= _checked_exponent(exponent, depth)
+            inside = (base,)
+        case ast.BinOp(op=ast.Div(), right=right) if constant(right) == 0:
+            raise CommonlawError("it divides by zero")
+        case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div(), left=left, right=right):
+            inside = (left, right)
+        case ast.Call(func=ast.Name(id=name), args=[operand], keywords=[]) if name in FUNCTIONS:
+            inside = (operand,)
+        case _:
+            raise CommonlawError(
+                "it may hold nothing but numbers, variables, + - * / **, parentheses, and these functions of one "
+                f"argument: {', '.join(FUNCTIONS)}"
+            )
+    for each in inside:
+        _check(each, depth + 1, power)
+    if power > HIGHEST_POWER:
+        raise CommonlawError(f"its powers go beyond {HIGHEST_POWER}: write smaller ones")
+    number = constant(tree)
+    if number is not None and not abs(number) <= LARGEST_NUMBER:
+        raise CommonlawError(f"the number {ast.unparse(tree)[:30]!r} is not finite or beyond {LARGEST_NUMBER:g}")
+
+
+def _checked_exponent(tree: ast.expr, depth: int) -> float:
+    """Return the size of an exponent, at least 1."""
+    _check(tree, depth + 1, 1)
+    exponent = constant(tree)
+    if exponent is None:
+        raise CommonlawError("an exponent must be a number; write exp(v*log(x)) for x to the power v")
+    return max(1.0, abs(exponent))
+
+
+def _compiled(tree: ast.expr) -> Compiled:
+    match tree:
+        case ast.Name(id=name):
+            column = int(name[1:])
+            return lambda variables, _: variables[column]
+        case ast.Constant(value=int() | float() as number):
+            return lambda _, algebra: algebra.number(number)
+        case ast.UnaryOp(op=op, operand=operand):
+            inner = _compiled(operand)
+            if isinstance(op, ast.UAdd):
+                return inner
+            return lambda variables, algebra: neg(inner(variables, algebra))
+        case ast.BinOp(op=op, left=left, right=right):
+            operator, first, second = _OPERATORS[type(op)], _compiled(left), _compiled(right)
+            return lambda variables, algebra: operator(first(variables, algebra), second(variables, algebra))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            inner = _compiled(argument)
+            return lambda variables, algebra: algebra.functions[name](inner(variables, algebra))
+        case _:
+            raise CommonlawError(f"{ast.unparse(tree)[:30]!r} is not an expression of the language of terms")

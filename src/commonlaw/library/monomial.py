@@ -1,0 +1,107 @@
+"""Products of powers of variables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.library.base import AbstractTerm
+from commonlaw.library.naming import latex_name, powered, quoted
+
+if TYPE_CHECKING:
+    import sympy
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Monomial(AbstractTerm):
+    """A product of powers of variables, such as ``x^2 v``; without any it is the constant 1.
+
+    Parameters
+    ----------
+    exponents
+        The power of each variable, none negative, shape (number of variables).
+    """
+
+    exponents: tuple[int, ...]
+
+    @property
+    def degree(self) -> int:
+        """The sum of the exponents."""
+        return sum(self.exponents)
+
+    @cached_property
+    def _factors(self) -> tuple[int, ...]:
+        """The column of each factor, repeated for powers."""
+        return tuple(i for i, power in enumerate(self.exponents) for _ in range(power))
+
+    def evaluate(self, values: Floats) -> Floats:
+        """Return the values, shape (n,)."""
+        if not self._factors:
+            return np.ones(len(values))
+        first, *others = self._factors
+        result = values[:, first].copy()
+        if others:
+            with np.errstate(all="ignore"):
+                for i in others:
+                    result *= values[:, i]
+        return result
+
+    def gradient(self, values: Floats) -> Floats:
+        """Return the partial derivatives, shape (n, number of variables)."""
+        result = np.zeros(values.shape)
+        with np.errstate(all="ignore"):
+            for i in self.columns():
+                result[:, i] = self.exponents[i] * self._lowered(i).evaluate(values)
+        return result
+
+    def parts(self) -> tuple[np.ufunc, AbstractTerm, AbstractTerm] | None:
+        """Return the monomial of one degree less, and the last variable."""
+        if self.degree < 2:
+            return None
+        last = max(self.columns())
+        return np.multiply, self._lowered(last), variable(last, len(self.exponents))
+
+    def columns(self) -> frozenset[int]:
+        """Return the columns of the variables in it."""
+        return frozenset(i for i, power in enumerate(self.exponents) if power)
+
+    def text(self, names: Sequence[str]) -> str:
+        """Return ``x^2 v``."""
+        return " ".join(self.powers(names)) or "1"
+
+    def powers(self, names: Sequence[str]) -> list[str]:
+        """Return the powers that it is the product of: ``x^2`` and ``v``."""
+        return [powered(name, power) for name, power in zip(names, self.exponents, strict=True) if power]
+
+    def expression(self, names: Sequence[str]) -> str:
+        """Return ``x**2*v``."""
+        return "*".join(self.factors(names)) or "1"
+
+    def factors(self, names: Sequence[str]) -> list[str]:
+        """Return the expressions that it is the product of: ``x**2`` and ``v``."""
+        powers = ((quoted(name), power) for name, power in zip(names, self.exponents, strict=True) if power)
+        return [name if power == 1 else f"{name}**{power}" for name, power in powers]
+
+    def latex(self, names: Sequence[str]) -> str:
+        """Return ``x^{2} v``."""
+        powers = ((latex_name(name), power) for name, power in zip(names, self.exponents, strict=True) if power)
+        return " ".join(name if power == 1 else f"{name}^{{{power}}}" for name, power in powers) or "1"
+
+    def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
+        """Return the product of powers of the symbols."""
+        import sympy
+
+        return sympy.Mul(*(symbol**power for symbol, power in zip(symbols, self.exponents, strict=True)))
+
+    def _lowered(self, column: int) -> "Monomial":
+        return Monomial(tuple(power - (i == column) for i, power in enumerate(self.exponents)))
+
+
+def variable(column: int, count: int) -> Monomial:
+    """Return the term that is one of `count` variables."""
+    return Monomial(tuple(int(i == column) for i in range(count)))

@@ -1,0 +1,183 @@
+"""Products and quotients of terms, in one form each."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.base import AbstractTerm
+from commonlaw.library.evaluation import slope
+from commonlaw.library.expression import Expression
+from commonlaw.library.grammar import HIGHEST_POWER
+from commonlaw.library.monomial import Monomial
+
+if TYPE_CHECKING:
+    import sympy
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Product(AbstractTerm):
+    """A product of terms, divided by others: ``x sin(x)``, ``v*abs(v)``, ``x/(1 + x^2)``.
+
+    `multiply` and `multiply_powers` make it, in the one form in which equal products compare equal: a monomial first
+    if there is one, then sines and cosines, then expressions; what stands above and below is cancelled.
+
+    Parameters
+    ----------
+    factors
+        What is multiplied; a power is written as repeated factors.
+    divisors
+        What the product is divided by.
+    size
+        The number of variables.
+    """
+
+    factors: tuple[AbstractTerm, ...]
+    divisors: tuple[AbstractTerm, ...]
+    size: int
+
+    def evaluate(self, values: Floats) -> Floats:
+        """Return the values, shape (n,)."""
+        operation, left, right = self.parts()
+        with np.errstate(all="ignore"):
+            result: Floats = operation(left.evaluate(values), right.evaluate(values))
+        return result
+
+    def gradient(self, values: Floats) -> Floats:
+        """Return the partial derivatives, shape (n, number of variables)."""
+        operation, left, right = self.parts()
+        d_left, d_right = left.gradient(values).T, right.gradient(values).T
+        with np.errstate(all="ignore"):
+            return slope(operation, left.evaluate(values), right.evaluate(values), d_left, d_right).T
+
+    def parts(self) -> tuple[np.ufunc, AbstractTerm, AbstractTerm]:
+        """Return numerator and denominator, or without one the last factor and all before it."""
+        if self.divisors:
+            return np.divide, self._of(self.factors), self._of(self.divisors)
+        return np.multiply, self._of(self.factors[:-1]), self.factors[-1]
+
+    def columns(self) -> frozenset[int]:
+        """Return the columns of the variables in it."""
+        return frozenset().union(*(each.columns() for each in (*self.factors, *self.divisors)))
+
+    def text(self, names: Sequence[str]) -> str:
+        """Return ``x^2 sin(x)``, ``v*abs(v)``, ``x/(1 + x^2)``."""
+
+        def piece(term: AbstractTerm, power: int) -> list[str]:
+            if isinstance(term, Monomial):
+                return term.powers(names)
+            return [_raised(term, term.text(names), power, "^")]
+
+        loose = not any(isinstance(each, Expression) for each in self.factors)
+        return _fraction(_pieces(self.factors, piece), _pieces(self.divisors, piece), " " if loose else "*")
+
+    def expression(self, names: Sequence[str]) -> str:
+        """Return ``x**2*sin(x)``."""
+
+        def piece(term: AbstractTerm, power: int) -> list[str]:
+            if isinstance(term, Monomial):
+                return term.factors(names)
+            return [_raised(term, term.expression(names), power, "**")]
+
+        return _fraction(_pieces(self.factors, piece), _pieces(self.divisors, piece), "*")
+
+    def latex(self, names: Sequence[str]) -> str:
+        r"""Return ``x^{2} \sin(x)``, ``\frac{x}{x^{2} + 1}``."""
+        above = _latex_product(self.factors, names) or "1"
+        return rf"\frac{{{above}}}{{{_latex_product(self.divisors, names)}}}" if self.divisors else above
+
+    def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
+        """Return the product of the factors' SymPy forms, divided by that of the divisors'."""
+        import sympy
+
+        above, below = (sympy.Mul(*(each.sympy(symbols) for each in side)) for side in (self.factors, self.divisors))
+        return above / below
+
+    def _of(self, factors: tuple[AbstractTerm, ...]) -> AbstractTerm:
+        return _product(factors, (), self.size)
+
+
+def multiply(terms: Iterable[AbstractTerm], size: int) -> AbstractTerm:
+    """Return the product of terms over `size` variables: a product of monomials is one monomial, and so on."""
+    return multiply_powers(Counter(terms), size)
+
+
+def multiply_powers(powers: Mapping[AbstractTerm, int], size: int) -> AbstractTerm:
+    """Return the product of whole powers of terms over `size` variables; a negative power divides.
+
+    Raises
+    ------
+    CommonlawError
+        If the powers add up to more than 100.
+    """
+    exponents, others = [0] * size, Counter[AbstractTerm]()
+
+    def collect(term: AbstractTerm, power: int) -> None:
+        if isinstance(term, Monomial):
+            for i, exponent in enumerate(term.exponents):
+                exponents[i] += exponent * power
+        elif isinstance(term, Product):
+            for sign, side in ((1, term.factors), (-1, term.divisors)):
+                for each in side:
+                    collect(each, sign * power)
+        else:
+            others[term] += power
+
+    for term, power in powers.items():
+        collect(term, power)
+    if sum(map(abs, (*exponents, *others.values()))) > HIGHEST_POWER:
+        raise CommonlawError(f"the powers in a term add up to more than {HIGHEST_POWER}: write smaller ones")
+    above, below = (
+        _side([max(0, sign * each) for each in exponents], {key: sign * each for key, each in others.items()})
+        for sign in (1, -1)
+    )
+    return _product(above, below, size)
+
+
+def _side(exponents: Sequence[int], others: Mapping[AbstractTerm, int]) -> tuple[AbstractTerm, ...]:
+    """Return the factors of positive power, in their fixed order."""
+    ordered = sorted(others, key=lambda each: (isinstance(each, Expression), repr(each)))
+    repeated = tuple(each for each in ordered for _ in range(others[each]))
+    return (Monomial(tuple(exponents)), *repeated) if any(exponents) else repeated
+
+
+def _product(factors: tuple[AbstractTerm, ...], divisors: tuple[AbstractTerm, ...], size: int) -> AbstractTerm:
+    """Return the product of factors that are in their fixed order; one factor is no product."""
+    if divisors or len(factors) > 1:
+        return Product(factors, divisors, size)
+    return factors[0] if factors else Monomial((0,) * size)
+
+
+def _pieces(factors: Sequence[AbstractTerm], piece: Callable[[AbstractTerm, int], list[str]]) -> list[str]:
+    return [each for term, power in Counter(factors).items() for each in piece(term, power)]
+
+
+def _fraction(above: list[str], below: list[str], separator: str) -> str:
+    numerator = separator.join(above) or "1"
+    if not below:
+        return numerator
+    return f"{numerator}/{below[0]}" if len(below) == 1 else f"{numerator}/({separator.join(below)})"
+
+
+def _raised(term: AbstractTerm, text: str, power: int, sign: str) -> str:
+    """Return a power of a factor, in parentheses where they are needed."""
+    if isinstance(term, Expression) and (term.is_sum or (power > 1 and not term.is_call)):
+        text = f"({text})"
+    return text if power == 1 else f"{text}{sign}{power}"
+
+
+def _latex_product(factors: tuple[AbstractTerm, ...], names: Sequence[str]) -> str:
+    pieces = []
+    for term, power in Counter(factors).items():
+        latex = term.latex(names)
+        alone = power == 1 and len(factors) == 1
+        if power > 1 or (isinstance(term, Expression) and term.is_sum and not alone):
+            latex = rf"\left({latex}\right)"
+        pieces.append(latex if power == 1 else f"{latex}^{{{power}}}")
+    return " ".join(pieces)

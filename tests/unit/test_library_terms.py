@@ -1,0 +1,272 @@
+"""Single terms: how they are written, read, and what they are worth; their units."""
+
+import pickle
+import time
+
+import numpy as np
+import pytest
+import sympy
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library import (
+    Expression,
+    ExpressionLibrary,
+    Monomial,
+    PolynomialLibrary,
+    Product,
+    Trigonometric,
+    Variables,
+    parse_term,
+    term_unit,
+)
+from commonlaw.trials.units import parse_unit
+
+XV = Variables(("x", "v"))
+ODD = Variables(("wind speed", "a`b", "lambda", "θ"))
+POINTS = np.random.default_rng(3).uniform(0.2, 2.0, (7, 3)) * np.array([1, -1, 1])
+
+
+@pytest.mark.parametrize(
+    ("text", "term"),
+    [
+        ("1", Monomial((0, 0, 0))),
+        ("v*x^2", Monomial((2, 1, 0))),
+        ("(x*v)**2*(2-1)", Monomial((2, 2, 0))),
+        ("x**3/x", Monomial((2, 0, 0))),
+        ("sin(2*x)", Trigonometric("sin", 2, 0)),
+        ("cos(t*0.5)", Trigonometric("cos", 0.5, 2)),
+        ("abs( v )", Expression("abs(v1)")),
+        ("atan(x)", Expression("arctan(v0)")),
+        ("sin(x+v)", Expression("sin(v0 + v1)")),
+        ("v*abs(v)", Product((Monomial((0, 1, 0)), Expression("abs(v1)")), (), 3)),
+        ("x**-1", Product((), (Monomial((1, 0, 0)),), 3)),
+    ],
+)
+def test_a_text_is_read_as_the_simplest_kind_of_term(text, term):
+    assert parse_term(text, XV) == term
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("abs(v)*v", "v*abs(v)"), ("cos(x)*sin(x)", "sin(x)*cos(x)"), ("(x/v)/(v/x)", "x^2*v^-2")]
+)
+def test_equal_terms_compare_equal_however_they_are_written(one, other):
+    assert parse_term(one, XV) == parse_term(other, XV)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("1", "1"),
+        ("x", "x"),
+        ("x*x*v", "x^2 v"),
+        ("sin(x)", "sin(x)"),
+        ("sin(2*x)", "sin(2 x)"),
+        ("v*abs(v)", "v*abs(v)"),
+        ("x*sin(x)^2", "x sin(x)^2"),
+        ("1/x", "1/x"),
+        ("x/(v*(1+x**2))", "x/(v (1 + x^2))"),
+        ("(x**0.5)**3", "(x^0.5)^3"),
+    ],
+)
+def test_a_term_is_shown_as_the_field_writes_it(text, shown):
+    assert parse_term(text, XV).text(XV.names) == shown
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["`wind speed`**2*lambda", "abs(`a``b`)", "θ*sin(3*`wind speed`)", "θ/(1 + `wind speed`)", "exp(-lambda**2)"],
+)
+def test_names_that_are_not_plain_words_survive_writing_and_reading(text):
+    term = parse_term(text, ODD)
+    assert term.expression(ODD.names) == text
+    assert parse_term(term.expression(ODD.names), ODD) == term
+
+
+def test_a_power_of_a_name_with_odd_characters_is_shown_in_parentheses():
+    assert Monomial((2, 1)).text(("dx/dt", "wind speed")) == "(dx/dt)^2 wind speed"
+
+
+@pytest.mark.parametrize(
+    ("names", "text", "latex"),
+    [
+        (("x", "v"), "x^2*v", "x^{2} v"),
+        (("x", "v"), "sin(2*x)", r"\sin(2 x)"),
+        (("x", "v"), "v*abs(v)", r"v \left|{v}\right|"),
+        (("x", "v"), "x/(1+x^2)", r"\frac{x}{x^{2} + 1}"),
+        (("x", "v"), "1/x", r"\frac{1}{x}"),
+        (("x", "v"), "(1+x)^2*v", r"v \left(x + 1\right)^{2}"),
+        (("height", "v"), "height^2*v", r"\mathrm{height}^{2} v"),
+        (("theta", "omega_dot"), "theta*omega_dot", r"\theta \omega_{\mathrm{dot}}"),
+        (("x1", "v_x"), "x1*v_x^2", "x_{1} v_{x}^{2}"),
+        (("wind speed", "x_1"), "`wind speed`*abs(x_1)", r"\mathrm{wind\ speed} \left|{x_{1}}\right|"),
+    ],
+)
+def test_latex(names, text, latex):
+    assert parse_term(text, Variables(names)).latex((*names, "t")) == latex
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x*", r"cannot read the term 'x\*': it goes wrong"),
+        ("x+*v", r"near '\*v'"),
+        ("2x", "near '2x'"),
+        ("", "at its end"),
+        ("vv*x", "unknown variable 'vv': did you mean 'v'"),
+        ("sine(x)", "unknown function 'sine': did you mean 'sin'.*Known: abs, sqrt"),
+        ("x(v)", r"x is a variable, not a function: write products with '\*'"),
+        ("2*x", r"term '2\*x'.*no numeric factor.*leave out the 2"),
+        ("x/3", "leave out the 3"),
+        ("-x", "leave out the minus sign"),
+        ("x**v", r"exponent must be a number; write exp\(v\*log\(x\)\)"),
+        ("1 + x/(2-2)", "divides by zero"),
+        ("x, v", "the character ',' has no place"),
+        ("1 + sqrt(-1)*x", r"'sqrt\(-1\)' is not finite"),
+    ],
+)
+def test_what_is_not_a_term_is_refused_with_its_place_and_remedy(text, message):
+    with pytest.raises(CommonlawError, match=message):
+        parse_term(text, XV)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "__import__('os').system('x')",
+        "x.__class__",
+        "x.__class__.__mro__",
+        "().__class__",
+        "(lambda: 1)()",
+        "[x for x in (1,)]",
+        "x if v else t",
+        "x := 3",
+        "f'{x}'",
+        "sin(*x)",
+        "sin(x)(v)",
+        "...",
+        "9**9**9**9",
+        "((9**99)**99)**99*x",
+        "x**1000000000",
+        "((x**99)**99)**99",
+        "x**(9**9)",
+        "(x*v)**99",
+        "1e999*x + 1",
+        "exp(exp(exp(9))) + x",
+        "9" * 900 + " + x",
+        "x" * 100_000,
+        "-" * 900 + "x",
+        "(" * 450 + "x" + ")" * 450,
+        "+".join(["x"] * 400),
+        "abs(" * 200 + "x" + ")" * 200,
+        "x\0",
+    ],
+)
+def test_hostile_texts_are_refused_at_once(text):
+    start = time.perf_counter()
+    with pytest.raises(CommonlawError) as caught:
+        parse_term(text, XV)
+    assert time.perf_counter() - start < 1
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("text", ["exp(exp(exp((x-x+9)**99)))", "abs(sin(exp((x-x+9)**99))) + v", "exp((x-x)/(x-x)+v)"])
+def test_a_number_that_hides_behind_variables_cannot_hang_the_symbolic_form(text):
+    start = time.perf_counter()
+    symbols = sympy.symbols("x v t", real=True)
+    with pytest.raises(CommonlawError, match="not finite or beyond"):
+        parse_term(text, XV).sympy(symbols)
+    assert time.perf_counter() - start < 5
+
+
+def test_derivative_of_the_absolute_value_is_the_sign():
+    gradient = parse_term("v*abs(v)", XV).gradient(np.array([[0.0, -3.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert gradient.tolist() == [[0, 6, 0], [0, 0, 0]]
+
+
+def test_the_sign_of_a_variable_is_flat():
+    term = parse_term("sign(v)", XV)
+    assert term.evaluate(POINTS).tolist() == [-1] * len(POINTS)
+    assert not term.gradient(POINTS).any()
+
+
+def test_whole_numbers_inside_an_expression_are_real_numbers():
+    term = parse_term("x + abs(2)**-1 + (1/2)**2", XV)
+    assert term.evaluate(POINTS) == pytest.approx(POINTS[:, 0] + 0.75)
+    assert term.gradient(POINTS)[:, 0].tolist() == [1] * len(POINTS)
+
+
+def test_values_that_are_not_defined_give_no_warning():
+    zeros = np.zeros((1, 3))
+    texts = ("1/x", "log(x)", "sqrt(x-1)", "exp(1000*cos(x))", "x**-0.5")
+    terms = ExpressionLibrary(*texts).bind(XV)
+    matrix = terms.evaluate(zeros)
+    assert matrix.tolist()[0] == pytest.approx([np.inf, -np.inf, np.nan, np.inf, np.inf], nan_ok=True)
+    terms.jacobian(zeros)
+    for term, value in zip(terms.terms, matrix[0], strict=True):
+        assert term.evaluate(zeros)[0] == pytest.approx(value, nan_ok=True)
+        term.gradient(zeros)
+    assert np.isinf(Monomial((2, 0, 0)).evaluate(np.full((1, 3), 1e200)))
+
+
+def test_a_value_that_is_not_finite_is_named_with_its_term_sample_and_variables():
+    values = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 0.1], [0.0, 3.0, 0.2]])
+    terms = ExpressionLibrary("1", "v/x", "x").bind(XV)
+    message = "Golf Ball, trial 1: term v/x is infinite at sample 3, where x = 0, v = 3: leave the term out"
+    with pytest.raises(CommonlawError, match=message):
+        terms.check_finite(terms.evaluate(values), values, "Golf Ball, trial 1")
+    roots = ExpressionLibrary("sqrt(v)").bind(XV)
+    with pytest.raises(CommonlawError, match=r"^term sqrt\(v\) is not a number at sample 2, where v = -5: "):
+        roots.check_finite(roots.evaluate(values), values)
+
+
+def test_finite_values_pass_even_when_their_sum_overflows():
+    values = np.full((4, 3), 1.5e308)
+    terms = PolynomialLibrary(1).bind(XV)
+    terms.check_finite(terms.evaluate(values), values)
+
+
+def test_a_term_wanted_twice_is_there_twice():
+    terms = PolynomialLibrary(2).bind(XV).take([4, 1, 4])
+    matrix = terms.evaluate(POINTS)
+    x, v = POINTS[:, 0], POINTS[:, 1]
+    assert np.array_equal(matrix, np.column_stack([x * v, x, x * v]))
+    assert np.array_equal(terms.jacobian(POINTS)[:, 0], terms.jacobian(POINTS)[:, 2])
+
+
+def test_the_matrix_of_terms_lies_in_columns():
+    assert PolynomialLibrary(3).bind(XV).evaluate(POINTS).flags.f_contiguous
+
+
+def test_terms_survive_pickling_after_use():
+    terms = (PolynomialLibrary(2) * ExpressionLibrary("1", "abs(v)", "sin(x)", "1/x")).bind(XV)
+    matrix = terms.evaluate(POINTS)
+    copy = pickle.loads(pickle.dumps(terms))
+    assert copy == terms
+    assert np.array_equal(copy.evaluate(POINTS), matrix)
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "unit"),
+    [
+        ("1", {}, "dimensionless"),
+        ("x*v^2", {"x": "m", "v": "m/s"}, "m^3/s^2"),
+        ("1/x", {"x": "m"}, "1/m"),
+        ("v*abs(v)", {"v": "m/s"}, "m^2/s^2"),
+        ("sqrt(x)", {"x": "m"}, "m^0.5"),
+        ("x*sin(2*v)", {"x": "m", "v": "rad"}, "m"),
+        ("x/(1+v^2)", {"x": "m", "v": "dimensionless"}, "m"),
+        ("exp(-v/x)", {"x": "m", "v": "m"}, "dimensionless"),
+        ("sin(x)", {"x": "m"}, None),
+        ("1 + x", {"x": "m"}, None),
+        ("x/(1+x^2)", {"x": "m"}, None),
+        ("x*v", {"x": "m"}, None),
+    ],
+)
+def test_unit_of_a_term(text, units, unit):
+    found = term_unit(parse_term(text, XV), XV, units)
+    assert found == (None if unit is None else parse_unit(unit))
+
+
+def test_a_unit_that_cannot_be_read_is_refused_with_the_variable():
+    with pytest.raises(CommonlawError, match="variable 'x': unknown unit 'mters'"):
+        term_unit(parse_term("x", XV), XV, {"x": "mters"})
