@@ -1,0 +1,122 @@
+"""commonlaw finds the law that repeated, noisy experiments on several objects have in common.
+
+Each public name is loaded when it is first used, so that importing the package costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from commonlaw import datasets, plots, sphere_drag
+    from commonlaw.differentiation import (
+        CenteredDifference,
+        FiniteDifference,
+        ForwardDifference,
+        MedianFilter,
+        SavitzkyGolay,
+        SmoothedDifference,
+        SmoothingSpline,
+        Spectral,
+        TotalVariation,
+        WienerFilter,
+    )
+    from commonlaw.discovery import LawDiscovery, discover
+    from commonlaw.errors import CommonlawError
+    from commonlaw.forecast import Forecast, Trajectory
+    from commonlaw.formulation import StrongForm, System
+    from commonlaw.law import Law
+    from commonlaw.library import (
+        ConstantLibrary,
+        ExpressionLibrary,
+        FourierLibrary,
+        PolynomialLibrary,
+        RationalLibrary,
+    )
+    from commonlaw.outcomes import Outcome
+    from commonlaw.solvers import L1, L2, STLSQ, Count, GroupSTLSQ, Mean, Median, Quantile
+    from commonlaw.trials import Schema, Trial, Trials
+
+_ROOMS = {
+    "commonlaw.differentiation": (
+        "CenteredDifference",
+        "FiniteDifference",
+        "ForwardDifference",
+        "MedianFilter",
+        "SavitzkyGolay",
+        "SmoothedDifference",
+        "SmoothingSpline",
+        "Spectral",
+        "TotalVariation",
+        "WienerFilter",
+    ),
+    "commonlaw.discovery": ("LawDiscovery", "discover"),
+    "commonlaw.errors": ("CommonlawError",),
+    "commonlaw.forecast": ("Forecast", "Trajectory"),
+    "commonlaw.formulation": ("StrongForm", "System"),
+    "commonlaw.law": ("Law",),
+    "commonlaw.library": (
+        "ConstantLibrary",
+        "ExpressionLibrary",
+        "FourierLibrary",
+        "PolynomialLibrary",
+        "RationalLibrary",
+    ),
+    "commonlaw.outcomes": ("Outcome",),
+    "commonlaw.solvers": ("L1", "L2", "STLSQ", "Count", "GroupSTLSQ", "Mean", "Median", "Quantile"),
+    "commonlaw.trials": ("Schema", "Trial", "Trials"),
+}
+_MODULES = ("datasets", "plots", "sphere_drag")
+_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+
+__all__ = [
+    "L1",
+    "L2",
+    "STLSQ",
+    "CenteredDifference",
+    "CommonlawError",
+    "ConstantLibrary",
+    "Count",
+    "ExpressionLibrary",
+    "FiniteDifference",
+    "Forecast",
+    "ForwardDifference",
+    "FourierLibrary",
+    "GroupSTLSQ",
+    "Law",
+    "LawDiscovery",
+    "Mean",
+    "Median",
+    "MedianFilter",
+    "Outcome",
+    "PolynomialLibrary",
+    "Quantile",
+    "RationalLibrary",
+    "SavitzkyGolay",
+    "Schema",
+    "SmoothedDifference",
+    "SmoothingSpline",
+    "Spectral",
+    "StrongForm",
+    "System",
+    "TotalVariation",
+    "Trajectory",
+    "Trial",
+    "Trials",
+    "WienerFilter",
+    "datasets",
+    "discover",
+    "plots",
+    "sphere_drag",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        return import_module(f"commonlaw.{name}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'commonlaw' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

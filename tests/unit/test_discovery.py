@@ -1,0 +1,155 @@
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, GroupKFold
+
+import commonlaw as cl
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(noise=0.01, trials=3)
+
+
+SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8}
+
+
+def test_every_choice_can_be_an_object_or_its_text(drops):
+    by_text = cl.discover(drops, order=2, library="poly:3", differentiation="savgol:35:3", solver="group-stlsq:1.5")
+    by_object = cl.discover(
+        drops,
+        order=2,
+        library=cl.PolynomialLibrary(3),
+        differentiation=cl.SmoothedDifference(cl.SavitzkyGolay(35, 3), cl.CenteredDifference()),
+        solver=cl.GroupSTLSQ(threshold=1.5),
+    )
+    np.testing.assert_array_equal(by_text.coefficients, by_object.coefficients)
+    default = cl.discover(drops, order=2, library=cl.PolynomialLibrary(3), solver=cl.GroupSTLSQ(threshold=1.5))
+    np.testing.assert_array_equal(by_text.coefficients, default.coefficients)
+
+
+def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
+    law = cl.discover(drops, solver="group-stlsq:1.5", **SETTINGS)
+    assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
+    form = cl.StrongForm(law.differentiation, 2, trim=8)
+    for name in drops.objects:
+        values, targets = (np.concatenate(parts) for parts in zip(*map(form.samples, drops.of(name)), strict=True))
+        expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
+        np.testing.assert_allclose(law.of(name)[0][law.support[0]], expected, rtol=1e-10)
+
+
+def test_known_terms_are_moved_to_the_left_hand_side(drops):
+    law = cl.discover(drops, solver="stlsq:0.01", fixed={"1": -9.8}, **SETTINGS | {"library": "terms:1,v"})
+    assert (law.to_frame()["1"] == -9.8).all()
+    form = cl.StrongForm(law.differentiation, 2, trim=8)
+    for name in drops.objects:
+        values, targets = (np.concatenate(parts) for parts in zip(*map(form.samples, drops.of(name)), strict=True))
+        drag = values[:, 1] @ (targets[:, 0] + 9.8) / (values[:, 1] @ values[:, 1])
+        assert law.to_frame().loc[name, "v"] == pytest.approx(drag, rel=1e-10)
+
+
+def test_known_terms_may_differ_between_objects_and_equations(drops):
+    own = dict(zip(drops.objects, [-0.1, -0.3, -0.3, -0.5, -0.7], strict=True))
+    law = cl.discover(drops, solver="group-stlsq:1", fixed={("x", "v"): own}, **SETTINGS)
+    assert law.to_frame()["v"].to_dict() == own
+    assert law.to_frame()["1"].to_numpy() == pytest.approx(-9.8, abs=0.02)
+
+
+def test_a_first_order_law_of_several_states():
+    trials = cl.datasets.nonlinear_oscillator()
+    law = cl.discover(trials, library="poly:3", differentiation="finite:6", solver="stlsq:0.05")
+    assert law.equations(digits=3) == ("x' = -0.1 x^3 + 2 y^3", "y' = -2 x^3 - 0.1 y^3")
+    held = cl.discover(
+        trials, library="poly:3", differentiation="finite:6", solver="stlsq:0.05", fixed={("x", "y^3"): 2.0}
+    )
+    assert held.equations(digits=3) == law.equations(digits=3)
+
+
+def test_rates_of_several_states_have_names_of_their_own():
+    times = np.linspace(0, 6, 300)
+    trial = cl.Trial("mass", "1", times, np.column_stack([np.cos(times), np.sin(2 * times)]))
+    law = cl.discover(
+        cl.Trials((trial,), cl.Schema(("x", "y"))),
+        order=2,
+        library="poly:1",
+        differentiation="finite:6",
+        solver="stlsq:0.1",
+    )
+    assert law.rates == ("v_x", "v_y")
+    assert law.equations(digits=3) == ("x'' = -1 x", "y'' = -4 y")
+
+
+def test_the_estimator_follows_scikit_learn(drops):
+    model = cl.LawDiscovery(solver=cl.GroupSTLSQ(1.5), **SETTINGS)
+    copy = clone(model)
+    assert copy.get_params() == model.get_params()
+    assert copy.set_params(trim=4) is copy
+    assert model.trim == 8
+    assert copy.fit(drops) is copy
+    assert copy.score(drops) == copy.law_.score(drops) > 0.999
+    with pytest.raises(cl.CommonlawError, match="unknown parameter 'treshold'"):
+        copy.set_params(treshold=1)
+    with pytest.raises(cl.CommonlawError, match="no law was found yet: call fit first"):
+        model.predict(drops)
+
+
+def test_the_threshold_is_chosen_by_held_out_trials(drops):
+    search = GridSearchCV(
+        cl.LawDiscovery(**SETTINGS),
+        {"solver": [cl.GroupSTLSQ(20), cl.GroupSTLSQ(1.5), cl.GroupSTLSQ(1000)]},
+        cv=GroupKFold(3),
+    )
+    search.fit(drops, groups=[trial.name for trial in drops])
+    assert search.best_params_ == {"solver": cl.GroupSTLSQ(1.5)}
+    assert search.best_estimator_.law_.objects == drops.objects
+
+
+def outcome(law, kind):
+    found = [each for each in law.outcomes if each.kind == kind]
+    assert len(found) >= 1
+    return str(found[0])
+
+
+def test_a_threshold_that_empties_the_support_is_an_outcome(drops):
+    law = cl.discover(drops, solver="group-stlsq:1e6", **SETTINGS)
+    assert law.average().equations() == ("x'' = 0",)
+    assert "choose a threshold below that" in outcome(law, "empty support")
+
+
+def test_one_trial_with_a_group_solver_works_and_says_so(drops):
+    law = cl.discover(drops[:1], solver="group-stlsq:0.05", **SETTINGS)
+    assert "with a single object the group solver equals STLSQ" in outcome(law, "one object")
+
+
+def test_terms_that_depend_on_each_other_are_an_outcome(drops):
+    law = cl.discover(drops, solver="group-stlsq:0", **SETTINGS | {"library": "terms:v,v+1e-9*x"})
+    assert "raise the threshold, leave terms out" in outcome(law, "ill-conditioned")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"differentiation": "savgol:51:3"}, "Ball 1, trial 1: .*49 samples.*51"),
+        ({"order": 3}, "order 3 is not supported"),
+        ({"trim": 30}, "Ball 1, trial 1: no row is left of 49 samples after trimming 30"),
+        ({"trim": -1}, "trim -1 is negative"),
+        ({"solver": "lasso"}, "unknown solver 'lasso'"),
+        ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
+        ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),
+        ({"library_states": "raw"}, "library states 'raw' are not known"),
+        ({"fixed": {"w": 1.0}}, "unknown term 'w'"),
+        ({"fixed": {("y", "1"): 1.0}}, "unknown state 'y'"),
+        ({"fixed": {"1": {"Ball 1": 1.0}}}, "fixed term '1' has no coefficient for Ball 2, Ball 3"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused_with_place_and_remedy(drops, settings, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.discover(drops, **SETTINGS | {"differentiation": "savgol:25:3"} | settings)
+
+
+def test_a_state_that_never_changes_is_refused():
+    times = np.arange(50.0)
+    still = cl.Trial("rock", "1", times, np.full(50, 3.0))
+    moving = cl.Trial("ball", "1", times, times**2)
+    with pytest.raises(cl.CommonlawError, match="the state 'x' of rock never changes"):
+        cl.discover(cl.Trials((moving, still), cl.Schema(("x",))), differentiation="finite")

@@ -1,0 +1,34 @@
+"""What `import commonlaw` costs and offers."""
+
+import subprocess
+import sys
+
+import pytest
+
+import commonlaw
+
+HEAVY = {"click", "matplotlib", "pandas", "pint", "pyarrow", "rich", "scipy", "sympy"}
+
+
+def test_importing_commonlaw_imports_nothing_heavy() -> None:
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import sys, commonlaw; print(*sys.modules)"], check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert "commonlaw" in loaded
+    assert HEAVY.isdisjoint(loaded), sorted(HEAVY.intersection(loaded))
+
+
+def test_public_names_are_given_once() -> None:
+    assert len(set(commonlaw.__all__)) == len(commonlaw.__all__) > 0
+
+
+@pytest.mark.parametrize("name", commonlaw.__all__)
+def test_every_public_name_is_there_and_documented(name: str) -> None:
+    text = getattr(commonlaw, name).__doc__
+    assert text, f"{name} has no docstring"
+    assert not text.startswith(f"{name}("), f"{name} has only the signature that dataclasses write"
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = commonlaw.no_such_name
