@@ -1,0 +1,72 @@
+"""`commonlaw data`: look at tables and data sets before learning from them."""
+
+import click
+
+from commonlaw.cli.output import print_frame, print_json, print_notes
+from commonlaw.cli.source import Source, with_source
+from commonlaw.errors import CommonlawError
+
+
+@click.group()
+def data() -> None:
+    """Look at measurements before learning from them."""
+
+
+@data.command()
+@with_source
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def check(source: Source, as_json: bool) -> None:
+    """Say what is in FILE, what is odd, and what --clip would cut.
+
+    \b
+    Example:
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height
+    """
+    trials, _ = source.split(source.load())
+    report = trials.check()
+    if as_json:
+        print_json(report.to_dict())
+        return
+    click.echo(
+        f"{source.name}: {len(trials)} trials of {len(trials.objects)} objects, "
+        f"states {', '.join(trials.schema.states)}"
+    )
+    print_frame(report.to_frame())
+    for oddity in report.oddities:
+        click.echo(f"Odd: {oddity}")
+    if not report.oddities:
+        click.echo("Nothing odd was found.")
+    print_notes(trials.notes)
+
+
+@data.command(name="list")
+def list_() -> None:
+    """List the data sets that --dataset knows, with their options and their sources."""
+    from inspect import signature
+
+    from commonlaw.datasets import DATASETS
+
+    for name, dataset in DATASETS.items():
+        options = ", ".join(f"{each.name}={each.default}" for each in signature(dataset.load).parameters.values())
+        click.echo(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
+
+
+@data.command()
+@with_source
+@click.option("--save", required=True, metavar="FILE", help="The table to write: .csv or .parquet.")
+def export(source: Source, save: str) -> None:
+    """Write trials as a table that commonlaw and others read without loss.
+
+    \b
+    Example:
+      commonlaw data export --dataset linear-drag:noise=0.05 --save drops.csv
+    """
+    trials, _ = source.split(source.load())
+    if save.endswith(".csv"):
+        trials.to_csv(save)
+    elif save.endswith(".parquet"):
+        trials.to_parquet(save)
+    else:
+        raise CommonlawError(f"cannot tell the format of {save!r}: name it .csv or .parquet")
+    click.echo(f"Wrote {save}")
+    print_notes(trials.notes)

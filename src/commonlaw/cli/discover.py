@@ -1,0 +1,214 @@
+"""`commonlaw discover`: from a table to a law."""
+
+import json
+from typing import TYPE_CHECKING, Literal
+
+import click
+import numpy as np
+
+from commonlaw.cli.output import print_json, print_notes, print_table, working
+from commonlaw.cli.source import Source, pairs, with_source
+from commonlaw.files import write_all
+
+if TYPE_CHECKING:
+    from commonlaw.forecast import Forecast
+    from commonlaw.law import Law
+    from commonlaw.trials import Trials
+
+
+@click.command()
+@with_source
+@click.option(
+    "--order", type=click.IntRange(1, 2), default=1, show_default=True, help="Order of the law: x' = ... or x'' = ..."
+)
+@click.option(
+    "--library",
+    metavar="SPEC",
+    help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), or sums such as 'poly:2 + fourier:1'.  "
+    "[default: poly:3]",
+)
+@click.option(
+    "--differentiation",
+    metavar="SPEC",
+    help="How rates are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
+    "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH.  [default: finite:2 for order 1, savgol:35:3 for order 2]",
+)
+@click.option(
+    "--solver",
+    metavar="SPEC",
+    help="How terms are chosen: group-stlsq:THRESHOLD[:IMPORTANCE[:LEVEL]] (one set of terms for all objects), "
+    "stlsq:THRESHOLD (each its own).  [default: group-stlsq:0.1]",
+)
+@click.option(
+    "--fix",
+    "fixed",
+    metavar="TERM=VALUE",
+    multiple=True,
+    help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
+)
+@click.option(
+    "--library-states",
+    type=click.Choice(["smoothed", "measured"]),
+    default="smoothed",
+    show_default=True,
+    help="States that terms are evaluated on.",
+)
+@click.option(
+    "--trim",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Rows left out at each end of a trial, where smoothing is least accurate.",
+)
+@click.option("--save", metavar="LAW.json", help="Write the law.")
+@click.option("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def discover(
+    source: Source,
+    order: int,
+    library: str | None,
+    differentiation: str | None,
+    solver: str | None,
+    fixed: tuple[str, ...],
+    library_states: Literal["smoothed", "measured"],
+    trim: int,
+    save: str | None,
+    plot: str | None,
+    as_json: bool,
+) -> None:
+    """Find the law that the objects in FILE share.
+
+    FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
+    trials that --where leaves out, or if it leaves none, those that it was learned from.
+
+    \b
+    Examples:
+      commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
+          --library poly:3 --differentiation savgol:35:3 --solver group-stlsq:1.5 --save law.json --plot law.png
+      commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
+    """
+    import commonlaw as cl
+
+    with working("Discovering ..."):
+        trials = source.load()
+        training, held_out = source.split(trials)
+        law = cl.discover(
+            training,
+            order=order,
+            library=library,
+            differentiation=differentiation,
+            solver=solver,
+            fixed=_fixed(fixed),
+            library_states=library_states,
+            trim=trim,
+        )
+        forecast = law.predict(_known(law, held_out) or training)
+        truth = _truth(source)
+        outputs = _rendered(law, forecast, truth, save, plot)
+    write_all(outputs)
+    checked = "training" if forecast.trials is training else "held out"
+    if as_json:
+        print_json(_document(law, forecast, checked, truth, training))
+    else:
+        _show(law, forecast, checked, truth, training)
+        for path in outputs:
+            click.echo(f"Wrote {path}")
+    print_notes([*training.notes, *law.outcomes, *forecast.outcomes])
+
+
+def _fixed(texts: tuple[str, ...]) -> dict[str | tuple[str, str], float]:
+    """Return the known coefficients that ``--fix`` names."""
+    found: dict[str | tuple[str, str], float] = {}
+    for name, text in pairs("--fix", texts):
+        state, colon, term = name.partition(":")
+        try:
+            found[(state, term) if colon else name] = float(text)
+        except ValueError:
+            raise click.UsageError(f"--fix {name}={text}: {text!r} is not a number") from None
+    return found
+
+
+def _known(law: "Law", trials: "Trials | None") -> "Trials | None":
+    """Return the trials whose objects the law knows."""
+    kept = [trial for trial in trials or () if trial.object in law.objects]
+    return trials.keep(kept) if trials is not None and kept else None
+
+
+def _truth(source: Source) -> "Law | None":
+    from commonlaw.datasets import truth_of
+
+    return truth_of(source.dataset) if source.dataset else None
+
+
+def _rendered(
+    law: "Law", forecast: "Forecast", truth: "Law | None", save: str | None, plot: str | None
+) -> dict[str, bytes]:
+    """Return the contents of the files to write, all made before the first is written."""
+    outputs = {}
+    if save:
+        outputs[save] = law.to_json().encode()
+    if plot:
+        from commonlaw.plots import plot_law, render
+
+        outputs[plot] = render(plot_law(law, forecast, truth=truth), plot)
+    return outputs
+
+
+def _show(law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", training: "Trials") -> None:
+    """Print the law and how well it forecasts."""
+    click.echo(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
+    if law.shared:
+        click.echo("\n".join((*law.structure(), "")))
+        print_table(*_coefficient_rows(law, forecast, truth))
+    else:
+        click.echo(str(law))
+    where = "held-out trials" if checked == "held out" else "trials it was learned from"
+    click.echo(
+        f"\nForecasts of {len(forecast.trials)} {where}, each from its own initial state: R^2 = {forecast.score():.5g}"
+    )
+
+
+def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> tuple[list[str], list[list[object]]]:
+    """Return head and rows of the table of coefficients and forecast errors, true coefficients beside the learned."""
+    units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
+    for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
+        equation, term = f"{law.states[j]}{law.primes}", law.terms.names[k]
+        columns[_with_unit(letter, units.get((equation, term)))] = [float(c) for c in law.coefficients[:, j, k]]
+        if truth is not None:
+            columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
+    errors = forecast.errors().pivot_table(
+        index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
+    )
+    for state in law.states:
+        head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
+        columns[head] = [float(errors[state].get(name, np.nan)) for name in law.objects]
+    return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
+
+
+def _with_unit(name: str, unit: str | None) -> str:
+    return f"{name} ({unit})" if unit else name
+
+
+def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
+    """Return a true coefficient; zero where the true law has no such term."""
+    if term not in truth.terms.names:
+        return 0.0
+    return float(truth.of(name)[equation, truth.terms.index(term)])
+
+
+def _document(
+    law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", training: "Trials"
+) -> dict[str, object]:
+    """Return all results for ``--json``."""
+    return {
+        "law": json.loads(law.to_json()),
+        "equations": {name: list(law.equations(name)) for name in law.objects},
+        "truth": None if truth is None else json.loads(truth.to_json()),
+        "forecast": {
+            "of": checked,
+            "score": forecast.score(),
+            "errors": forecast.errors().to_dict(orient="records"),
+        },
+        "notes": list(training.notes),
+        "outcomes": [str(outcome) for outcome in (*law.outcomes, *forecast.outcomes)],
+    }

@@ -1,0 +1,54 @@
+"""The command `commonlaw` and how it ends: 0 done, 1 could not (the reason on stderr), 2 wrong usage."""
+
+import sys
+from importlib import import_module
+
+import click
+
+from commonlaw.errors import CommonlawError
+
+_COMMANDS = {"discover": "discover", "predict": "predict", "show": "show", "data": "data"}
+
+
+class _Commands(click.Group):
+    """A group whose commands are loaded when they are called, so that help and errors come at once."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        if cmd_name not in _COMMANDS:
+            return None
+        command = getattr(import_module(f"commonlaw.cli.{_COMMANDS[cmd_name]}"), cmd_name)
+        assert isinstance(command, click.Command)
+        return command
+
+
+@click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="commonlaw")
+def commonlaw() -> None:
+    """Find the law that repeated, noisy experiments on several objects have in common.
+
+    A table holds measurements of several objects, each measured in one or more trials. `discover` finds the equation
+    that all objects share, with each object's own coefficients, and checks it by forecasting.
+
+    \b
+    Start with:
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height
+      commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 --save law.json
+      commonlaw predict law.json drops.csv
+      commonlaw show law.json --latex
+
+    \b
+    Without a table of your own:
+      commonlaw discover --dataset linear-drag --order 2 --solver group-stlsq:1.5
+    """
+
+
+def main() -> None:
+    """Run the command line; errors that a user can mend are one line on stderr."""
+    try:
+        commonlaw(prog_name="commonlaw")
+    except CommonlawError as error:
+        click.echo(f"commonlaw: {error}", err=True)
+        sys.exit(1)

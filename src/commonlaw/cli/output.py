@@ -1,0 +1,75 @@
+"""How commands show what they found."""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table, text to the left and numbers to the right, as wide as the terminal."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    rows = [list(row) for row in rows]
+    table = Table(box=SIMPLE_HEAD, show_edge=False)
+    for j, name in enumerate(head):
+        numeric = all(isinstance(row[j], int | float) for row in rows)
+        table.add_column(name, justify="right" if numeric else "left")
+    for row in rows:
+        table.add_row(*(shown(cell) for cell in row))
+    width = None if sys.stdout.isatty() else 160
+    Console(width=width, highlight=False, markup=False, emoji=False).print(table)
+
+
+def print_frame(frame: "pd.DataFrame") -> None:
+    """Print a data frame without its index."""
+    print_table([str(name) for name in frame.columns], frame.itertuples(index=False, name=None))
+
+
+def shown(value: object) -> str:
+    """Return a cell's text: numbers to four significant digits, nothing for a missing one."""
+    if isinstance(value, float):
+        return "" if value != value else f"{value:.4g}"
+    return str(value)
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print a document as JSON; numbers that are not finite (a forecast that diverged) become null."""
+    click.echo(json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def print_notes(notes: Iterable[object]) -> None:
+    """Print remarks on stderr, so that they do not mix with results."""
+    for note in notes:
+        click.echo(f"Note: {note}", err=True)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal that something is going on."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return value

@@ -1,0 +1,47 @@
+"""`commonlaw predict`: forecast trials with a saved law."""
+
+import click
+
+from commonlaw.cli.output import print_frame, print_json, print_notes, working
+from commonlaw.cli.source import Source, with_source
+from commonlaw.files import write_all
+
+
+@click.command()
+@click.argument("law_path", metavar="LAW.json")
+@with_source
+@click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
+@click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
+@click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
+def predict(law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool) -> None:
+    """Forecast every trial in FILE with LAW.json, each from its own initial state.
+
+    Columns are found by the names that the law was learned with; options name others.
+
+    \b
+    Example:
+      commonlaw predict law.json drops.csv --save forecast.csv
+    """
+    from commonlaw.law import Law
+
+    law = Law.load(law_path)
+    with working("Forecasting ..."):
+        trials, _ = source.split(source.load(law.schema))
+        forecast = law.predict(trials)
+        errors = forecast.errors()
+        outputs = {}
+        if save:
+            outputs[save] = forecast.to_frame().to_csv(index=False).encode()
+        if plot:
+            from commonlaw.plots import plot_forecast, render
+
+            outputs[plot] = render(plot_forecast(forecast), plot)
+    write_all(outputs)
+    if as_json:
+        print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
+    else:
+        print_frame(errors.dropna(axis=1, how="all"))
+        click.echo(f"R^2 of all forecasts: {forecast.score():.5g}")
+        for path in outputs:
+            click.echo(f"Wrote {path}")
+    print_notes([*trials.notes, *forecast.outcomes])

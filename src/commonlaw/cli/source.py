@@ -1,0 +1,145 @@
+"""Where trials come from: the options that every command on a table shares."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any
+
+import click
+
+from commonlaw.trials import Schema, Trials
+
+_OPTIONS = (
+    click.argument("path", required=False, metavar="[FILE]"),
+    click.option(
+        "--dataset",
+        metavar="NAME",
+        help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
+    ),
+    click.option("--object", metavar="COLUMN", help="Column that names the object."),
+    click.option("--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
+    click.option("--time", metavar="COLUMN", help="Column of times."),
+    click.option(
+        "--state", "states", metavar="COLUMN", multiple=True, help="Column of a measured state; repeat for more."
+    ),
+    click.option(
+        "--input", "inputs", metavar="COLUMN", multiple=True, help="Column of a measured input; repeat for more."
+    ),
+    click.option(
+        "--property",
+        "properties",
+        metavar="COLUMN",
+        multiple=True,
+        help="Column of an object's property; repeat for more.",
+    ),
+    click.option(
+        "--unit",
+        "units",
+        metavar="COLUMN=UNIT",
+        multiple=True,
+        help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
+    ),
+    click.option("--sheet", metavar="NAME", help="Sheet of a workbook."),
+    click.option(
+        "--where",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several; repeat for more.",
+    ),
+    click.option(
+        "--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the shared options say."""
+
+    path: str | None
+    dataset: str | None
+    object: str | None
+    trial: str | None
+    time: str | None
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    properties: tuple[str, ...]
+    units: tuple[str, ...]
+    sheet: str | None
+    where: tuple[str, ...]
+    clip: bool
+
+    @property
+    def name(self) -> str:
+        """The file or data set, as shown."""
+        return self.dataset or str(self.path)
+
+    def load(self, schema: Schema | None = None) -> Trials:
+        """Return all trials; names that no option gives are taken from `schema`."""
+        trials = self._from_dataset() if self.dataset else self._from_file(schema)
+        return trials.clip_irregular() if self.clip else trials
+
+    def split(self, trials: Trials) -> tuple[Trials, Trials | None]:
+        """Return the trials that fit ``--where``, and the others if there are any."""
+        if not self.where:
+            return trials, None
+        conditions: dict[str, object] = {}
+        for name, text in pairs("--where", self.where):
+            role = {trials.schema.object: "object", trials.schema.trial: "trial"}.get(name, name)
+            conditions[role] = [part if role in ("object", "trial") else _value(part) for part in text.split(",")]
+        chosen = trials.select(**conditions)
+        return (chosen, None) if len(chosen) == len(trials) else trials.split(**conditions)
+
+    def _from_dataset(self) -> Trials:
+        from commonlaw.datasets import DATASETS
+        from commonlaw.spec import parse_spec
+
+        if self.path:
+            raise click.UsageError("give a file or --dataset, not both")
+        return parse_spec("data set", str(self.dataset), DATASETS)
+
+    def _from_file(self, schema: Schema | None) -> Trials:
+        if not self.path:
+            raise click.UsageError(
+                "give a file of measurements, or a data set with --dataset (see: commonlaw data list)"
+            )
+        return Trials.read(
+            self.path,
+            object=self.object or (schema.object if schema else None),
+            trial=self.trial or (schema.trial if schema else None),
+            time=self.time or (schema.time if schema else None),
+            states=self.states or (schema.states if schema else None),
+            inputs=self.inputs or (schema.inputs if schema else ()),
+            properties=list(self.properties) or None,
+            units=dict(pairs("--unit", self.units)),
+            sheet=self.sheet,
+        )
+
+
+def with_source(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the file argument and the shared options to a command; it receives them as `source`."""
+
+    @wraps(command)
+    def wrapped(**options: Any) -> None:
+        source = Source(**{field.name: options.pop(field.name) for field in fields(Source)})
+        command(source=source, **options)
+
+    for option in reversed(_OPTIONS):
+        wrapped = option(wrapped)
+    return wrapped
+
+
+def pairs(option: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield name and value of texts like ``NAME=VALUE``; any other text is wrong usage."""
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not (name and sign and value):
+            raise click.UsageError(f"{option} {text!r} is not of the form NAME=VALUE")
+        yield name.strip(), value.strip()
+
+
+def _value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

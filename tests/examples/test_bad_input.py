@@ -1,0 +1,152 @@
+"""Every mistake a user can make ends with exit code 1, one message that says where and what to do, and no file."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.cli import main
+
+COLUMNS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
+
+
+def rows(**changes):
+    """A table of two balls dropped once, as text, with cells changed by ``row_column``."""
+    lines = ["ball,drop,t,height"]
+    for ball in ("golf", "tennis"):
+        lines += [f"{ball},1,{t},{50 - 4.9 * t**2 + 0.5 * t**3}" for t in np.arange(40) / 15]
+    for place, text in changes.items():
+        row, column = int(place[1:-1]), "bdth".index(place[-1])
+        cells = lines[row].split(",")
+        cells[column] = text
+        lines[row] = ",".join(cells)
+    return "\n".join(lines) + "\n"
+
+
+CASES = {
+    "an empty file": ("", [], "drops.csv.*empty"),
+    "no rows": ("ball,drop,t,height\n", [], "drops.csv.*no (data )?rows?|header"),
+    "text in a numeric column": (rows(r17h="abc"), [], r"height.*row 17.*line 18.*'abc'"),
+    "a missing value": (rows(r9h=""), [], "height.*row 9"),
+    "an infinite value": (rows(r9h="inf"), [], "height.*row 9"),
+    "duplicate times": (rows(r9t=str(7 / 15)), [], "(?i)golf.*(twice|same|duplicate)"),
+    "a wrong column": (rows(), ["--state", "hieght"], "'hieght': did you mean 'height'"),
+    "a window longer than a trial": (
+        rows(),
+        ["--order", "2", "--differentiation", "savgol:45:3"],
+        "golf, trial 1: .*40 samples.*45",
+    ),
+    "a constant state": (
+        re.sub(r"(tennis,1,[^,]*),.*", r"\1,3", rows()),
+        [],
+        "the state 'height' of tennis never changes",
+    ),
+    "an unknown unit": (rows(), ["--unit", "height=metrez"], "height.*metrez|metrez.*height"),
+    "a unit for no column": (rows(), ["--unit", "speed=m/s"], "speed"),
+    "an unknown solver": (rows(), ["--solver", "stlqs:1"], "unknown solver 'stlqs': did you mean 'stlsq'"),
+    "an unknown library": (rows(), ["--library", "ploy:2"], "unknown library 'ploy': did you mean 'poly'"),
+    "an unknown differentiation": (
+        rows(),
+        ["--differentiation", "savgo:3"],
+        "unknown differentiation 'savgo': did you mean 'savgol'",
+    ),
+    "a term that is not finite": (rows(), ["--library", "terms:1,1/t"], r"golf, trial 1.*1/t|1/t.*golf, trial 1"),
+    "a term that is no expression": (rows(), ["--library", "terms:1,height*"], "height"),
+    "code instead of a term": (rows(), ["--library", "terms:__import__('os')"], "__import__"),
+    "no such trial": (rows(), ["--where", "drop=3"], "unknown trial '3'"),
+    "no such property": (rows(), ["--where", "mass=3"], "unknown property 'mass'"),
+    "a figure of unknown kind": (
+        rows(),
+        ["--plot", "law.jpeg"],
+        "unknown format of a figure 'jpeg': .*Known: png, svg, pdf",
+    ),
+    "a folder that does not exist": (rows(), ["--plot", "nowhere/law.png"], "there is no folder 'nowhere'"),
+}
+
+
+@pytest.fixture
+def fails(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        monkeypatch.setattr("sys.argv", ["commonlaw", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        assert (ended.value.code, captured.out) == (1, "")
+        assert captured.err.startswith("commonlaw: ")
+        assert "Traceback" not in captured.err
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+        return captured.err
+
+    return call
+
+
+@pytest.mark.parametrize(("text", "options", "message"), CASES.values(), ids=CASES.keys())
+def test_discover_refuses(fails, tmp_path, text, options, message):
+    (tmp_path / "drops.csv").write_text(text)
+    columns = COLUMNS if "--state" not in options else COLUMNS[:-2]
+    said = fails("discover", "drops.csv", *columns, *options, "--save", "law.json")
+    assert re.search(message, said), said
+
+
+def test_a_missing_file_and_one_with_nearly_that_name(fails, tmp_path):
+    (tmp_path / "drops.csv").write_text(rows())
+    said = fails("discover", "drop.csv", *COLUMNS)
+    assert "drop.csv" in said
+    assert "drops.csv" in said
+
+
+def test_unsorted_times_are_sorted_and_said(monkeypatch, capsys, tmp_path):
+    lines = rows().splitlines()
+    lines[3], lines[9] = lines[9], lines[3]
+    (tmp_path / "drops.csv").write_text("\n".join(lines))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "drops.csv", *COLUMNS, "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    captured = capsys.readouterr()
+    assert ended.value.code == 0
+    assert re.search("(?i)sorted", captured.err)
+    (tmp_path / "sorted.csv").write_text(rows())
+    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "sorted.csv", *COLUMNS, "--json"])
+    with pytest.raises(SystemExit):
+        main()
+    assert json.loads(capsys.readouterr().out)["law"] == json.loads(captured.out)["law"]
+
+
+def test_properties_of_an_object_without_trials():
+    trial = cl.Trial("golf", "1", np.arange(3.0), np.arange(3.0))
+    with pytest.raises(cl.CommonlawError, match="objects without trials: tennis; objects with trials: golf"):
+        cl.Trials((trial,), cl.Schema(("x",)), {"tennis": {"mass": 0.057}})
+
+
+def test_laws_that_cannot_be_read(fails, tmp_path):
+    (tmp_path / "drops.csv").write_text(rows())
+    (tmp_path / "law.json").write_text('{"format": "commonlaw law", "version": 7}')
+    assert "law.json: the law is of version 7" in fails("predict", "law.json", "drops.csv", "--save", "forecast.csv")
+    (tmp_path / "law.json").write_text("{")
+    assert "law.json: this is not a law or it is damaged" in fails("show", "law.json")
+    assert "cannot read gone.json" in fails("show", "gone.json")
+
+
+def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(monkeypatch, capsys, tmp_path):
+    (tmp_path / "drops.csv").write_text(rows())
+    monkeypatch.chdir(tmp_path)
+    law = cl.discover(
+        cl.Trials.read("drops.csv", object="ball", trial="drop", time="t", states=["height"]),
+        library="terms:height**2",
+        solver="stlsq:0",
+        fixed={"height^2": 1.0},
+    )
+    law.save("law.json")
+    monkeypatch.setattr("sys.argv", ["commonlaw", "predict", "law.json", "drops.csv", "--save", "forecast.csv"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    captured = capsys.readouterr()
+    assert ended.value.code == 0
+    assert "diverged (golf, trial 1): the forecast ran away at t = 0.02" in captured.err
+    assert (tmp_path / "forecast.csv").read_text().count("\n") == 81

@@ -1,0 +1,158 @@
+"""The command line as a user meets it."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.cli import main
+
+DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
+SETTINGS = [
+    "--order",
+    "2",
+    "--library",
+    "poly:3",
+    "--differentiation",
+    "savgol:25:3",
+    "--trim",
+    "8",
+    "--solver",
+    "group-stlsq:1.5",
+]
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command in an empty folder; return exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr("sys.argv", ["commonlaw", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A table of simulated drops with columns of a user's own names."""
+    frame = cl.datasets.linear_drag(noise=0.01, seed=1).to_frame()
+    frame = frame[["object", "trial", "t", "x"]].set_axis(["ball", "drop", "t", "height"], axis=1)
+    frame.to_csv(tmp_path / "drops.csv", index=False)
+    return frame
+
+
+@pytest.mark.usefixtures("table")
+def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
+    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json", "--plot", "law.png")
+    assert (code, err) == (0, "")
+    assert "height'' = a + b v" in out
+    assert "Ball 3" in out
+    assert "Wrote law.json\nWrote law.png" in out
+    assert (tmp_path / "law.png").read_bytes().startswith(b"\x89PNG")
+
+    code, out, err = run("predict", "law.json", "drops.csv", "--save", "forecast.csv")
+    assert (code, err) == (0, "")
+    assert "rms error" in out
+    forecast = pd.read_csv(tmp_path / "forecast.csv")
+    assert list(forecast.columns) == ["ball", "drop", "t", "height", "height forecast", "height error"]
+    assert np.abs(forecast["height error"]).median() < 0.1
+
+    code, out, err = run("show", "law.json")
+    assert (code, out, err) == (0, f"{cl.Law.load(tmp_path / 'law.json')}\n", "")
+    code, out, err = run("show", "law.json", "--latex", "--average")
+    assert "\\ddot{\\mathrm{height}} &= -9." in out
+
+    code, out, err = run("data", "check", "drops.csv", *DROPS)
+    assert (code, err) == (0, "")
+    assert "drops.csv: 10 trials of 5 objects, states height" in out
+
+
+@pytest.mark.usefixtures("table")
+def test_json_holds_the_law_its_equations_and_the_errors_of_the_held_out_trials(run):
+    code, out, _ = run("discover", "drops.csv", *DROPS, *SETTINGS, "--where", "drop=1", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert list(found["equations"]) == [f"Ball {i}" for i in range(1, 6)]
+    assert cl.Law.from_json(json.dumps(found["law"])).equations("Ball 2") == tuple(found["equations"]["Ball 2"])
+    assert found["forecast"]["of"] == "held out"
+    assert {row["drop"] for row in found["forecast"]["errors"]} == {"2"}
+    assert found["forecast"]["score"] > 0.999
+
+
+def test_a_data_set_shows_its_truth_beside_what_was_learned(run):
+    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS, "--json")
+    found = json.loads(out)
+    assert code == 0
+    truth, learned = (cl.Law.from_json(json.dumps(found[key])).to_frame() for key in ("truth", "law"))
+    assert (np.abs(learned / truth[learned.columns] - 1) < 0.03).all(axis=None)
+    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS)
+    assert "true b" in out
+
+
+def test_known_terms_and_each_objects_own_terms(run):
+    own = ["--fix", "1=-9.8", "--differentiation", "finite:6", "--solver", "stlsq:0.05"]
+    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0", *SETTINGS[:4], *own, "--json")
+    assert code == 0
+    assert json.loads(out)["equations"]["Ball 4"] == ["x'' = -9.8 - 0.5 v"]
+
+
+def test_the_real_drops_give_the_printed_law_from_the_command_line(run, ball_drops_folder):
+    code, out, err = run(
+        "discover", "--dataset", f"ball-drops:folder={ball_drops_folder}", "--where", "trial=2", "--order", "2",
+        "--library", "poly:3", "--differentiation", "savgol:35:3", "--solver", "group-stlsq:1.5",
+    )  # fmt: skip
+    assert code == 0
+    assert "x'' = a + b v" in out
+    row = next(line for line in out.splitlines() if "Golf Ball" in line)
+    assert row.split()[2:4] == ["-9.443", "-0.0302"]
+    assert "Forecasts of 10 held-out trials" in out
+    assert "clipped" in err
+
+
+def test_export_writes_a_table_that_reads_back(run, tmp_path):
+    code, out, _ = run("data", "export", "--dataset", "linear-drag:noise=0.05", "--save", "drops.parquet")
+    assert (code, out) == (0, "Wrote drops.parquet\n")
+    again, original = cl.Trials.read(tmp_path / "drops.parquet"), cl.datasets.linear_drag(noise=0.05)
+    assert again.schema == original.schema
+    for one, other in zip(again, original, strict=True):
+        np.testing.assert_array_equal(one.states, other.states)
+
+
+def test_the_data_sets_are_listed(run):
+    code, out, _ = run("data", "list")
+    assert code == 0
+    for name in cl.datasets.DATASETS:
+        assert name in out
+
+
+@pytest.mark.parametrize("command", [[], ["discover"], ["predict"], ["show"], ["data"], ["data", "check"]])
+def test_every_command_explains_itself(run, command):
+    code, out, _ = run(*command, "--help")
+    assert code == 0
+    assert "Usage: commonlaw" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["discover"], "give a file of measurements, or a data set with --dataset"),
+        (["discover", "a.csv", "--dataset", "lorenz"], "give a file or --dataset, not both"),
+        (["discover", "a.csv", "--order", "3"], "3 is not in the range 1<=x<=2"),
+        (["discover", "--dataset", "lorenz", "--fix", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
+        (["discover", "--dataset", "lorenz", "--fix", "1=g"], "'g' is not a number"),
+        (["discvoer"], "No such command 'discvoer'"),
+        (["predict"], "Missing argument 'LAW.json'"),
+        (["data", "export", "--dataset", "lorenz"], "Missing option '--save'"),
+    ],
+)
+def test_wrong_usage_ends_with_2(run, arguments, message):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert message in err
