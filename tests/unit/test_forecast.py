@@ -69,7 +69,7 @@ def test_exponential_growth_is_followed_until_it_has_run_away():
 
 def test_initial_states_and_times_are_checked():
     field = lorenz_field()
-    with pytest.raises(CommonlawError, match="pendulum: the initial state .* is not finite"):
+    with pytest.raises(CommonlawError, match=r"pendulum: the initial state .* is not finite"):
         integrate(field, np.array([1.0, np.nan, 0.0]), np.array([0.0, 1.0]), where="pendulum")
     with pytest.raises(CommonlawError, match="the times to forecast must be finite and increase"):
         integrate(field, np.ones(3), np.array([0.0, 0.0]))
@@ -79,7 +79,7 @@ def test_initial_states_and_times_are_checked():
 def forecast():
     times = np.arange(4.0)
     trials = Trials((Trial("a", "1", times, times), Trial("b", "1", times, 2 * times)), Schema(("x",), object="ball"))
-    good = Trajectory(times, (times + [0, 0, 0, 0.5])[:, np.newaxis])
+    good = Trajectory(times, np.array([[0.0], [1.0], [2.0], [3.5]]))
     return Forecast(trials, (good, Trajectory(times, 2 * times[:, np.newaxis])))
 
 

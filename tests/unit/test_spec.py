@@ -57,7 +57,7 @@ def test_what_is_formatted_is_read_back_the_same(made: Savgol) -> None:
 
 
 def test_defaults_are_written_out() -> None:
-    assert format_spec("savgol", Savgol(35, again=True)) == "savgol:35:3:1.0:interp:True:None"
+    assert format_spec("savgol", Savgol(35, again=True)) == "savgol:35:3:1.0:interp:True:2.0"
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

@@ -87,7 +87,13 @@ def integrate(
             return Trajectory(times, states, _diverged(float(times[0]), "the law is not finite there", where))
         size = np.max(np.abs(initial)) + np.max(np.abs(first)) * (times[1] - times[0]) + np.finfo(float).tiny
         solver = LSODA(
-            field, times[0], initial, times[-1], rtol=relative_tolerance, atol=1e-3 * relative_tolerance * size, jac=jacobian
+            field,
+            times[0],
+            initial,
+            times[-1],
+            rtol=relative_tolerance,
+            atol=1e-3 * relative_tolerance * size,
+            jac=jacobian,
         )
         reached = 1
         for _ in range(_MOST_STEPS):

@@ -44,9 +44,13 @@ class StrongForm:
 
     def __post_init__(self) -> None:
         if self.order not in (1, 2):
-            raise CommonlawError(f"order {self.order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)")
+            raise CommonlawError(
+                f"order {self.order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)"
+            )
         if self.library_states not in ("smoothed", "measured"):
-            raise CommonlawError(f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'")
+            raise CommonlawError(
+                f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'"
+            )
         if self.trim < 0:
             raise CommonlawError(f"trim {self.trim} is negative: give the number of rows to leave out at each end")
 
@@ -80,7 +84,8 @@ class StrongForm:
         inner = slice(self.trim, len(trial) - self.trim)
         if len(trial) <= 2 * self.trim:
             raise CommonlawError(
-                f"{trial.label}: no row is left of {len(trial)} samples after trimming {self.trim} at each end; trim less"
+                f"{trial.label}: no row is left of {len(trial)} samples after trimming {self.trim} at each end; "
+                "trim less"
             )
         rates = self.rates(trial)
         states = rates.states if self.library_states == "smoothed" else trial.states
@@ -96,6 +101,4 @@ def rate_names(schema: Schema) -> tuple[str, ...]:
     """Return the names of the states' rates: ``v`` for a single state, ``v_x`` and ``v_y`` for several."""
     plain = ["v"] if len(schema.states) == 1 else [f"v_{state}" for state in schema.states]
     taken = {*schema.states, *schema.inputs, schema.time}
-    return tuple(
-        f"{state}_rate" if name in taken else name for name, state in zip(plain, schema.states, strict=True)
-    )
+    return tuple(f"{state}_rate" if name in taken else name for name, state in zip(plain, schema.states, strict=True))

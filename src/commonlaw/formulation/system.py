@@ -43,18 +43,16 @@ class System:
         targets
             Values to be explained, shape (n, targets).
         """
-        factor = np.linalg.qr(np.concatenate([library, targets], axis=1), mode="r")
-        return cls(factor, library.shape[1], len(library))
+        return cls(_triangle(np.concatenate([library, targets], axis=1)), library.shape[1], len(library))
 
     def __add__(self, other: "System") -> "System":
         """Return the system of both sets of rows."""
-        factor = np.linalg.qr(np.concatenate([self.factor, other.factor]), mode="r")
-        return System(factor, self.terms, self.rows + other.rows)
+        return System(_triangle(np.concatenate([self.factor, other.factor])), self.terms, self.rows + other.rows)
 
     @property
     def targets(self) -> int:
         """Number of equations."""
-        return self.factor.shape[1] - self.terms
+        return int(self.factor.shape[1]) - self.terms
 
     @cached_property
     def norms(self) -> Floats:
@@ -106,3 +104,8 @@ class System:
         norms = self.norms[support]
         scales = np.where(norms > 0, norms, 1.0)
         return self.factor[:, : self.terms][:, support] / scales, scales
+
+
+def _triangle(rows: Floats) -> Floats:
+    """Return the triangular factor of rows by Householder reflections."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))

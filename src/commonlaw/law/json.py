@@ -74,7 +74,8 @@ def decode(content: bytes) -> Law:
     shape = (len(schema.states), len(terms))
     for name, rows in document.coefficients.items():
         if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-            raise CommonlawError(f"the law is damaged: the coefficients of {name!r} are not {shape[0]} x {shape[1]} numbers")
+            expected = f"{shape[0]} x {shape[1]} numbers"
+            raise CommonlawError(f"the law is damaged: the coefficients of {name!r} are not {expected}")
     return Law(
         terms,
         schema,

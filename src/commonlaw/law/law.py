@@ -155,7 +155,7 @@ class Law:
         return pd.DataFrame(values, index=pd.Index(self.objects, name="object"), columns=columns)
 
     def coefficient_units(self) -> "dict[tuple[str, str], str]":
-        """Return the unit of every coefficient in the law by equation and term, where the units of its variables tell."""
+        """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
         from commonlaw.law.units import coefficient_units
 
         return coefficient_units(self)
@@ -268,8 +268,8 @@ class Law:
         ):
             if wanted != given:
                 raise CommonlawError(
-                    f"the law has the {kind} {', '.join(wanted) or 'none'}, the trials have {', '.join(given) or 'none'}; "
-                    "name the columns of the table as in the law"
+                    f"the law has the {kind} {', '.join(wanted) or 'none'}, "
+                    f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
                 )
 
     # Keeping it
@@ -311,7 +311,8 @@ class Law:
 
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:
-            raise CommonlawError(f"the law has several objects: name one of {', '.join(self.objects)}, or take average()")
+            names = ", ".join(self.objects)
+            raise CommonlawError(f"the law has several objects: name one of {names}, or take average()")
         return self.objects[0] if name is None else name
 
 

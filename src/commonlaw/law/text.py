@@ -47,7 +47,7 @@ def latex(law: "Law", coefficients: Floats, digits: int) -> str:
 
 def law_text(law: "Law") -> str:
     """Return the law as `print` shows it: its structure, then each object's coefficients."""
-    lines = []
+    lines: list[str] = []
     if len(law.objects) == 1:
         lines += law.equations()
     elif law.shared:

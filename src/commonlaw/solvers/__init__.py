@@ -44,7 +44,7 @@ def _group_stlsq(
     max_iterations: int = 10,
     normalize: bool = False,
 ) -> GroupSTLSQ:
-    """Make a `GroupSTLSQ` whose importance is given by name, with the level of a quantile or the magnitude of a vote."""
+    """Make a `GroupSTLSQ` with an importance given by its name, and the level of a quantile or of a vote."""
     if importance not in IMPORTANCES:
         raise unknown("importance", importance, IMPORTANCES)
     if level is not None and importance not in ("quantile", "count"):

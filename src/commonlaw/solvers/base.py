@@ -24,8 +24,8 @@ class Fit:
     support
         Which terms are in, shape (objects, equations, terms).
     largest
-        What the threshold was compared with when all candidates were in: its largest value for each object and
-        equation, shape (objects, equations); a threshold above it empties the support.
+        The largest value that the threshold was compared with in the last sweep that had a term, for each object and
+        equation, shape (objects, equations); a support that is empty had a threshold above it.
     converged
         Whether the support was stable when the solver stopped.
     """

@@ -94,4 +94,4 @@ class Count(AbstractImportance):
 
     def measure(self, magnitudes: Floats) -> Floats:
         """Return the number of votes."""
-        return np.sum(magnitudes >= self.magnitude, axis=0, dtype=np.float64)
+        return np.asarray(np.sum(magnitudes >= self.magnitude, axis=0), dtype=np.float64)

@@ -37,16 +37,16 @@ def threshold_sequentially(
     """
     support = np.repeat(candidates[np.newaxis], len(systems), axis=0)
     norms = np.array([system.norms for system in systems])[:, np.newaxis] if normalize else 1.0
-    largest = None
+    largest = np.zeros(support.shape[:2])
     for _ in range(max_iterations):
         coefficients = _least_squares(systems, support, ridge)
         stays, values = keep(np.abs(coefficients) * norms)
-        largest = values if largest is None else largest
+        largest = np.where(support.any(axis=2), values, largest)
         kept = support & stays
         if np.array_equal(kept, support):
             return Fit(coefficients, support, largest, converged=True)
         support = kept
-    return Fit(_least_squares(systems, support, ridge), support, np.asarray(largest), converged=False)
+    return Fit(_least_squares(systems, support, ridge), support, largest, converged=False)
 
 
 def _least_squares(systems: Sequence[System], support: Bools, ridge: float) -> Floats:
