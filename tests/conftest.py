@@ -3,14 +3,19 @@
 import os
 from pathlib import Path
 
+import pooch
 import pytest
+
+import commonlaw as cl
 
 
 @pytest.fixture(scope="session")
 def ball_drops_folder() -> Path:
-    """The folder of the measured ball drops: COMMONLAW_DATA, or shared/data/ball_drops beside the repository."""
+    """The folder of the measured drops: COMMONLAW_DATA, shared/data/ball_drops beside the checkout, or a download."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "ball_drops"
-    folder = Path(os.environ.get("COMMONLAW_DATA") or beside)
-    if not (folder / "Ball_drops_data.xls").is_file():
-        pytest.fail(f"there is no Ball_drops_data.xls in {folder}: name its folder in COMMONLAW_DATA")
-    return folder
+    named = os.environ.get("COMMONLAW_DATA") or (beside if beside.is_dir() else None)
+    try:
+        cl.datasets.ball_drops(named)
+    except cl.CommonlawError as error:
+        pytest.fail(str(error))
+    return Path(named or pooch.os_cache("commonlaw"))

@@ -111,7 +111,7 @@ def test_the_real_drops_give_the_printed_law_from_the_command_line(run, ball_dro
     assert code == 0
     assert "x'' = a + b v" in out
     row = next(line for line in out.splitlines() if "Golf Ball" in line)
-    assert row.split()[2:4] == ["-9.443", "-0.0302"]
+    assert row.split()[2:4] == ["-9.443", "-0.03013"]
     assert "Forecasts of 10 held-out trials" in out
     assert "clipped" in err
 

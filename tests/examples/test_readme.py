@@ -1,0 +1,38 @@
+"""The README's tour, line by line."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from commonlaw.cli import main
+
+README = (Path(__file__).parents[2] / "README.md").read_text()
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tour,) = blocks("sh")
+    for line in tour.splitlines():
+        monkeypatch.setattr("sys.argv", shlex.split(line))
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 0, line
+    assert {path.name for path in tmp_path.iterdir()} == {"drops.csv", "law.json", "law.png", "forecast.csv"}
+
+
+def test_the_python_runs_and_says_what_its_comments_say(monkeypatch, tmp_path, ball_drops_folder):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COMMONLAW_DATA", str(ball_drops_folder))
+    names = {}
+    for block in blocks("python"):
+        exec(compile(block, "README.md", "exec"), names)
+    assert len(names["drops"]) == 20
+    assert len(names["drops"].objects) == 10
+    assert str(names["law"]).startswith("x'' = a + b v\n")
+    assert names["search"].best_score_ > 0.97
