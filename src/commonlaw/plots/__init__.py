@@ -1,0 +1,15 @@
+"""Figures: trials, libraries, coefficients, forecasts and laws, each as a matplotlib figure.
+
+No function touches pyplot, a display, or matplotlib's settings. Show a figure in a notebook, change it with
+matplotlib, or write it with `save_figure`. The layout is settled; after adding to a figure,
+``figure.set_layout_engine("constrained")`` makes room for what was added.
+"""
+
+from commonlaw.plots.coefficients import plot_coefficients
+from commonlaw.plots.forecast import plot_forecast
+from commonlaw.plots.law import plot_law
+from commonlaw.plots.library import plot_library
+from commonlaw.plots.render import render, save_figure
+from commonlaw.plots.trials import plot_trials
+
+__all__ = ["plot_coefficients", "plot_forecast", "plot_law", "plot_library", "plot_trials", "render", "save_figure"]

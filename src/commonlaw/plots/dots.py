@@ -1,0 +1,171 @@
+"""Coefficients of a law as dots, beside the true ones where they are known."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, NullLocator
+from numpy.typing import NDArray
+
+from commonlaw.law import Law
+from commonlaw.plots.coefficients import absent_as_nan, true_values
+from commonlaw.plots.equations import left_sides, letter_of, term_labels
+from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
+
+Floats = NDArray[np.float64]
+
+_DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
+_OPEN: Mapping[str, Any] = {
+    "color": "black",
+    "marker": "o",
+    "linestyle": "",
+    "markersize": 9,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1.2,
+}
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of every object.
+
+    Parameters
+    ----------
+    equation
+        The number of its equation.
+    term
+        Its term as a label.
+    letter
+        Its letter in the law as a label; empty if only the truth has it.
+    unit
+        Its unit as a label; empty if not known.
+    learned, true
+        Values, shape (objects,); NaN where the term is absent or the truth is not known.
+    """
+
+    equation: int
+    term: str
+    letter: str
+    unit: str
+    learned: Floats
+    true: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class DotPlot:
+    """The coefficients of a law, and of the true one if it is known, as dots.
+
+    Each coefficient of several objects has a panel with a line for each object; those of a single object have a line
+    each in the panel of their equation.
+    """
+
+    law: Law
+    truth: Law | None = None
+
+    @cached_property
+    def coefficients(self) -> list[Coefficient]:
+        """All coefficients that are in the law or in the truth, equation by equation."""
+        law, labels, units = self.law, term_labels(self.law.terms), self.law.coefficient_units()
+        found = []
+        for j, k in np.ndindex(law.support.shape):
+            name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
+            true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
+            if np.any(np.isfinite([learned, true])):
+                unit = unit_text(units.get((f"{law.states[j]}{law.primes}", name), ""))
+                found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true))
+        return found
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several objects."""
+        return len(self.law.objects) > 1
+
+    @property
+    def columns(self) -> int:
+        """Number of panels side by side."""
+        return min(len(self.coefficients), 3) if self.several else 1
+
+    @property
+    def lines(self) -> int:
+        """Number of lines of panels."""
+        return -(-len(self.coefficients) // self.columns) if self.several else len(self.law.states)
+
+    @property
+    def width(self) -> float:
+        """Width in inches."""
+        return 1.6 + 1.9 * self.columns if self.several else 4.5
+
+    @property
+    def height(self) -> float:
+        """Least height in inches."""
+        marks = len(self.law.objects) * self.lines if self.several else len(self.coefficients)
+        return 0.9 * self.lines + 0.24 * marks
+
+    def draw(self, figure: Figure, place: SubplotSpec) -> None:
+        """Draw into a part of a figure."""
+        if self.several:
+            self._draw_panels(figure, place)
+        else:
+            self._draw_lines(place)
+
+    def keys(self) -> list[Line2D]:
+        """Return what belongs into the legend."""
+        learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
+        return [learned, key("true", **_OPEN)] if known else []
+
+    def _draw_panels(self, figure: Figure, place: SubplotSpec) -> None:
+        grid = place.subgridspec(self.lines, self.columns)
+        heights, lefts = np.arange(len(self.law.objects)), left_sides(self.law)
+        for i, each in enumerate(self.coefficients):
+            panel = figure.add_subplot(grid[i])
+            panel.plot(each.learned, heights, **_DOT)
+            panel.plot(each.true, heights, **_OPEN)
+            panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
+            panel.tick_params(labelleft=i % self.columns == 0)
+            panel.set_ylim(len(heights) - 0.5, -0.5)
+            panel.margins(x=0.15)
+            panel.locator_params(axis="x", nbins=4)
+            where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
+            panel.set_title(where + ("constant term" if each.term == "$1$" else f"{each.term} term"))
+            panel.set_xlabel(" ".join(filter(None, (each.letter, f"({each.unit})" if each.unit else ""))))
+
+    def _draw_lines(self, place: SubplotSpec) -> None:
+        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
+        ratios = [1 + len(group) for group in groups]
+        panels = place.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
+        for panel, group, left in zip(panels, groups, left_sides(self.law), strict=True):
+            heights = np.arange(len(group))
+            panel.plot([each.learned[0] for each in group], heights, **_DOT)
+            panel.plot([each.true[0] for each in group], heights, **_OPEN)
+            for height, each in enumerate(group):
+                _print_value(panel, height, each)
+            panel.set_yticks(heights, [each.term for each in group])
+            panel.set_ylim(len(group) - 0.4, -0.6)
+            panel.set_title(f"terms of {left}", loc="left")
+            panel.margins(x=0.4)  # room for the printed values
+        self._scale(panels[-1])
+        panels[-1].set_xlabel("coefficient")
+
+    def _scale(self, panel: Axes) -> None:
+        """Make the axis logarithmic on both sides of zero when coefficients differ by a factor above a hundred."""
+        values = np.abs([[*each.learned, *each.true] for each in self.coefficients])
+        low, high = np.nanmin(values), np.nanmax(values)
+        if high > 100 * low:
+            panel.set_xscale("symlog", linthresh=low)
+            # Matplotlib's own ticks for this scale run into each other around zero
+            decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
+            panel.xaxis.set_major_locator(FixedLocator([*-decades, 0, *decades]))
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_locator(NullLocator())
+
+
+def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
+    if np.isfinite(each.learned[0]):
+        text = f"{number_text(each.learned[0], 4)} {each.unit}".rstrip()
+        panel.annotate(text, (each.learned[0], height), (8, 0), textcoords="offset points", va="center", fontsize=9)

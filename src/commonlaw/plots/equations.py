@@ -1,0 +1,80 @@
+"""Laws and terms as mathtext."""
+
+import numpy as np
+
+from commonlaw.law import Law
+from commonlaw.library import Terms
+from commonlaw.library.naming import latex_name
+from commonlaw.plots.style import math
+
+_LINE = 90
+"""Characters of a line of an equation, as mathtext; printed it is about half as long."""
+
+_LINES = 2
+
+
+def term_labels(terms: Terms) -> list[str]:
+    """Return every term as a label."""
+    names = terms.variables.names
+    return [math(term.latex(names), text) for term, text in zip(terms.terms, terms.names, strict=True)]
+
+
+def left_sides(law: Law) -> list[str]:
+    """Return the left-hand side of every equation as a label."""
+    mark = r"\dot" if law.order == 1 else r"\ddot"
+    return [math(f"{mark}{{{latex_name(state)}}}", f"{state}{law.primes}") for state in law.states]
+
+
+def equation_lines(law: Law) -> str:
+    """Return the law as lines of mathtext: with numbers if it has one object, else with the law's letters.
+
+    A law of second order has a last line that says what the rates are.
+    """
+    lines = []
+    for j, left in enumerate(left_sides(law)):
+        lines += _broken(f"{left} $=$", _summands(law, j))
+    rates = [
+        f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
+        for rate, state in zip(law.rates, law.states, strict=False)
+    ]
+    return "\n".join([*lines, f"with {', '.join(rates)}"] if rates else lines)
+
+
+def letter_of(law: Law, equation: int, term: int) -> str:
+    """Return the letter of a coefficient as a label; empty if it is not in the law."""
+    if not law.support[equation, term]:
+        return ""
+    before = np.count_nonzero(law.support.ravel()[: equation * len(law.terms) + term])
+    letter = law.letters[before]
+    return f"${letter[0]}_{{{letter[1:]}}}$" if letter[1:] else f"${letter}$"
+
+
+def _summands(law: Law, j: int) -> list[tuple[str, str]]:
+    """Return sign and text of each summand of equation j."""
+    summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
+    for k in np.flatnonzero(law.support[j]):
+        value = law.coefficients[0, j, k]
+        factor = _number(abs(value)) if one else letter_of(law, j, int(k))
+        rest = "" if law.terms.names[k] == "1" else f" {labels[k]}"
+        summands.append(("$-$" if one and value < 0 else "$+$", factor + rest))
+    return summands
+
+
+def _broken(left: str, summands: list[tuple[str, str]]) -> list[str]:
+    """Return an equation on a few lines, cut with an ellipsis if it is longer."""
+    lines = [left if summands else f"{left} 0"]
+    for i, (sign, text) in enumerate(summands):
+        part = f" {sign} {text}" if i else f" {sign.replace('$+$', '')}{text}"
+        if len(lines[-1]) + len(part) <= _LINE:
+            lines[-1] += part
+        elif len(lines) < _LINES:
+            lines.append(part)
+        else:
+            lines[-1] += " …"
+            break
+    return lines
+
+
+def _number(value: float) -> str:
+    mantissa, _, exponent = f"{value:.4g}".partition("e")
+    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa

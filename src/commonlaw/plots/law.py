@@ -1,0 +1,58 @@
+"""A law at a glance: its equations, its coefficients, and how well it forecasts."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from commonlaw.forecast import Forecast
+from commonlaw.law import Law
+from commonlaw.plots.coefficients import HeatMaps
+from commonlaw.plots.dots import DotPlot
+from commonlaw.plots.equations import equation_lines
+from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
+from commonlaw.plots.style import add_legend, settled, styled
+from commonlaw.trials import Trials
+
+_MOST_DOTS = 12
+"""More coefficients than these are drawn as heat maps."""
+
+
+@styled()
+def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
+    """Plot a law: above its equations, at the left its coefficients, at the right its forecasts of trials.
+
+    Parameters
+    ----------
+    law
+        The law.
+    trials
+        Measurements to forecast, or their forecast if there is one already.
+    truth
+        The law that the data were simulated with; its coefficients of the law's candidate terms are open markers.
+
+    Raises
+    ------
+    CommonlawError
+        If the trials cannot be forecast, see `Law.predict`.
+    """
+    forecast = trials if isinstance(trials, Forecast) else law.predict(trials)
+    coefficients = _coefficients(law, truth)
+    columns, lines = forecast_grid(forecast, most=3)
+    widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))
+    equations = equation_lines(law)
+    height = 1.1 + 0.3 * equations.count("\n") + max(2.8 * lines, coefficients.height)
+    figure = Figure(figsize=(sum(widths) + 1.4, height), layout="constrained")
+    figure.suptitle(equations)
+    places = figure.add_gridspec(1, 2, width_ratios=widths)
+    coefficients.draw(figure, places[0])
+    draw_forecast(figure, places[1], forecast, columns)
+    add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)])
+    return settled(figure)
+
+
+def _coefficients(law: Law, truth: Law | None) -> DotPlot | HeatMaps:
+    """Return the plot of the law's coefficients: dots, or heat maps when there are none or many."""
+    dots = DotPlot(law, truth)
+    if 0 < len(dots.coefficients) <= _MOST_DOTS:
+        return dots
+    true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
+    return HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)

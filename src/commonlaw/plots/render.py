@@ -1,0 +1,56 @@
+"""Figures as bytes and files."""
+
+import os
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from commonlaw.errors import unknown
+from commonlaw.files import write_whole
+from commonlaw.plots.style import styled
+
+# Dates and versions would make two runs differ
+_METADATA: Mapping[str, Mapping[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
+    """Return the figure as the content of a file of that name; the same data give the same bytes.
+
+    Parameters
+    ----------
+    figure
+        What to draw.
+    path
+        A path, or only its suffix: ``.png``, ``.svg`` or ``.pdf``. No file is written.
+
+    Raises
+    ------
+    CommonlawError
+        If the suffix is not one of these.
+    """
+    name = Path(path)
+    kind = (name.suffix or name.name).lstrip(".").lower()
+    if kind not in _METADATA:
+        raise unknown("format of a figure", kind, _METADATA)
+    content = BytesIO()
+    with styled():
+        figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
+    return content.getvalue()
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write the figure in the format of the path's suffix, whole or not at all.
+
+    Raises
+    ------
+    CommonlawError
+        If the suffix is not ``.png``, ``.svg`` or ``.pdf``, or the file cannot be written.
+    """
+    write_whole(path, render(figure, path))

@@ -1,0 +1,170 @@
+"""The one look of all figures: colours, markers, labels, sizes."""
+
+import re
+import textwrap
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import Any
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.mathtext import MathTextParser
+
+GREY = "#8c8c8c"
+ABSENT = "#ececec"
+
+# Okabe and Ito (2008) without its yellow, which fades on white, and three of Tol's muted colours (2021) to make ten
+COLORS = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#882255", "#999933", "#7f7f7f",
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")
+DASHES = ("-", "--", ":", "-.")
+
+SETTINGS: Mapping[str, Any] = {
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.labelsize": 10,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "figure.titlesize": 13,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#444444",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4),
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 5,
+    "svg.hashsalt": "commonlaw",
+    "pdf.fonttype": 42,
+}
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colour and marker of one object."""
+
+    color: str
+    marker: str
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Use the look of these figures, whatever the user's settings are, and restore those afterwards."""
+    with style.context(["default", dict(SETTINGS)]), warnings.catch_warnings():
+        # A character that no font has is drawn as a box; the warning names no remedy
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
+
+
+def settled(figure: Figure) -> Figure:
+    """Lay the figure out once and for all, so that the same data give the same bytes, however often it is drawn.
+
+    The solver behind matplotlib's constrained layout rounds differently from run to run, and moves panels a little
+    with every drawing.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for panel in figure.axes:
+        panel.set_position(np.round(panel.get_position().bounds, 5).tolist())
+    return figure
+
+
+def looks(names: Sequence[str]) -> dict[str, Look]:
+    """Return a look for each name: ten colours, and with the markers a hundred looks before one comes twice."""
+    return {
+        name: Look(COLORS[i % len(COLORS)], MARKERS[(i + i // len(COLORS)) % len(MARKERS)])
+        for i, name in enumerate(names)
+    }
+
+
+def plain(text: str, width: int = 28) -> str:
+    """Return a name as matplotlib should show it: dollar signs as such, long names on two lines, cut after those.
+
+    >>> plain("US$ ball")
+    'US\\\\$ ball'
+    """
+    lines = textwrap.wrap(text, width, max_lines=2, placeholder=" …") or [text]
+    return "\n".join(lines).replace("$", r"\$")
+
+
+def math(latex: str, text: str) -> str:
+    """Return LaTeX as mathtext, or `text` where mathtext does not know a command in it."""
+    try:
+        MathTextParser("path").parse(f"${latex}$")
+    except ValueError:
+        return plain(text)
+    return f"${latex}$"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as printed.
+
+    >>> unit_text("m / s ** 2"), unit_text("kg m^2")
+    ('m/s²', 'kg m²')
+    """
+    raised = re.sub(r"\s*(?:\*\*|\^)\s*(-?\d+)\b(?!\.)", lambda match: match[1].translate(_SUPERSCRIPTS), unit)
+    return re.sub(r"\s*\*\s*", "·", re.sub(r"\s*/\s*", "/", raised))
+
+
+def number_text(value: float, digits: int) -> str:
+    """Return a number as printed, with a minus sign instead of a hyphen.
+
+    >>> number_text(-0.12345, 3)
+    '−0.123'
+    """
+    return f"{value:.{digits}g}".replace("-", "−")
+
+
+def axis_label(name: str, unit: str = "") -> str:
+    """Return a name with its unit, if it has one.
+
+    >>> axis_label("x", "m"), axis_label("count")
+    ('x (m)', 'count')
+    """
+    return plain(f"{name} ({unit_text(unit)})" if unit else name, 60)
+
+
+def columns_for(panels: int, most: int = 5) -> int:
+    """Return how many columns a grid of panels has."""
+    return min(panels, max(most, ceil(sqrt(panels))))
+
+
+def show_lowest_ticks(panels: Sequence[Axes], columns: int, label: str) -> None:
+    """Label the x axis of the lowest panel of each column of a grid that is filled row by row."""
+    for i, panel in enumerate(panels):
+        lowest = i + columns >= len(panels)
+        panel.tick_params(labelbottom=lowest)
+        if lowest:
+            panel.set_xlabel(label)
+
+
+def key(label: str, **settings: Any) -> Line2D:
+    """Return an entry of a legend."""
+    # matplotlib leaves out labels that begin with an underscore
+    return Line2D([], [], label=f" {label}" if label.startswith("_") else label, **settings)
+
+
+def add_legend(figure: Figure, keys: Sequence[Line2D], above: bool = False) -> None:
+    """Put a legend beside or above all panels."""
+    if not keys:
+        return
+    if above:
+        figure.legend(handles=list(keys), loc="outside upper center", ncols=min(len(keys), 5))
+    else:
+        figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25))

@@ -1,0 +1,354 @@
+"""Figures show the data they are given, say what they show, and are the same bytes every time."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from commonlaw import datasets
+from commonlaw.differentiation import parse_differentiation
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import StrongForm
+from commonlaw.law import Law
+from commonlaw.library import PolynomialLibrary
+from commonlaw.plots import (
+    plot_coefficients,
+    plot_forecast,
+    plot_law,
+    plot_library,
+    plot_trials,
+    render,
+    save_figure,
+)
+from commonlaw.trials import Schema, Trial, Trials
+
+DRAG = tuple(np.linspace(-0.1, -0.7, 10))
+FORM = StrongForm(parse_differentiation("savgol:35:3"), order=2)
+
+
+def drops(balls: int = 10, **options: float) -> Trials:
+    return datasets.linear_drag(drag=DRAG[:balls], **options)
+
+
+def law_of(trials: Trials, degree: int = 2) -> Law:
+    """The law ``x'' = -9.5 + 0.9 drag v`` over a polynomial library, close to the truth and not equal to it."""
+    terms = PolynomialLibrary(degree).bind(FORM.variables(trials.schema))
+    coefficients = np.zeros((len(trials.objects), 1, len(terms)))
+    coefficients[:, 0, terms.index("1")] = -9.5
+    coefficients[:, 0, terms.index("v")] = 0.9 * np.array(DRAG[: len(trials.objects)])
+    return Law(terms, trials.schema, 2, trials.objects, coefficients, FORM.differentiation)
+
+
+def legend_of(figure: Figure) -> list[str]:
+    return [text.get_text().strip() for legend in figure.legends for text in legend.get_texts()]
+
+
+def xy(panel: Axes, i: int) -> tuple[np.ndarray, np.ndarray]:
+    line = panel.get_lines()[i]
+    return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+
+
+def diverging() -> tuple[Law, Trials]:
+    trials = drops(1, trials=1)
+    law = law_of(trials)
+    return replace(law, coefficients=np.where(np.array(law.terms.names) == "v^2", -1.0, law.coefficients)), trials
+
+
+EVERY: dict[str, Callable[[], Figure]] = {
+    "one trial": lambda: plot_trials(drops(1, trials=1)),
+    "trials": lambda: plot_trials(drops()),
+    "displacement": lambda: plot_trials(drops(), displacement=True),
+    "library": lambda: plot_library(drops(1)[0], FORM, law_of(drops(1)).terms),
+    "coefficients": lambda: plot_coefficients(law_of(drops(), degree=3)),
+    "one coefficient": lambda: plot_coefficients(law_of(drops(1)), "support"),
+    "many coefficients": lambda: plot_coefficients(law_of(drops(), degree=8)),
+    "one forecast": lambda: plot_forecast(law_of(drops(1)).predict(drops(1))),
+    "forecasts": lambda: plot_forecast(law_of(drops()).predict(drops())),
+    "one law": lambda: plot_law(law_of(drops(1)), drops(1)),
+    "law": lambda: plot_law(law_of(drops()), drops(), datasets.linear_drag.truth(drag=DRAG)),
+    "two states": lambda: plot_law(datasets.lotka_volterra.truth(), datasets.lotka_volterra()),
+    "diverged": lambda: plot_forecast(diverging()[0].predict(diverging()[1])),
+}
+
+
+def test_trials_are_drawn_sample_by_sample_with_units_and_a_legend_outside_the_data() -> None:
+    trials = drops()
+    figure = plot_trials(trials)
+    (panel,) = figure.axes
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("t (s)", "x (m)")
+    for i, trial in enumerate(trials):
+        np.testing.assert_array_equal(xy(panel, i), (trial.times, trial.states[:, 0]))
+    assert len(panel.get_lines()) == len(trials) == 20
+    assert legend_of(figure) == [*trials.objects, "trial 1", "trial 2"]
+    figure.draw_without_rendering()
+    assert figure.legends[0].get_window_extent().x0 > panel.bbox.x1
+
+
+def test_each_object_has_its_own_look_and_keeps_it_in_a_selection() -> None:
+    trials = drops()
+    looks = {(line.get_color(), line.get_marker()) for line in plot_trials(trials).axes[0].get_lines()}
+    chosen = plot_trials(trials, objects=["Ball 3"])
+    assert len(looks) == 10
+    lines = chosen.axes[0].get_lines()
+    assert {line.get_color() for line in lines} == {plot_trials(trials).axes[0].get_lines()[4].get_color()}
+    assert [line.get_linestyle() for line in lines] == ["-", "--"]
+    assert legend_of(chosen)[0] == "Ball 3"
+
+
+def test_each_state_has_a_panel_and_a_state_without_unit_its_name_alone() -> None:
+    trials = datasets.lorenz()
+    figure = plot_trials(trials)
+    assert [panel.get_ylabel() for panel in figure.axes] == ["x", "y", "z"]
+    (panel,) = plot_trials(trials, state="y").axes
+    np.testing.assert_array_equal(xy(panel, 0)[1], trials[0].states[:, 1])
+
+
+def test_unknown_states_and_objects_are_named() -> None:
+    with pytest.raises(CommonlawError, match="unknown state 'y': Known: x"):
+        plot_trials(drops(1), state="y")
+    with pytest.raises(CommonlawError, match="unknown object 'ball 1': did you mean 'Ball 1'"):
+        plot_trials(drops(1), objects=["ball 1"])
+    with pytest.raises(CommonlawError, match="unknown object 'Bal 1': did you mean 'Ball 1'"):
+        plot_forecast(law_of(drops(1)).predict(drops(1)), objects=["Bal 1"])
+
+
+def test_displacement_is_logarithmic_and_free_fall_runs_along_the_guide_of_slope_two() -> None:
+    trials = datasets.linear_drag(drag=[0.0], noise=0.0, trials=1)
+    (panel,) = plot_trials(trials, displacement=True).axes
+    assert panel.get_xscale() == panel.get_yscale() == "log"
+    assert panel.get_ylabel() == "|x − x(start)| (m)"
+    times, states = trials[0].times, trials[0].states[:, 0]
+    np.testing.assert_array_equal(xy(panel, 0), (times[1:], np.abs(states - states[0])[1:]))
+    slopes = [np.polyfit(*np.log(xy(panel, i)), 1)[0] for i in range(3)]
+    np.testing.assert_allclose(slopes, [2, 1, 2], rtol=1e-6)
+
+
+def test_the_displacement_of_a_state_that_does_not_change_is_said_in_words() -> None:
+    still = Trials((Trial("stone", "1", np.arange(3.0), np.ones(3)),), Schema(("x",)))
+    (panel,) = plot_trials(still, displacement=True).axes
+    assert [text.get_text() for text in panel.texts] == ["x does not change"]
+
+
+def test_the_library_has_a_panel_for_each_term_with_its_values_along_the_trial() -> None:
+    trials = drops(1)
+    terms = law_of(trials, degree=3).terms
+    figure = plot_library(trials[0], FORM, terms, trials.schema.units)
+    rows, _ = FORM.rows(trials[0], terms)
+    assert [panel.get_title() for panel in figure.axes[:4]] == ["$1$", "$x$", "$v$", "$x^{2}$"]
+    for i, panel in enumerate(figure.axes):
+        np.testing.assert_array_equal(xy(panel, 0), (trials[0].times, rows[:, i]))
+    assert [panel.get_xlabel() for panel in figure.axes] == [""] * 5 + ["t (s)"] * 5
+
+
+def test_heat_maps_colour_magnitudes_blank_zeros_and_print_values() -> None:
+    law = law_of(drops())
+    panel, bar = plot_coefficients(law).axes
+    (mesh,) = [each for each in panel.collections if isinstance(each, QuadMesh)]
+    cells = np.ma.asarray(mesh.get_array())
+    np.testing.assert_array_equal(cells.filled(0), np.abs(law.coefficients[:, 0]))
+    np.testing.assert_array_equal(cells.mask, law.coefficients[:, 0] == 0)
+    assert [text.get_text() for text in panel.texts[:2]] == ["−9.5", "−0.09"]
+    assert [label.get_text() for label in panel.get_yticklabels()] == list(law.objects)
+    assert "grey: term absent" in bar.get_xlabel()
+
+
+def test_heat_maps_show_all_terms_or_those_of_the_law_one_panel_for_each_equation() -> None:
+    law = datasets.lorenz.truth()
+    wide = replace(law, terms=PolynomialLibrary(2).bind(law.terms.variables), coefficients=np.zeros((1, 3, 10)))
+    wide.coefficients.flags.writeable = True
+    wide.coefficients[0, 0, 1] = 2.0
+    for terms, columns in (("all", 10), ("support", 1)):
+        panels = plot_coefficients(wide, terms).axes[:3]
+        assert [len(panel.get_xticks()) for panel in panels] == [columns] * 3
+    assert panels[0].get_title(loc="left") == r"terms of $\dot{x}$"
+    assert panels[1].get_title(loc="left") == r"terms of $\dot{y}$: none is there"
+    with pytest.raises(CommonlawError, match="unknown choice of terms 'some': Known: all, support"):
+        plot_coefficients(law, "some")
+
+
+def test_a_law_without_any_term_is_drawn_as_all_absent() -> None:
+    law = law_of(drops())
+    empty = replace(law, coefficients=0 * law.coefficients)
+    (panel,) = plot_coefficients(empty, "support").axes
+    assert len(panel.get_xticks()) == len(law.terms)
+    assert plot_law(empty, drops()).get_suptitle().startswith(r"$\ddot{x}$ $=$ 0")
+
+
+def test_forecasts_are_lines_through_measured_points_with_their_errors_below() -> None:
+    trials = drops()
+    forecast = law_of(trials).predict(trials)
+    figure = plot_forecast(forecast)
+    assert len(figure.axes) == 20
+    assert [panel.get_title() for panel in figure.axes[::2]] == list(trials.objects)
+    assert legend_of(figure) == ["measured", "forecast", "trial 1", "trial 2"]
+    for i, (trial, trajectory) in enumerate(zip(trials, forecast.trajectories, strict=True)):
+        state, error = figure.axes[2 * (i // 2) : 2 * (i // 2) + 2]
+        np.testing.assert_array_equal(xy(state, i % 2), (trial.times, trial.states[:, 0]))
+        np.testing.assert_array_equal(xy(state, 2 + i % 2), (trial.times, trajectory.states[:, 0]))
+        np.testing.assert_array_equal(xy(error, 1 + i % 2)[1], trajectory.states[:, 0] - trial.states[:, 0])
+    labels = [(panel.get_xlabel(), panel.get_ylabel()) for panel in figure.axes]
+    assert labels[:4] == [("", "x (m)"), ("", "error (m)"), ("", ""), ("", "")]
+    assert labels[-1] == ("t (s)", "")
+    assert len({panel.get_ylim() for panel in figure.axes[::2]}) == 1
+
+
+def test_only_the_objects_asked_for_are_forecast_and_each_state_has_its_own_scale() -> None:
+    trials = drops()
+    figure = plot_forecast(law_of(trials).predict(trials), objects=["Ball 2", "Ball 5"])
+    assert [panel.get_title() for panel in figure.axes[::2]] == ["Ball 2", "Ball 5"]
+    law, trials = datasets.lotka_volterra.truth(), datasets.lotka_volterra()
+    figure = plot_forecast(law.predict(trials), objects=trials.objects[:1])
+    assert [panel.get_ylabel() for panel in figure.axes[::2]] == list(trials.schema.states)
+
+
+def test_a_diverged_forecast_is_marked_where_it_ends_and_does_not_stretch_the_axes() -> None:
+    law, trials = diverging()
+    forecast = law.predict(trials)
+    figure = plot_forecast(forecast)
+    state, error = figure.axes
+    reached = int(np.isfinite(forecast.trajectories[0].states[:, 0]).sum())
+    assert 0 < reached < len(trials[0])
+    times, values = xy(state, 1)
+    np.testing.assert_array_equal(times, trials[0].times[:reached])
+    assert np.all(np.isfinite(values))
+    for panel in (state, error):
+        crosses = [line for line in panel.get_lines() if line.get_marker() == "X"]
+        assert [list(line.get_xdata()) for line in crosses] == [[trials[0].times[reached - 1]]]
+    assert "forecast diverged" in legend_of(figure)
+    span = np.ptp(trials[0].states)
+    low, high = state.get_ylim()
+    assert span < high - low < 2.2 * span
+
+
+def test_a_law_has_its_equation_above_and_the_true_coefficients_beside_its_own() -> None:
+    trials = drops()
+    law, truth = law_of(trials), datasets.linear_drag.truth(drag=DRAG)
+    figure = plot_law(law, trials, truth)
+    assert figure.get_suptitle() == "$\\ddot{x}$ $=$ $a$ $+$ $b$ $v$\nwith $v$ $=$ $\\dot{x}$"
+    constant, drag = figure.axes[:2]
+    assert [panel.get_title() for panel in (constant, drag)] == ["constant term", "$v$ term"]
+    assert [panel.get_xlabel() for panel in (constant, drag)] == ["$a$ (m/s²)", "$b$ (1/s)"]
+    np.testing.assert_array_equal(xy(drag, 0), (0.9 * np.array(DRAG), np.arange(10)))
+    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG)
+    np.testing.assert_array_equal(xy(constant, 1)[0], [-9.8] * 10)
+    assert drag.get_lines()[1].get_markerfacecolor() == "none"
+    assert legend_of(figure)[:3] == ["learned", "true", "measured"]
+
+
+def test_a_true_term_that_the_law_misses_has_open_markers_only() -> None:
+    trials = drops()
+    law, truth = law_of(trials), datasets.linear_drag.truth(drag=DRAG)
+    without = replace(law, coefficients=np.where(np.array(law.terms.names) == "v", 0, law.coefficients))
+    drag = plot_law(without, trials, truth).axes[1]
+    assert np.all(np.isnan(xy(drag, 0)[0]))
+    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG)
+
+
+def test_the_law_of_one_object_shows_its_numbers() -> None:
+    trials = drops(1)
+    figure = plot_law(law_of(trials), trials)
+    assert figure.get_suptitle().startswith(r"$\ddot{x}$ $=$ $-$9.5 $-$ 0.09 $v$")
+    assert [text.get_text() for text in figure.axes[0].texts] == ["−9.5 m/s²", "−0.09 1/s"]
+    assert "true" not in legend_of(figure)
+
+
+def test_many_coefficients_are_drawn_as_a_heat_map_with_the_true_terms_framed() -> None:
+    trials = drops(2)
+    law = law_of(trials, degree=4)
+    full = replace(law, coefficients=np.where(law.coefficients == 0, 1e-9, law.coefficients))
+    figure = plot_law(full, trials, datasets.linear_drag.truth(drag=DRAG[:2]))
+    frames = {patch.get_xy() for patch in figure.axes[0].patches}
+    assert frames == {(column, row) for column in (0, law.terms.index("v")) for row in (0, 1)}
+    assert figure.get_suptitle().splitlines()[1].endswith("…")
+    assert legend_of(figure)[0] == "true term"
+
+
+def test_a_forecast_that_is_there_already_is_not_made_again() -> None:
+    trials = drops(2)
+    law = law_of(trials)
+    assert render(plot_law(law, law.predict(trials)), "png") == render(plot_law(law, trials), "png")
+
+
+@cache
+def drawn(name: str) -> Figure:
+    return EVERY[name]()
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_nothing_is_clipped_and_no_title_runs_into_another(name: str) -> None:
+    figure = drawn(name)
+    figure.draw_without_rendering()
+    box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(box.x0, box.y0, width - box.x1, height - box.y1) > -0.02
+    titles = [panel.title.get_window_extent() for panel in figure.axes if panel.get_title()]
+    legends = [legend.get_window_extent() for legend in figure.legends]
+    assert all(not a.overlaps(b) for i, a in enumerate(titles) for b in [*titles[:i], *legends])
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_same_data_give_the_same_bytes_without_warnings(name: str) -> None:
+    first = render(drawn(name), "svg")
+    assert first == render(drawn(name), "svg") == render(EVERY[name](), "svg")
+
+
+@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_the_suffix_of_a_path_chooses_the_format(suffix: str, start: bytes) -> None:
+    figure = drawn("law")
+    first = render(figure, f"a folder/law.2.{suffix}")
+    assert first.startswith(start)
+    assert first == render(figure, f".{suffix.upper()}") == render(figure, suffix)
+
+
+def test_names_of_any_kind_are_shown_as_they_are() -> None:
+    names = ["_hidden", "US$ 5 $x$", r"\frac{", "мяч №1", "球", "a long name " * 8]
+    times = np.arange(40) / 15
+    trials = Trials(
+        tuple(Trial(name, "$1_", times, 40 - 4.9 * times**2) for name in names), Schema(("the height_$",), trial="run")
+    )
+    law = law_of(trials)
+    for figure in (
+        plot_trials(trials),
+        plot_forecast(law.predict(trials)),
+        plot_coefficients(law),
+        plot_law(law, trials),
+    ):
+        assert render(figure, "png")
+        assert render(figure, "svg")
+    assert legend_of(plot_trials(trials))[:5] == ["_hidden", r"US\$ 5 \$x\$", *names[2:5]]
+    assert legend_of(plot_trials(trials))[5].endswith("…")
+
+
+def test_matplotlib_settings_of_the_user_are_neither_used_nor_changed() -> None:
+    usual = render(plot_trials(drops(2)), "png")
+    with mpl.rc_context({"font.size": 30, "lines.linewidth": 9, "savefig.dpi": 40}):
+        before = dict(mpl.rcParams)
+        assert render(plot_trials(drops(2)), "png") == usual
+        assert dict(mpl.rcParams) == before
+
+
+def test_a_figure_is_saved_in_the_format_of_its_suffix(tmp_path: Path) -> None:
+    figure = plot_trials(drops(1))
+    save_figure(figure, tmp_path / "drops.svg")
+    assert (tmp_path / "drops.svg").read_bytes() == render(figure, "svg")
+    with pytest.raises(CommonlawError, match=r"unknown format of a figure 'jpeg': .*Known: png, svg, pdf"):
+        save_figure(figure, tmp_path / "drops.jpeg")
+    assert [path.name for path in tmp_path.iterdir()] == ["drops.svg"]
+
+
+def test_pyplot_is_never_imported() -> None:
+    code = """
+import sys
+from commonlaw import datasets, plots
+plots.render(plots.plot_trials(datasets.linear_drag()), "svg")
+sys.exit("matplotlib.pyplot" in sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
