@@ -3,7 +3,7 @@
 BIN := .venv/bin
 STAMP := .venv/.installed
 DEMO := demo
-DEMO_RUN := commonlaw discover --dataset linear-drag --noise 0.01 --seed 1 --order 2 --library poly:3 \
+DEMO_RUN := commonlaw discover --dataset linear-drag:noise=0.01:seed=1 --order 2 --library poly:3 \
 	--differentiation savgol:25:3 --trim 8 --solver group-stlsq:1.5 --save $(DEMO)/law.json --plot $(DEMO)/law.png
 
 # The kernels gain nothing from threads of their own, and lose much when the cores are busy.
