@@ -45,7 +45,11 @@ clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(BIN)/python:
 	@python=; for each in $(PYTHON) python3.11 python3 python3.12 python3.13 python; do \
 		if "$$each" -c '$(SUITABLE)' >/dev/null 2>&1; then python=$$each; break; fi; \
 	done; \
@@ -54,5 +58,3 @@ $(STAMP): pyproject.toml constraints.txt
 			"install it, or name it, as in 'make test PYTHON=/path/to/python3.11'" >&2; exit 1; \
 	fi; \
 	echo "$$python -m venv .venv"; "$$python" -m venv .venv
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
-	@touch $@
