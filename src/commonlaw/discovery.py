@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.formulation import StrongForm, System
+from commonlaw.formulation import StrongForm, System, merge
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.outcomes import Outcome
@@ -95,7 +95,10 @@ class LawDiscovery:
         form = StrongForm(self._differentiation(), self.order, self.library_states, self.trim)
         terms, solver = self._library().bind(form.variables(trials.schema)), self._solver()
         known = _known_coefficients(self.fixed or {}, trials, terms)
-        systems = [form.system(trials.of(name), terms) for name in trials.objects]
+        systems = [
+            merge(system for trial in trials.of(name) for system in form.systems(trial, terms))
+            for name in trials.objects
+        ]
         fit = _solve(systems, known, solver)
         law = Law(
             terms,

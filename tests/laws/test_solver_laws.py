@@ -1,5 +1,7 @@
 """What holds for every solver."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -91,3 +93,19 @@ def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
         group = GroupSTLSQ(threshold).solve([system], CANDIDATES)
         single = SOLVERS["stlsq"](threshold).solve([system], CANDIDATES)
         np.testing.assert_array_equal(group.coefficients, single.coefficients)
+
+
+@every_solver
+@given(seed=st.integers(0, 10_000))
+def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(solver, seed):
+    problem = systems(seed, noise=0.5)
+    path = solver.path(problem, 0, CANDIDATES[0])
+    sizes = [candidate.support.any(axis=0).sum() for candidate in path]
+    assert sizes[0] == 4
+    assert sizes[-1] == 0
+    for candidate in path:
+        again = replace(solver, threshold=candidate.setting).solve(problem, CANDIDATES)
+        np.testing.assert_array_equal(again.coefficients[:, 0], candidate.coefficients)
+    settings = [candidate.setting for candidate in path]
+    between = replace(solver, threshold=(settings[1] + settings[2]) / 2).solve(problem, CANDIDATES)
+    np.testing.assert_array_equal(between.support[:, 0], path[1].support)

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from commonlaw.formulation import System
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System, leave_one_out, merge
+from commonlaw.library import PolynomialLibrary, Variables
 
 
 @pytest.fixture
@@ -75,3 +77,61 @@ def test_fewer_rows_than_terms_are_fitted_exactly():
     system = System.of(np.array([[1.0, 2.0, 3.0]]), np.array([[4.0]]))
     coefficients = system.least_squares(np.ones(3, dtype=bool), 0)
     assert coefficients @ [1, 2, 3] == pytest.approx(4)
+
+
+def test_a_part_can_be_taken_away_again(rows):
+    library, targets = rows
+    scales = 10.0 ** np.array([-6, 0, 6, 3, -5, 1])
+    part, rest = (System.of(library[rows] * scales, targets[rows]) for rows in (slice(0, 60), slice(60, 200)))
+    left = (part + rest) - part
+    everything = np.ones(6, dtype=bool)
+    assert left.rows == 140
+    np.testing.assert_allclose(left.least_squares(everything, 1), rest.least_squares(everything, 1), rtol=1e-9)
+    with pytest.raises(CommonlawError, match="too few rows would be left"):
+        _ = part - part
+
+
+def test_leaving_out_one_part_is_merging_all_others(rows):
+    library, targets = rows
+    parts = [System.of(library[i::5], targets[i::5]) for i in range(5)]
+    for i, system in enumerate(leave_one_out(parts)):
+        expected = merge(parts[:i] + parts[i + 1 :])
+        assert system.rows == 160
+        everything = np.ones(6, dtype=bool)
+        np.testing.assert_allclose(
+            system.least_squares(everything, 0), expected.least_squares(everything, 0), rtol=1e-10
+        )
+
+
+def test_weights_count_rows_several_times(rows):
+    library, targets = rows
+    twice = System.of(library, targets, np.where(np.arange(200) < 50, 2.0, 1.0))
+    repeated = System.of(library, targets) + System.of(library[:50], targets[:50])
+    everything = np.ones(6, dtype=bool)
+    np.testing.assert_allclose(twice.least_squares(everything, 0), repeated.least_squares(everything, 0), rtol=1e-10)
+    half = System.of(library[:50], targets[:50]).weighted(2.0) + System.of(library[50:], targets[50:])
+    np.testing.assert_allclose(half.least_squares(everything, 0), repeated.least_squares(everything, 0), rtol=1e-10)
+
+
+def test_a_restricted_system_has_the_same_fits(rows):
+    library, targets = rows
+    small = System.of(library, targets).restrict([4, 1])
+    expected = np.linalg.lstsq(library[:, [4, 1]], targets[:, 1], rcond=None)[0]
+    np.testing.assert_allclose(small.least_squares(np.ones(2, dtype=bool), 1), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_badly_scaled_polynomials_of_raw_states_agree_with_least_squares_on_all_rows(degree):
+    generator = np.random.default_rng(0)
+    states = generator.uniform(-1, 1, (5000, 3)) * [20, 25, 40] + [0, 0, 25]
+    terms = PolynomialLibrary(degree).bind(Variables(("x", "y", "z")))
+    library = terms.evaluate(np.column_stack([states, np.zeros(5000)]))
+    condition = np.linalg.cond(library)
+    assert condition > 1e7 if degree == 5 else condition > 1e4
+    truth = generator.standard_normal(len(terms)) / np.linalg.norm(library, axis=0)
+    targets = library @ truth + 1e-2 * generator.standard_normal(5000)
+    scales = np.linalg.norm(library, axis=0)
+    expected = np.linalg.lstsq(library / scales, targets, rcond=1e-15)[0] / scales
+    blocks = (np.asfortranarray(np.column_stack([library, targets])[i : i + 512]) for i in range(0, 5000, 512))
+    found = System.of_blocks(blocks, len(terms), len(terms) + 1).least_squares(np.ones(len(terms), dtype=bool), 0)
+    np.testing.assert_allclose(found, expected, rtol=1e-8)

@@ -29,6 +29,13 @@ class AbstractDifferentiator(ABC):
     """From the samples of one trial to its smoothed states and rates."""
 
     @abstractmethod
+    def reach(self, order: int) -> int | None:
+        """Return how many samples away on each side the derivatives up to `order` at a sample can depend on.
+
+        None means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
+        """
+
+    @abstractmethod
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         """Return smoothed states and the derivatives up to `order`.
 
@@ -50,6 +57,11 @@ class AbstractDifferentiator(ABC):
 
 class AbstractSmoother(ABC):
     """From measured states to smoothed states."""
+
+    @property
+    @abstractmethod
+    def half_window(self) -> int | None:
+        """How many samples away on each side a smoothed state can depend on; None means all of them."""
 
     @abstractmethod
     def smooth(self, times: Floats, states: Floats) -> Floats:

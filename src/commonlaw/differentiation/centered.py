@@ -33,6 +33,9 @@ class CenteredDifference(AbstractDifferentiator):
     [3.0, 3.0, 3.0, 3.0, 3.0]
     """
 
+    def reach(self, order: int) -> int | None:
+        return order
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 4, "centred differences")
         derivatives = [states]

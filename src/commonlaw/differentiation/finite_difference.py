@@ -46,6 +46,9 @@ class FiniteDifference(AbstractDifferentiator):
         if self.accuracy % 2:
             raise CommonlawError(f"accuracy is {self.accuracy}; give an even number: centred windows reach no odd one")
 
+    def reach(self, order: int) -> int | None:
+        return ((order - 1) // 2 * 2 + self.accuracy + 1) // 2
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), order + self.accuracy, f"finite differences of accuracy {self.accuracy}")
         return Rates(states, tuple(self._derivative(times, states, k) for k in range(1, order + 1)))

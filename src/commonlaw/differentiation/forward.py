@@ -25,6 +25,9 @@ class ForwardDifference(AbstractDifferentiator):
         If a trial has fewer than 3 samples.
     """
 
+    def reach(self, order: int) -> int | None:
+        return order
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "forward differences")
         derivatives = [states]

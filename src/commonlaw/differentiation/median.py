@@ -32,6 +32,10 @@ class MedianFilter(AbstractSmoother):
     def __post_init__(self) -> None:
         check_window(self.window)
 
+    @property
+    def half_window(self) -> int | None:
+        return self.window // 2
+
     def smooth(self, times: Floats, states: Floats) -> Floats:
         from scipy.ndimage import median_filter
 

@@ -42,6 +42,10 @@ class SavitzkyGolay(AbstractSmoother):
                 f"choose a degree of at most {self.window - 1}"
             )
 
+    @property
+    def half_window(self) -> int | None:
+        return self.window // 2
+
     def smooth(self, times: Floats, states: Floats) -> Floats:
         from scipy.signal import savgol_filter
 

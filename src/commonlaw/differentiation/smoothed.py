@@ -33,6 +33,10 @@ class SmoothedDifference(AbstractDifferentiator):
     smoother: AbstractSmoother = field(default_factory=SavitzkyGolay)
     difference: AbstractDifferentiator = field(default_factory=CenteredDifference)
 
+    def reach(self, order: int) -> int | None:
+        half, step = self.smoother.half_window, self.difference.reach(1)
+        return None if half is None or step is None else order * (half + step)
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         smoothed = self.smoother.smooth(times, states)
         derivatives: list[Floats] = []

@@ -41,6 +41,9 @@ class Spectral(AbstractDifferentiator):
         if self.cutoff is not None:
             check_positive("cutoff", self.cutoff)
 
+    def reach(self, order: int) -> int | None:  # noqa: ARG002
+        return None
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         count = len(times)
         need_samples(count, 3, "spectral derivatives")

@@ -42,6 +42,9 @@ class SmoothingSpline(AbstractDifferentiator):
         if self.strength is not None:
             check_positive("strength", self.strength)
 
+    def reach(self, order: int) -> int | None:  # noqa: ARG002
+        return None
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 5, "smoothing splines")
         if order > 2:

@@ -43,6 +43,9 @@ class TotalVariation(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_positive("strength", self.strength)
 
+    def reach(self, order: int) -> int | None:  # noqa: ARG002
+        return None
+
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "total-variation derivatives")
         smoothed = current = self._smooth(times, states)

@@ -37,6 +37,10 @@ class WienerFilter(AbstractSmoother):
     def __post_init__(self) -> None:
         check_window(self.window)
 
+    @property
+    def half_window(self) -> int | None:
+        return None
+
     def smooth(self, times: Floats, states: Floats) -> Floats:
         fit_window(len(times), self.window)
         half = self.window // 2

@@ -1,9 +1,9 @@
 """The strong form: the highest derivative, estimated from the samples, against the terms at the same samples."""
 
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import reduce
-from operator import add
+from itertools import groupby, pairwise
 from typing import Literal
 
 import numpy as np
@@ -16,6 +16,12 @@ from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
 
 Floats = NDArray[np.float64]
+
+_PIECE = 8192
+"""Samples that are differentiated together: few enough to stay in cache."""
+
+_BLOCK = 2048
+"""Rows that are evaluated and absorbed together."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +67,26 @@ class StrongForm:
 
     def rates(self, trial: Trial) -> Rates:
         """Return smoothed states and derivatives of one trial; errors name the trial."""
+        return self._rates(trial, slice(None))
+
+    def _rates(self, trial: Trial, stretch: slice) -> Rates:
         try:
-            return self.differentiation.differentiate(trial.times, trial.states, self.order)
+            return self.differentiation.differentiate(trial.times[stretch], trial.states[stretch], self.order)
         except CommonlawError as error:
+            if stretch != slice(None):
+                self.rates(trial)  # Its message counts the samples of the whole trial
             raise CommonlawError(f"{trial.label}: {error}") from None
+
+    def samples(self, trial: Trial) -> tuple[Floats, Floats]:
+        """Return the variables' values, shape (n, variables), and the highest derivatives, shape (n, states).
+
+        Raises
+        ------
+        CommonlawError
+            If the trial is too short; the message names it.
+        """
+        _, values, targets = zip(*self._pieces(trial, []), strict=True)
+        return np.concatenate(values), np.concatenate(targets)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
@@ -76,25 +98,57 @@ class StrongForm:
         """
         values, targets = self.samples(trial)
         library = terms.evaluate(values)
-        terms.check_finite(library, values, trial.label)
+        terms.check_finite(library, values, trial.label, self.trim)
         return library, targets
 
-    def samples(self, trial: Trial) -> tuple[Floats, Floats]:
-        """Return the variables' values, shape (n, variables), and the highest derivatives, shape (n, states)."""
-        inner = slice(self.trim, len(trial) - self.trim)
-        if len(trial) <= 2 * self.trim:
+    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time.
+
+        They are the systems of `rows`, but no more than a piece of them is held at a time.
+        """
+        cuts = np.linspace(self.trim, len(trial) - self.trim, parts + 1).astype(int)[1:-1].tolist()
+        width = len(terms) + trial.states.shape[1]
+        by_part = groupby(self._pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
+        return [
+            System.of_blocks(_blocks(pieces, terms, width, trial.label), len(terms), width) for _, pieces in by_part
+        ]
+
+    def _pieces(self, trial: Trial, cuts: list[int]) -> Iterator[tuple[int, Floats, Floats]]:
+        """Yield for stretches of a trial, none of them across a cut: the first sample, values and targets."""
+        first, last = self.trim, len(trial) - self.trim
+        if first >= last:
             raise CommonlawError(
                 f"{trial.label}: no row is left of {len(trial)} samples after trimming {self.trim} at each end; "
                 "trim less"
             )
-        rates = self.rates(trial)
-        states = rates.states if self.library_states == "smoothed" else trial.states
-        columns = [states, *rates.derivatives[: self.order - 1], trial.inputs, trial.times[:, np.newaxis]]
-        return np.concatenate(columns, axis=1)[inner], rates.derivatives[self.order - 1][inner]
+        reach = self.differentiation.reach(self.order)
+        local = reach is not None and len(trial) > _PIECE
+        edges = sorted({first, last, *cuts, *(range(first, last, _PIECE) if local else ())})
+        # Twice the reach, so that a stretch at an end of the trial is also long enough for a whole window
+        halo = 2 * reach if local and reach is not None else len(trial)
+        rates: Rates | None = None
+        for start, stop in pairwise(edges):
+            before = max(0, start - halo)
+            if rates is None or local:
+                rates = self._rates(trial, slice(before, stop + halo) if local else slice(None))
+            inside = slice(start - before, stop - before)
+            states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
+            lower = [each[inside] for each in rates.derivatives[: self.order - 1]]
+            columns = [states, *lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
+            yield start, np.concatenate(columns, axis=1), rates.derivatives[self.order - 1][inside]
 
-    def system(self, trials: Sequence[Trial], terms: Terms) -> System:
-        """Return the rows of all `trials` of one object, compressed."""
-        return reduce(add, (System.of(*self.rows(trial, terms)) for trial in trials))
+
+def _blocks(pieces: Iterable[tuple[int, Floats, Floats]], terms: Terms, width: int, where: str) -> Iterator[Floats]:
+    """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
+    block = np.empty((_BLOCK, width), order="F")
+    for first, values, targets in pieces:
+        for i in range(0, len(values), _BLOCK):
+            some = values[i : i + _BLOCK]
+            rows = block[: len(some)]
+            library = terms.evaluate(some, rows[:, : len(terms)])
+            terms.check_finite(library, some, where, first + i)
+            rows[:, len(terms) :] = targets[i : i + _BLOCK]
+            yield rows
 
 
 def rate_names(schema: Schema) -> tuple[str, ...]:

@@ -162,18 +162,18 @@ class Terms:
         """Return the terms at these places."""
         return Terms(self.variables, tuple(self.terms[i] for i in places))
 
-    def evaluate(self, values: Floats) -> Floats:
+    def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the matrix of terms, shape (n, number of terms), in Fortran order, at the rows of `values`.
 
-        A value does not depend on which other terms there are, to the last bit.
+        A value does not depend on which other terms there are, to the last bit. If `out` is given, it is filled.
         """
-        return self._plan.evaluate(values)
+        return self._plan.evaluate(values, out)
 
     def jacobian(self, values: Floats) -> Floats:
         """Return the exact derivatives of every term by every variable, shape (n, terms, variables)."""
         return self._plan.jacobian(values)
 
-    def check_finite(self, matrix: Floats, values: Floats, where: str = "") -> None:
+    def check_finite(self, matrix: Floats, values: Floats, where: str = "", before: int = 0) -> None:
         """Refuse a matrix of terms that holds a value that is not finite.
 
         Parameters
@@ -184,6 +184,8 @@ class Terms:
             The variables that it was evaluated at, shape (n, number of variables).
         where
             What the rows are samples of, for the message: ``"Golf Ball, trial 1"``.
+        before
+            How many samples come before the first row.
 
         Raises
         ------
@@ -199,8 +201,8 @@ class Terms:
         used = sorted(self.terms[column].columns())
         point = ", ".join(f"{self.variables.names[i]} = {values[row, i]:g}" for i in used)
         raise CommonlawError(
-            f"{where}{': ' if where else ''}term {self.names[column]} is {state} at sample {row + 1}, where {point}: "
-            "leave the term out, or shift or scale the variable"
+            f"{where}{': ' if where else ''}term {self.names[column]} is {state} at sample {before + row + 1}, "
+            f"where {point}: leave the term out, or shift or scale the variable"
         )
 
 

@@ -68,9 +68,9 @@ class Plan:
         places = tuple(place(term) for term in terms)
         return cls(tuple(steps), places)
 
-    def evaluate(self, values: Floats) -> Floats:
+    def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the wanted terms as the columns of a matrix in Fortran order, shape (n, terms)."""
-        matrix = np.empty((len(values), len(self.places)), order="F")
+        matrix = np.empty((len(values), len(self.places)), order="F") if out is None else out
         self._fill(values, matrix)
         return matrix
 

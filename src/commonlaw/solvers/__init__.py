@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.solvers.base import AbstractSolver, Fit
+from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.group_stlsq import GroupSTLSQ
 from commonlaw.solvers.importance import L1, L2, AbstractImportance, Count, Mean, Median, Quantile
 from commonlaw.solvers.stlsq import STLSQ
@@ -17,6 +17,7 @@ __all__ = [
     "STLSQ",
     "AbstractImportance",
     "AbstractSolver",
+    "Candidate",
     "Count",
     "Fit",
     "GroupSTLSQ",
@@ -37,7 +38,7 @@ IMPORTANCES: Mapping[str, Callable[..., AbstractImportance]] = {
 
 
 def _group_stlsq(
-    threshold: float = 0.1,
+    threshold: float | None = None,
     importance: str = "l1",
     level: float | None = None,
     ridge: float = 0.0,

@@ -24,8 +24,8 @@ class Fit:
     support
         Which terms are in, shape (objects, equations, terms).
     largest
-        The largest value that the threshold was compared with in the last sweep that had a term, for each object and
-        equation, shape (objects, equations); a support that is empty had a threshold above it.
+        The largest value that was compared with the solver's setting in the last step that had a term, for each
+        object and equation, shape (objects, equations); a support that is empty had a setting above it.
     converged
         Whether the support was stable when the solver stopped.
     """
@@ -36,12 +36,53 @@ class Fit:
     converged: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One equation that a solver can come to.
+
+    Parameters
+    ----------
+    support
+        Which terms are in, shape (objects, terms).
+    coefficients
+        Shape (objects, terms); exactly zero outside the support.
+    setting
+        The solver's setting that gives it: the smallest threshold or penalty, or the number of terms.
+    proven
+        Whether it is proved that no other support of its size has a smaller sum of squared residuals over all objects.
+    """
+
+    support: Bools
+    coefficients: Floats
+    setting: float
+    proven: bool = False
+
+
 class AbstractSolver(ABC):
     """From one system per object to sparse coefficients. Solvers see systems only: no times and no names."""
 
+    @property
+    @abstractmethod
+    def is_set(self) -> bool:
+        """Whether the setting (threshold, penalty, number of terms) is given, so that `solve` can be called."""
+
+    @abstractmethod
+    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+        """Return every equation that some setting gives, from the most terms to the fewest.
+
+        Parameters
+        ----------
+        systems
+            One for each object, all of the same library.
+        target
+            The equation.
+        allowed
+            Which terms may enter, shape (terms,).
+        """
+
     @abstractmethod
     def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
-        """Return the coefficients of the terms that matter.
+        """Return the coefficients of the terms that matter at the solver's own setting.
 
         Parameters
         ----------

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.formulation import System
-from commonlaw.solvers.base import AbstractSolver, Fit
+from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.importance import L1, AbstractImportance
 from commonlaw.solvers.stlsq import check_settings
-from commonlaw.solvers.thresholding import threshold_sequentially
+from commonlaw.solvers.thresholding import Thresholding
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class GroupSTLSQ(AbstractSolver):
     Parameters
     ----------
     threshold
-        Smallest importance of a term that stays, in the units of the importance.
+        Smallest importance of a term that stays, in the units of the importance; None to have it chosen.
     importance
         The measure R of a row of coefficients: `L1` (the paper's), `L2`, `Mean`, `Median`, `Quantile`, `Count`.
     ridge
@@ -35,7 +35,7 @@ class GroupSTLSQ(AbstractSolver):
         Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
     """
 
-    threshold: float = 0.1
+    threshold: float | None = None
     importance: AbstractImportance = L1()
     ridge: float = 0.0
     max_iterations: int = 10
@@ -44,19 +44,21 @@ class GroupSTLSQ(AbstractSolver):
     def __post_init__(self) -> None:
         check_settings(self.threshold, self.ridge, self.max_iterations)
 
+    @property
+    def is_set(self) -> bool:
+        return self.threshold is not None
+
     def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
         """Return the shared support and each object's coefficients."""
+        return self._method.solve(systems, candidates, self.threshold)
 
-        def keep(magnitudes: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-            importance = self.importance.measure(magnitudes)
-            largest = np.repeat(importance.max(axis=1, initial=0.0)[np.newaxis], len(magnitudes), axis=0)
-            return np.broadcast_to(importance >= self.threshold, magnitudes.shape), largest
+    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+        """Return the equations of all thresholds, by their exact breakpoints."""
+        return self._method.path(systems, target, allowed)
 
-        return threshold_sequentially(
-            systems,
-            candidates,
-            keep,
-            ridge=self.ridge,
-            max_iterations=self.max_iterations,
-            normalize=self.normalize,
-        )
+    @property
+    def _method(self) -> Thresholding:
+        def measure(magnitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.broadcast_to(self.importance.measure(magnitudes), magnitudes.shape)
+
+        return Thresholding(measure, self.ridge, self.max_iterations, self.normalize)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import System
-from commonlaw.solvers.base import AbstractSolver, Fit
-from commonlaw.solvers.thresholding import threshold_sequentially
+from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.thresholding import Thresholding
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class STLSQ(AbstractSolver):
     Parameters
     ----------
     threshold
-        Smallest magnitude of a coefficient that stays, in the coefficients' own units.
+        Smallest magnitude of a coefficient that stays, in the coefficients' own units; None to have it chosen.
     ridge
         Weight of the squared norm of the coefficients in each least-squares problem.
     max_iterations
@@ -31,7 +31,7 @@ class STLSQ(AbstractSolver):
         Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
     """
 
-    threshold: float = 0.1
+    threshold: float | None = None
     ridge: float = 0.0
     max_iterations: int = 10
     normalize: bool = False
@@ -39,20 +39,27 @@ class STLSQ(AbstractSolver):
     def __post_init__(self) -> None:
         check_settings(self.threshold, self.ridge, self.max_iterations)
 
+    @property
+    def is_set(self) -> bool:
+        return self.threshold is not None
+
     def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
         """Return each object's own support and coefficients."""
-        return threshold_sequentially(
-            systems,
-            candidates,
-            lambda magnitudes: (magnitudes >= self.threshold, magnitudes.max(axis=2, initial=0.0)),
-            ridge=self.ridge,
-            max_iterations=self.max_iterations,
-            normalize=self.normalize,
-        )
+        return self._method.solve(systems, candidates, self.threshold)
+
+    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+        """Return the equations of all thresholds, by their exact breakpoints."""
+        return self._method.path(systems, target, allowed)
+
+    @property
+    def _method(self) -> Thresholding:
+        return Thresholding(lambda magnitudes: magnitudes, self.ridge, self.max_iterations, self.normalize)
 
 
-def check_settings(threshold: float, ridge: float, max_iterations: int) -> None:
+def check_settings(threshold: float | None, ridge: float, max_iterations: int) -> None:
     """Refuse settings that no thresholding solver can work with."""
     for name, value, least in (("threshold", threshold, 0), ("ridge", ridge, 0), ("max_iterations", max_iterations, 1)):
-        if isinstance(value, str) or not np.isfinite(value) or value < least:
+        if value is None and name == "threshold":
+            continue
+        if value is None or isinstance(value, str) or not np.isfinite(value) or value < least:
             raise CommonlawError(f"{name} {value!r} does not fit: give a number of at least {least}")

@@ -1,59 +1,109 @@
-"""The sweep that sequentially thresholded least squares repeats."""
+"""Sequential thresholding of least-squares coefficients, and its exact path over thresholds."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import System
-from commonlaw.solvers.base import Fit
+from commonlaw.solvers.base import Candidate, Fit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-def threshold_sequentially(
-    systems: Sequence[System],
-    candidates: Bools,
-    keep: Callable[[Floats], tuple[Bools, Floats]],
-    *,
-    ridge: float,
-    max_iterations: int,
-    normalize: bool,
-) -> Fit:
-    """Alternate least squares and thresholding until the support is stable.
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """What thresholding one equation at one threshold comes to.
 
     Parameters
     ----------
-    systems
-        One for each object.
-    candidates
-        Which terms may enter which equation, shape (equations, terms).
-    keep
-        From coefficient magnitudes, shape (objects, equations, terms), to which terms stay, and to the largest
-        value that was compared with the threshold, shape (objects, equations).
+    support, coefficients
+        Shape (objects, terms).
+    largest
+        The largest value compared with the threshold in the last sweep that had a term, shape (objects,).
+    next
+        The smallest value that stayed in any sweep: every threshold up to it gives the same.
+    converged
+        Whether the support was stable at the end.
+    """
+
+    support: Bools
+    coefficients: Floats
+    largest: Floats
+    next: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Thresholding:
+    """Least squares and thresholding in turns.
+
+    Parameters
+    ----------
+    measure
+        From coefficient magnitudes, shape (objects, terms), to what is compared with the threshold, of the same shape.
     ridge, max_iterations, normalize
         As in the solvers.
     """
-    support = np.repeat(candidates[np.newaxis], len(systems), axis=0)
-    norms = np.array([system.norms for system in systems])[:, np.newaxis] if normalize else 1.0
-    largest = np.zeros(support.shape[:2])
-    for _ in range(max_iterations):
-        coefficients = _least_squares(systems, support, ridge)
-        stays, values = keep(np.abs(coefficients) * norms)
-        largest = np.where(support.any(axis=2), values, largest)
-        kept = support & stays
-        if np.array_equal(kept, support):
-            return Fit(coefficients, support, largest, converged=True)
-        support = kept
-    return Fit(_least_squares(systems, support, ridge), support, largest, converged=False)
 
+    measure: Callable[[Floats], Floats]
+    ridge: float
+    max_iterations: int
+    normalize: bool
 
-def _least_squares(systems: Sequence[System], support: Bools, ridge: float) -> Floats:
-    """Return coefficients, shape (objects, equations, terms), of every object's own least squares."""
-    return np.array(
-        [
-            [system.least_squares(terms, target, ridge) for target, terms in enumerate(of_object)]
-            for system, of_object in zip(systems, support, strict=True)
-        ]
-    )
+    def solve(self, systems: Sequence[System], candidates: Bools, threshold: float | None) -> Fit:
+        """Return the fit of all equations at one threshold.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no threshold.
+        """
+        if threshold is None:
+            raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
+        swept = [self._sweep(systems, target, allowed, threshold) for target, allowed in enumerate(candidates)]
+        return Fit(
+            np.stack([each.coefficients for each in swept], axis=1),
+            np.stack([each.support for each in swept], axis=1),
+            np.stack([each.largest for each in swept], axis=1),
+            all(each.converged for each in swept),
+        )
+
+    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+        """Return one candidate for every stretch of thresholds that gives the same equation, by exact breakpoints.
+
+        A sweep decides by comparing values with the threshold. All decisions of all sweeps stay the same until the
+        threshold passes the smallest value that stayed, so that value is where the next candidate begins.
+        """
+        found, threshold = [], 0.0
+        while True:
+            swept = self._sweep(systems, target, allowed, threshold)
+            found.append(Candidate(swept.support, swept.coefficients, threshold))
+            if not swept.support.any():
+                return tuple(found)
+            threshold = float(np.nextafter(swept.next, np.inf))
+
+    def _sweep(self, systems: Sequence[System], target: int, allowed: Bools, threshold: float) -> Swept:
+        support = np.repeat(allowed[np.newaxis], len(systems), axis=0)
+        norms = np.array([system.norms for system in systems]) if self.normalize else 1.0
+        largest, following, converged = np.zeros(len(systems)), np.inf, False
+        for _ in range(self.max_iterations):
+            coefficients = self._least_squares(systems, target, support)
+            values = np.where(support, self.measure(np.abs(coefficients) * norms), 0.0)
+            largest = np.where(support.any(axis=1), values.max(axis=1, initial=0.0), largest)
+            kept = support & (values >= threshold)
+            following = min(following, values[kept].min(initial=np.inf))
+            converged = bool(np.array_equal(kept, support))
+            if converged:
+                break
+            support = kept
+        else:
+            coefficients = self._least_squares(systems, target, support)
+        return Swept(support, coefficients, largest, float(following), converged)
+
+    def _least_squares(self, systems: Sequence[System], target: int, support: Bools) -> Floats:
+        rows = zip(systems, support, strict=True)
+        return np.array([system.least_squares(terms, target, self.ridge) for system, terms in rows])
