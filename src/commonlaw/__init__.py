@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     )
     from commonlaw.outcomes import Outcome
     from commonlaw.solvers import L1, L2, STLSQ, Count, GroupSTLSQ, Mean, Median, Quantile
-    from commonlaw.trials import Schema, Trial, Trials
+    from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 _ROOMS = {
     "commonlaw.differentiation": (
@@ -63,7 +63,7 @@ _ROOMS = {
     ),
     "commonlaw.outcomes": ("Outcome",),
     "commonlaw.solvers": ("L1", "L2", "STLSQ", "Count", "GroupSTLSQ", "Mean", "Median", "Quantile"),
-    "commonlaw.trials": ("Schema", "Trial", "Trials"),
+    "commonlaw.trials": ("Schema", "Trial", "TrialStream", "Trials"),
 }
 _MODULES = ("datasets", "plots", "sphere_drag")
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
@@ -101,6 +101,7 @@ __all__ = [
     "TotalVariation",
     "Trajectory",
     "Trial",
+    "TrialStream",
     "Trials",
     "WienerFilter",
     "datasets",

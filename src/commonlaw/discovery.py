@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.formulation import StrongForm, System, merge
+from commonlaw.formulation import AbstractFormulation, DiscreteForm, StrongForm, System, compress
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.outcomes import Outcome
 from commonlaw.solvers import AbstractSolver, Fit, GroupSTLSQ, parse_solver
-from commonlaw.trials import Trials
+from commonlaw.trials import Trials, TrialStream
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -34,7 +34,8 @@ class LawDiscovery:
     Parameters
     ----------
     order
-        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``.
+        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
+        ``x[k+1] = f(x[k])``, which takes the states as measured and needs no rates.
     library
         Candidate terms, or their text such as ``"poly:3"``. Default: polynomials of degree 3.
     differentiation
@@ -48,6 +49,8 @@ class LawDiscovery:
         Whether terms are evaluated on the ``"smoothed"`` or on the ``"measured"`` states, see `StrongForm`.
     trim
         Rows left out at each end of a trial, see `StrongForm`.
+    jobs
+        Processes that share the trials; each computes with one thread.
 
     Attributes
     ----------
@@ -74,6 +77,7 @@ class LawDiscovery:
         fixed: Fixed | None = None,
         library_states: Literal["smoothed", "measured"] = "smoothed",
         trim: int = 0,
+        jobs: int = 1,
     ) -> None:
         self.order = order
         self.library = library
@@ -82,33 +86,28 @@ class LawDiscovery:
         self.fixed = fixed
         self.library_states = library_states
         self.trim = trim
+        self.jobs = jobs
 
-    def fit(self, trials: Trials, y: None = None) -> Self:  # noqa: ARG002
-        """Find the law of these trials.
+    def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:  # noqa: ARG002
+        """Find the law of these trials, each of which is gone through once.
 
         Raises
         ------
         CommonlawError
             If the trials cannot be used as they are; the message names the object and trial and says what to do.
         """
-        _refuse_constant_states(trials)
-        form = StrongForm(self._differentiation(), self.order, self.library_states, self.trim)
-        terms, solver = self._library().bind(form.variables(trials.schema)), self._solver()
-        known = _known_coefficients(self.fixed or {}, trials, terms)
-        systems = [
-            merge(system for trial in trials.of(name) for system in form.systems(trial, terms))
-            for name in trials.objects
-        ]
-        fit = _solve(systems, known, solver)
-        law = Law(
-            terms,
-            trials.schema,
-            self.order,
-            trials.objects,
-            np.where(np.isnan(known), fit.coefficients, known),
-            form.differentiation,
-        )
-        self.law_ = replace(law, outcomes=tuple(_outcomes(law, fit, systems, solver)))
+        from threadpoolctl import threadpool_limits
+
+        form, solver = self._formulation(), self._solver()
+        terms = self._library().bind(form.variables(trials.schema))
+        with threadpool_limits(1, "blas"):
+            data = compress(trials, trials.schema, form, terms, jobs=self.jobs)
+            known = _known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
+            fit = _solve(data.systems, known, solver)
+            coefficients = np.where(np.isnan(known), fit.coefficients, known)
+            rates = None if self.order == 0 else self._differentiation()
+            law = Law(terms, trials.schema, self.order, data.objects, coefficients, rates)
+            self.law_ = replace(law, outcomes=tuple(_outcomes(law, fit, data.systems, solver)))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -152,6 +151,11 @@ class LawDiscovery:
             raise CommonlawError("no law was found yet: call fit first")
         return self.law_
 
+    def _formulation(self) -> AbstractFormulation:
+        if self.order == 0:
+            return DiscreteForm()
+        return StrongForm(self._differentiation(), self.order, self.library_states, self.trim)
+
     def _library(self) -> AbstractLibrary:
         if self.library is None:
             return PolynomialLibrary(3)
@@ -170,11 +174,11 @@ class LawDiscovery:
         return parse_solver(self.solver) if isinstance(self.solver, str) else self.solver
 
 
-_PARAMETERS = ("order", "library", "differentiation", "solver", "fixed", "library_states", "trim")
+_PARAMETERS = ("order", "library", "differentiation", "solver", "fixed", "library_states", "trim", "jobs")
 
 
 def discover(
-    trials: Trials,
+    trials: Trials | TrialStream,
     *,
     order: int = 1,
     library: AbstractLibrary | str | None = None,
@@ -183,6 +187,7 @@ def discover(
     fixed: Fixed | None = None,
     library_states: Literal["smoothed", "measured"] = "smoothed",
     trim: int = 0,
+    jobs: int = 1,
 ) -> Law:
     """Find the law that the objects of these trials share.
 
@@ -203,25 +208,12 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    model = LawDiscovery(order, library, differentiation, solver, fixed, library_states, trim)
+    model = LawDiscovery(order, library, differentiation, solver, fixed, library_states, trim, jobs)
     return model.fit(trials).law_
 
 
-def _refuse_constant_states(trials: Trials) -> None:
-    """Raise if a state of an object never changes: its rate is zero and its terms cannot be told from the constant."""
-    for name in trials.objects:
-        values = np.concatenate([trial.states for trial in trials.of(name)])
-        for state, still in zip(trials.schema.states, np.ptp(values, axis=0) == 0, strict=True):
-            if still:
-                raise CommonlawError(
-                    f"the state {state!r} of {name} never changes: nothing can be learned from it; "
-                    "leave the object out, or take the column as a property instead of a state"
-                )
-
-
-def _known_coefficients(fixed: Fixed, trials: Trials, terms: Terms) -> Floats:
+def _known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[str], terms: Terms) -> Floats:
     """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
-    states, objects = trials.schema.states, trials.objects
     known = np.full((len(objects), len(states), len(terms)), np.nan)
     for key, value in fixed.items():
         state, term = key if isinstance(key, tuple) else (states[0], key)
@@ -259,8 +251,7 @@ def _outcomes(law: Law, fit: Fit, systems: Sequence[System], solver: AbstractSol
         yield Outcome(
             "not converged", "", "the support still changed in the last sweep", "give the solver more max_iterations"
         )
-    for j, state in enumerate(law.states):
-        equation = f"{state}{law.primes}"
+    for j, equation in enumerate(law.left_sides):
         if not law.support[j].any():
             yield Outcome(
                 "empty support",

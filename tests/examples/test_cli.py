@@ -144,7 +144,7 @@ def test_every_command_explains_itself(run, command):
     [
         (["discover"], "give a file of measurements, or a data set with --dataset"),
         (["discover", "a.csv", "--dataset", "lorenz"], "give a file or --dataset, not both"),
-        (["discover", "a.csv", "--order", "3"], "3 is not in the range 1<=x<=2"),
+        (["discover", "a.csv", "--order", "3"], "3 is not in the range 0<=x<=2"),
         (["discover", "--dataset", "lorenz", "--fix", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
         (["discover", "--dataset", "lorenz", "--fix", "1=g"], "'g' is not a number"),
         (["discvoer"], "No such command 'discvoer'"),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.command()
 @with_source
 @click.option(
-    "--order", type=click.IntRange(1, 2), default=1, show_default=True, help="Order of the law: x' = ... or x'' = ..."
+    "--order", type=click.IntRange(0, 2), default=1, show_default=True, help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ..."
 )
 @click.option(
     "--library",
@@ -172,7 +172,7 @@ def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> 
     """Return head and rows of the table of coefficients and forecast errors, true coefficients beside the learned."""
     units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
     for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
-        equation, term = f"{law.states[j]}{law.primes}", law.terms.names[k]
+        equation, term = law.left_sides[j], law.terms.names[k]
         columns[_with_unit(letter, units.get((equation, term)))] = [float(c) for c in law.coefficients[:, j, k]]
         if truth is not None:
             columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]

@@ -1,9 +1,8 @@
 """The strong form: the highest derivative, estimated from the samples, against the terms at the same samples."""
 
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.system import System
-from commonlaw.library import Terms, Variables
+from commonlaw.formulation.base import AbstractFormulation, Piece
+from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
 Floats = NDArray[np.float64]
@@ -20,12 +19,9 @@ Floats = NDArray[np.float64]
 _PIECE = 8192
 """Samples that are differentiated together: few enough to stay in cache."""
 
-_BLOCK = 2048
-"""Rows that are evaluated and absorbed together."""
-
 
 @dataclass(frozen=True)
-class StrongForm:
+class StrongForm(AbstractFormulation):
     """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, one for each sample of a trial.
 
     Parameters
@@ -77,50 +73,17 @@ class StrongForm:
                 self.rates(trial)  # Its message counts the samples of the whole trial
             raise CommonlawError(f"{trial.label}: {error}") from None
 
-    def samples(self, trial: Trial) -> tuple[Floats, Floats]:
-        """Return the variables' values, shape (n, variables), and the highest derivatives, shape (n, states).
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short; the message names it.
-        """
-        _, values, targets = zip(*self._pieces(trial, []), strict=True)
-        return np.concatenate(values), np.concatenate(targets)
-
-    def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
-        """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
-        """
-        values, targets = self.samples(trial)
-        library = terms.evaluate(values)
-        terms.check_finite(library, values, trial.label, self.trim)
-        return library, targets
-
-    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
-        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time.
-
-        They are the systems of `rows`, but no more than a piece of them is held at a time.
-        """
-        cuts = np.linspace(self.trim, len(trial) - self.trim, parts + 1).astype(int)[1:-1].tolist()
-        width = len(terms) + trial.states.shape[1]
-        by_part = groupby(self._pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
-        return [
-            System.of_blocks(_blocks(pieces, terms, width, trial.label), len(terms), width) for _, pieces in by_part
-        ]
-
-    def _pieces(self, trial: Trial, cuts: list[int]) -> Iterator[tuple[int, Floats, Floats]]:
-        """Yield for stretches of a trial, none of them across a cut: the first sample, values and targets."""
+    def span(self, trial: Trial) -> tuple[int, int]:
         first, last = self.trim, len(trial) - self.trim
         if first >= last:
             raise CommonlawError(
                 f"{trial.label}: no row is left of {len(trial)} samples after trimming {self.trim} at each end; "
                 "trim less"
             )
+        return first, last
+
+    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
+        first, last = self.span(trial)
         reach = self.differentiation.reach(self.order)
         local = reach is not None and len(trial) > _PIECE
         edges = sorted({first, last, *cuts, *(range(first, last, _PIECE) if local else ())})
@@ -136,19 +99,6 @@ class StrongForm:
             lower = [each[inside] for each in rates.derivatives[: self.order - 1]]
             columns = [states, *lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
             yield start, np.concatenate(columns, axis=1), rates.derivatives[self.order - 1][inside]
-
-
-def _blocks(pieces: Iterable[tuple[int, Floats, Floats]], terms: Terms, width: int, where: str) -> Iterator[Floats]:
-    """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
-    block = np.empty((_BLOCK, width), order="F")
-    for first, values, targets in pieces:
-        for i in range(0, len(values), _BLOCK):
-            some = values[i : i + _BLOCK]
-            rows = block[: len(some)]
-            library = terms.evaluate(some, rows[:, : len(terms)])
-            terms.check_finite(library, some, where, first + i)
-            rows[:, len(terms) :] = targets[i : i + _BLOCK]
-            yield rows
 
 
 def rate_names(schema: Schema) -> tuple[str, ...]:

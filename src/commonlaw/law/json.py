@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 import numpy as np
@@ -27,7 +27,7 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     format: Literal["commonlaw law"] = "commonlaw law"
     version: Literal[1] = 1
-    order: Literal[1, 2]
+    order: Literal[0, 1, 2]
     schema: Schema
     rates: list[str]
     differentiation: str | None
@@ -39,7 +39,7 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 def encode(law: Law) -> bytes:
     """Return the law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by equation and term."""
     document = _Law(
-        order=1 if law.order == 1 else 2,
+        order=cast(Literal[0, 1, 2], law.order),
         schema=law.schema,
         rates=list(law.rates),
         differentiation=None if law.differentiation is None else format_differentiation(law.differentiation),

@@ -36,7 +36,7 @@ class Law:
     schema
         Names and units of what was measured; equation j gives the `order`-th derivative of ``schema.states[j]``.
     order
-        1 or 2.
+        1 or 2; 0 for a law in discrete time, which gives the next sample's states.
     objects
         Names of the objects.
     coefficients
@@ -116,8 +116,8 @@ class Law:
         from commonlaw.law.text import equation
 
         return tuple(
-            equation(f"{state}{self.primes}", row, self.terms.names, digits)
-            for state, row in zip(self.states, self.of(self._only(name)), strict=True)
+            equation(left, row, self.terms.names, digits)
+            for left, row in zip(self.left_sides, self.of(self._only(name)), strict=True)
         )
 
     def to_latex(self, name: str | None = None, digits: int = 4) -> str:
@@ -133,10 +133,10 @@ class Law:
         symbols = [sympy.Symbol(each, real=True) for each in self.terms.variables.names]
         forms = [term.sympy(symbols) for term in self.terms.terms]
         return {
-            sympy.Symbol(f"{state}{self.primes}", real=True): sympy.Add(
+            sympy.Symbol(left, real=True): sympy.Add(
                 *(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c)
             )
-            for state, row in zip(self.states, self.of(self._only(name)), strict=True)
+            for left, row in zip(self.left_sides, self.of(self._only(name)), strict=True)
         }
 
     def to_frame(self) -> "pd.DataFrame":
@@ -146,7 +146,7 @@ class Law:
         """
         import pandas as pd
 
-        keys = [(f"{self.states[j]}{self.primes}", self.terms.names[k]) for j, k in np.argwhere(self.support)]
+        keys = [(self.left_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
         values = self.coefficients[:, self.support]
         if len(self.states) == 1:
             columns = pd.Index([term for _, term in keys], dtype=object, name="term")
@@ -184,9 +184,10 @@ class Law:
         return law_text(self)
 
     @property
-    def primes(self) -> str:
-        """The mark of the highest derivative: ``'`` or ``''``."""
-        return "'" * self.order
+    def left_sides(self) -> tuple[str, ...]:
+        """What each equation gives, as text: ``x'``, ``x''``, or ``x[k+1]`` in a discrete-time law."""
+        mark = "'" * self.order if self.order else "[k+1]"
+        return tuple(f"{state}{mark}" for state in self.states)
 
     # What the law predicts
 

@@ -33,16 +33,21 @@ def latex(law: "Law", coefficients: Floats, digits: int) -> str:
     """Return equations, coefficients of shape (equations, terms), as an ``aligned`` block."""
     names = law.terms.variables.names
     forms = [term.latex(names) for term in law.terms.terms]
-    mark = r"\dot" if law.order == 1 else r"\ddot"
     lines = []
-    for state, row in zip(law.states, coefficients, strict=True):
+    for left, row in zip(latex_left_sides(law), coefficients, strict=True):
         parts = [
             _signed(_latex_number(abs(c), digits), "" if form == "1" else rf"\, {form}", c < 0)
             for c, form in zip(row, forms, strict=True)
             if c
         ]
-        lines.append(rf"{mark}{{{latex_name(state)}}} &= {_joined(parts)}")
+        lines.append(f"{left} &= {_joined(parts)}")
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+
+
+def latex_left_sides(law: "Law") -> tuple[str, ...]:
+    """Return what each equation gives, as LaTeX."""
+    form = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")[law.order]
+    return tuple(form.format(latex_name(state)) for state in law.states)
 
 
 def law_text(law: "Law") -> str:
@@ -67,7 +72,7 @@ def structure(law: "Law") -> tuple[str, ...]:
     for letter, (j, k) in zip(letters(law), np.argwhere(law.support), strict=True):
         name = law.terms.names[k]
         parts[j].append(letter if name == "1" else f"{letter} {name}")
-    return tuple(f"{s}{law.primes} = {' + '.join(each) or '0'}" for s, each in zip(law.states, parts, strict=True))
+    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(law.left_sides, parts, strict=True))
 
 
 def letters(law: "Law") -> tuple[str, ...]:

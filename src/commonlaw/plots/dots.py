@@ -77,7 +77,7 @@ class DotPlot:
             name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
             true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
             if np.any(np.isfinite([learned, true])):
-                unit = unit_text(units.get((f"{law.states[j]}{law.primes}", name), ""))
+                unit = unit_text(units.get((law.left_sides[j], name), ""))
                 found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true))
         return found
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from commonlaw.law import Law
+from commonlaw.law.text import latex_left_sides
 from commonlaw.library import Terms
 from commonlaw.library.naming import latex_name
 from commonlaw.plots.style import math
@@ -21,8 +22,7 @@ def term_labels(terms: Terms) -> list[str]:
 
 def left_sides(law: Law) -> list[str]:
     """Return the left-hand side of every equation as a label."""
-    mark = r"\dot" if law.order == 1 else r"\ddot"
-    return [math(f"{mark}{{{latex_name(state)}}}", f"{state}{law.primes}") for state in law.states]
+    return [math(latex, text) for latex, text in zip(latex_left_sides(law), law.left_sides, strict=True)]
 
 
 def equation_lines(law: Law) -> str:

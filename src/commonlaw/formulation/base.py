@@ -1,0 +1,91 @@
+"""What every formulation is: a way from trials and terms to regression rows."""
+
+from abc import ABC, abstractmethod
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.formulation.system import System
+from commonlaw.library import Terms, Variables
+from commonlaw.trials import Schema, Trial
+
+Floats = NDArray[np.float64]
+Piece = tuple[int, Floats, Floats]
+"""The first sample of a stretch of a trial, and there the values of the variables and the targets, a row a sample."""
+
+_BLOCK = 2048
+"""Rows that are evaluated and absorbed together."""
+
+
+class AbstractFormulation(ABC):
+    """From the samples of a trial to rows of terms and targets, and to the systems that these compress to."""
+
+    @abstractmethod
+    def variables(self, schema: Schema) -> Variables:
+        """Return the variables of a law over trials of this schema."""
+
+    @abstractmethod
+    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
+        """Yield the rows of a trial in stretches of which none goes across a cut (a number of samples).
+
+        Raises
+        ------
+        CommonlawError
+            If the trial is too short; the message names it.
+        """
+
+    @abstractmethod
+    def span(self, trial: Trial) -> tuple[int, int]:
+        """Return the first sample that makes a row, and the one behind the last.
+
+        Raises
+        ------
+        CommonlawError
+            If there is none; the message names the trial.
+        """
+
+    def samples(self, trial: Trial) -> tuple[Floats, Floats]:
+        """Return the variables' values, shape (n, variables), and the targets, shape (n, states)."""
+        _, values, targets = zip(*self.pieces(trial, []), strict=True)
+        return np.concatenate(values), np.concatenate(targets)
+
+    def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
+        """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
+
+        Raises
+        ------
+        CommonlawError
+            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
+        """
+        values, targets = self.samples(trial)
+        library = terms.evaluate(values)
+        terms.check_finite(library, values, trial.label, self.span(trial)[0])
+        return library, targets
+
+    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time.
+
+        They are the systems of `rows`, but no more than a piece of them is held at a time.
+        """
+        cuts = np.linspace(*self.span(trial), parts + 1).astype(int)[1:-1].tolist()
+        width = len(terms) + trial.states.shape[1]
+        by_part = groupby(self.pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
+        return [
+            System.of_blocks(_blocks(pieces, terms, width, trial.label), len(terms), width) for _, pieces in by_part
+        ]
+
+
+def _blocks(pieces: Iterable[Piece], terms: Terms, width: int, where: str) -> Iterator[Floats]:
+    """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
+    block = np.empty((_BLOCK, width), order="F")
+    for first, values, targets in pieces:
+        for i in range(0, len(values), _BLOCK):
+            some = values[i : i + _BLOCK]
+            rows = block[: len(some)]
+            library = terms.evaluate(some, rows[:, : len(terms)])
+            terms.check_finite(library, some, where, first + i)
+            rows[:, len(terms) :] = targets[i : i + _BLOCK]
+            yield rows

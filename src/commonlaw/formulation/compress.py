@@ -1,0 +1,107 @@
+"""Trials compressed, object by object, as they come."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation.base import AbstractFormulation
+from commonlaw.formulation.system import System, merge
+from commonlaw.library import Terms
+from commonlaw.trials import Schema, Trial
+
+_MOST_GROUPS = 32
+"""Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compressed:
+    """Systems by object, by trial, and by stretch of time.
+
+    Parameters
+    ----------
+    objects
+        Names, in order of first appearance.
+    groups
+        For each object, for each of its trials (or of 32 groups of trials, if there are more), the systems of
+        stretches that follow each other in time.
+    """
+
+    objects: tuple[str, ...]
+    groups: tuple[tuple[tuple[System, ...], ...], ...]
+
+    @cached_property
+    def systems(self) -> tuple[System, ...]:
+        """One system for each object."""
+        return tuple(merge(system for trial in trials for system in trial) for trials in self.groups)
+
+
+def compress(
+    trials: Iterable[Trial], schema: Schema, form: AbstractFormulation, terms: Terms, *, parts: int = 1, jobs: int = 1
+) -> Compressed:
+    """Compress trials one by one; they may come from a stream that is larger than memory.
+
+    Parameters
+    ----------
+    trials
+        In any order of objects.
+    schema
+        Names of the states.
+    form
+        How a trial becomes rows.
+    terms
+        The library.
+    parts
+        Stretches of time into which a trial is cut.
+    jobs
+        Processes that share the work; 1 stays in this one.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial cannot be used, or a state of an object never changes.
+    """
+    found: dict[str, list[list[System]]] = {}
+    counts: dict[str, int] = {}
+    extremes: dict[str, np.ndarray] = {}
+    for trial, systems in _with_systems(trials, form, terms, parts, jobs):
+        groups = found.setdefault(trial.object, [])
+        place = counts.get(trial.object, 0) % _MOST_GROUPS
+        if place < len(groups):
+            groups[place] = [one + other for one, other in zip(groups[place], systems, strict=True)]
+        else:
+            groups.append(systems)
+        counts[trial.object] = counts.get(trial.object, 0) + 1
+        ends = np.stack([trial.states.min(axis=0), trial.states.max(axis=0)])
+        before = extremes.get(trial.object, ends)
+        extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])
+    _refuse_constant_states(extremes, schema)
+    return Compressed(tuple(found), tuple(tuple(map(tuple, groups)) for groups in found.values()))
+
+
+def _with_systems(
+    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, parts: int, jobs: int
+) -> Iterator[tuple[Trial, list[System]]]:
+    if jobs == 1:
+        for trial in trials:
+            yield trial, form.systems(trial, terms, parts)
+        return
+    from joblib import Parallel, delayed
+
+    def work(trial: Trial) -> tuple[Trial, list[System]]:
+        return trial, form.systems(trial, terms, parts)
+
+    yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
+
+
+def _refuse_constant_states(extremes: dict[str, np.ndarray], schema: Schema) -> None:
+    """Raise if a state of an object never changes: its rate is zero and its terms cannot be told from the constant."""
+    for name, (least, most) in extremes.items():
+        for state, still in zip(schema.states, least == most, strict=True):
+            if still:
+                raise CommonlawError(
+                    f"the state {state!r} of {name} never changes: nothing can be learned from it; "
+                    "leave the object out, or take the column as a property instead of a state"
+                )

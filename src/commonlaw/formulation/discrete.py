@@ -1,0 +1,41 @@
+"""The discrete form: the next sample against the terms at this one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation.base import AbstractFormulation, Piece
+from commonlaw.library import Variables
+from commonlaw.trials import Schema, Trial
+
+_UNEVEN = 0.01
+"""Steps further than this share from the median step are not one step of the same law."""
+
+
+@dataclass(frozen=True)
+class DiscreteForm(AbstractFormulation):
+    """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last."""
+
+    def variables(self, schema: Schema) -> Variables:
+        return Variables(schema.states, schema.inputs, schema.time)
+
+    def span(self, trial: Trial) -> tuple[int, int]:
+        if len(trial) < 2:
+            raise CommonlawError(f"{trial.label}: one sample has no next one; leave the trial out")
+        return 0, len(trial) - 1
+
+    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
+        steps = np.diff(trial.times)
+        far = np.flatnonzero(np.abs(steps - np.median(steps)) > _UNEVEN * np.median(steps))
+        if len(far):
+            raise CommonlawError(
+                f"{trial.label}: the step from sample {far[0] + 1} to sample {far[0] + 2} is {steps[far[0]]:g}, the "
+                f"median step {np.median(steps):g}: a discrete-time law needs equal steps; resample the trial, or "
+                "discover a law of order 1"
+            )
+        values = np.concatenate([trial.states, trial.inputs, trial.times[:, np.newaxis]], axis=1)
+        for start, stop in pairwise([0, *cuts, len(trial) - 1]):
+            yield start, values[start:stop], trial.states[start + 1 : stop + 1]

@@ -1,0 +1,116 @@
+"""Trials that come one after the other from a file that may be larger than memory."""
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack, cast
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials.roles import Roles
+from commonlaw.trials.sources import METADATA
+from commonlaw.trials.tables import trials_from_frame
+from commonlaw.trials.trial import Schema, Trial
+from commonlaw.trials.trials import Trials
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
+
+_ROWS = 100_000
+"""Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialStream:
+    """Trials that are made while they are gone through, each time anew.
+
+    Parameters
+    ----------
+    schema
+        Names and units of the variables.
+    source
+        Returns an iterator over the trials.
+    """
+
+    schema: Schema
+    source: Callable[[], Iterator[Trial]]
+
+    def __iter__(self) -> Iterator[Trial]:
+        return self.source()
+
+    @classmethod
+    def of_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
+        """Return the trials of a Parquet file in which the rows of each trial follow each other, without properties.
+
+        Parameters
+        ----------
+        path
+            The file. One written by `Trials.to_parquet` says itself which column is what.
+        **roles
+            Which column is what, see `Roles`; object, trial, time and states must be named here or in the file.
+
+        Raises
+        ------
+        CommonlawError
+            If the file cannot be read, a role is missing, or, while the trials are gone through, a value cannot be
+            used or the rows of a trial do not follow each other.
+        """
+        file = _opened(path)
+        kept = json.loads((file.schema_arrow.metadata or {}).get(METADATA, b"{}")).get("roles", {})
+        known = cast(Roles, {**kept, **roles, "properties": []})
+        missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
+        if missing:
+            raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
+        if not file.metadata.num_rows:
+            raise CommonlawError(f"{path} has no rows: give it the measured rows")
+        return cls(next(_batches(file, 1, known)).schema, lambda: _trials(Path(path), known))
+
+
+def _opened(path: str | os.PathLike[str]) -> "pq.ParquetFile":
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.ParquetFile(path)
+    except OSError as error:
+        raise CommonlawError(f"cannot read {path}: {error.strerror or error}; check the path") from None
+    except pa.ArrowInvalid as error:
+        raise CommonlawError(f"{path} is no Parquet file ({error}): only Parquet can be streamed") from None
+
+
+def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
+    """Yield the trials of a file; the last one of a batch waits for the next batch, which may go on with it."""
+    done: set[tuple[str, str]] = set()
+    waiting: Trial | None = None
+    for batch in _batches(_opened(path), _ROWS, roles):
+        for trial in batch:
+            if waiting is not None and waiting.label == trial.label:
+                waiting = _joined(waiting, trial)
+                continue
+            if waiting is not None:
+                done.add((waiting.object, waiting.name))
+                yield waiting
+            if (trial.object, trial.name) in done:
+                raise CommonlawError(
+                    f"{path}: the rows of {trial.label} do not follow each other; sort the file by object, trial, time"
+                )
+            waiting = trial
+    if waiting is not None:
+        yield waiting
+
+
+def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Trials]:
+    import pyarrow as pa
+
+    for batch in file.iter_batches(batch_size=rows):
+        yield trials_from_frame(pa.Table.from_batches([batch]), **roles)
+
+
+def _joined(first: Trial, second: Trial) -> Trial:
+    def both(name: str) -> Any:
+        return np.concatenate([getattr(first, name), getattr(second, name)])
+
+    return Trial(first.object, first.name, both("times"), both("states"), both("inputs"))
