@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation.system import System
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
@@ -70,22 +71,24 @@ class AbstractFormulation(ABC):
 
         They are the systems of `rows`, but no more than a piece of them is held at a time.
         """
-        cuts = np.linspace(*self.span(trial), parts + 1).astype(int)[1:-1].tolist()
+        first, last = self.span(trial)
+        cuts = [first + (last - first) * i // parts for i in range(1, parts)]
         width = len(terms) + trial.states.shape[1]
         by_part = groupby(self.pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
-        return [
-            System.of_blocks(_blocks(pieces, terms, width, trial.label), len(terms), width) for _, pieces in by_part
-        ]
+        found = [System.of_blocks(_blocks(pieces, terms, width), len(terms), width) for _, pieces in by_part]
+        if not all(np.isfinite(system.factor).all() for system in found):
+            self.rows(trial, terms)  # Its message names the term and the sample
+            raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
+        return found
 
 
-def _blocks(pieces: Iterable[Piece], terms: Terms, width: int, where: str) -> Iterator[Floats]:
+def _blocks(pieces: Iterable[Piece], terms: Terms, width: int) -> Iterator[Floats]:
     """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
     block = np.empty((_BLOCK, width), order="F")
-    for first, values, targets in pieces:
+    for _, values, targets in pieces:
         for i in range(0, len(values), _BLOCK):
             some = values[i : i + _BLOCK]
             rows = block[: len(some)]
-            library = terms.evaluate(some, rows[:, : len(terms)])
-            terms.check_finite(library, some, where, first + i)
+            terms.evaluate(some, rows[:, : len(terms)])
             rows[:, len(terms) :] = targets[i : i + _BLOCK]
             yield rows

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.system import System, merge
 from commonlaw.library import Terms
 from commonlaw.trials import Schema, Trial
+
+Floats = NDArray[np.float64]
 
 _MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
@@ -65,7 +68,7 @@ def compress(
     """
     found: dict[str, list[list[System]]] = {}
     counts: dict[str, int] = {}
-    extremes: dict[str, np.ndarray] = {}
+    extremes: dict[str, Floats] = {}
     for trial, systems in _with_systems(trials, form, terms, parts, jobs):
         groups = found.setdefault(trial.object, [])
         place = counts.get(trial.object, 0) % _MOST_GROUPS
@@ -74,7 +77,7 @@ def compress(
         else:
             groups.append(systems)
         counts[trial.object] = counts.get(trial.object, 0) + 1
-        ends = np.stack([trial.states.min(axis=0), trial.states.max(axis=0)])
+        ends = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
         before = extremes.get(trial.object, ends)
         extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])
     _refuse_constant_states(extremes, schema)
@@ -96,7 +99,7 @@ def _with_systems(
     yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
 
 
-def _refuse_constant_states(extremes: dict[str, np.ndarray], schema: Schema) -> None:
+def _refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
     """Raise if a state of an object never changes: its rate is zero and its terms cannot be told from the constant."""
     for name, (least, most) in extremes.items():
         for state, still in zip(schema.states, least == most, strict=True):

@@ -79,11 +79,11 @@ class System:
         for block in blocks:
             factor = _absorb(factor, block, workspace=True)
             rows += len(block)
-        return cls(np.triu(factor), terms, rows)
+        return cls(factor, terms, rows)
 
     def __add__(self, other: "System") -> "System":
         """Return the system of both sets of rows."""
-        return System(np.triu(_absorb(self.factor, other.factor, triangular=True)), self.terms, self.rows + other.rows)
+        return System(_absorb(self.factor, other.factor, triangular=True), self.terms, self.rows + other.rows)
 
     def __sub__(self, part: "System") -> "System":
         """Return the system of the rows that are not in `part`, which must be some of this system's rows.
@@ -105,7 +105,7 @@ class System:
             left = np.zeros((1, 1))
         if np.min(np.diag(left)) < 1e-4:
             raise CommonlawError("too few rows would be left to take the part away accurately; merge what is to stay")
-        return System(np.triu(left @ self.factor), self.terms, self.rows - part.rows)
+        return System(left @ self.factor, self.terms, self.rows - part.rows)
 
     @property
     def targets(self) -> int:
@@ -124,7 +124,7 @@ class System:
     def restrict(self, places: Sequence[int]) -> "System":
         """Return the system of the terms at these places only."""
         kept = [*places, *range(self.terms, len(self.factor))]
-        return System(np.triu(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept])), len(places), self.rows)
+        return System(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept]), len(places), self.rows)
 
     def least_squares(self, support: Bools, target: int, ridge: float = 0.0) -> Floats:
         """Return the coefficients that minimise ``||library c - target||^2 + ridge ||c||^2``.

@@ -1,0 +1,50 @@
+"""How many of a trial's rows count as independent."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation.strong import StrongForm
+from commonlaw.trials import Trial
+
+_SHARE_OF_SPREAD = 1e-3
+"""Height of the impulse in standard deviations of the state: small enough for methods that are linear only locally."""
+
+_SAMPLES = 4096
+"""Samples of a trial that are looked at, at most."""
+
+
+def effective_rows(form: StrongForm, trials: Iterable[Trial]) -> float:
+    """Return how many independent rows the rows of these trials are worth."""
+    return sum(independent_share(form, trial) * (len(trial) - 2 * form.trim) for trial in trials)
+
+
+def independent_share(form: StrongForm, trial: Trial) -> float:
+    """Return the share of a trial's rows that count as independent, above 0 and at most 1.
+
+    White noise on the states comes out of the differentiator as noise on the targets that is correlated as the
+    derivative's response d to a unit impulse is with itself: ``rho_k = sum_i d_i d_(i+k) / sum_i d_i^2``. The residual
+    variance of n such rows is as certain as that of ``n / sum_k rho_k^2`` independent ones (Bayley and Hammersley 1946,
+    "The effective number of independent observations in an autocorrelated time series"). The plainer
+    ``n sum h^2 / (sum h)^2`` for a smoother's response h is about the mean of the rows, and infinite for derivatives.
+
+    The response is measured on the trial's own grid, around its own states, by an impulse in the middle. A method that
+    does not respond to a small impulse, such as a median, counts one row for each window.
+    """
+    middle = slice(max(0, (len(trial) - _SAMPLES) // 2), (len(trial) + _SAMPLES) // 2)
+    times, states = trial.times[middle], trial.states[middle]
+    pushed = states.copy()
+    pushed[len(states) // 2] += _SHARE_OF_SPREAD * states.std(axis=0)
+    try:
+        before, after = (form.differentiation.differentiate(times, each, form.order) for each in (states, pushed))
+    except CommonlawError as error:
+        raise CommonlawError(f"{trial.label}: {error}") from None
+    response = after.derivatives[-1] - before.derivatives[-1]
+    power = np.abs(np.fft.rfft(response, 2 * len(response), axis=0)) ** 2
+    total = power[1:-1].sum(axis=0) * 2 + power[0] + power[-1]
+    if not np.all(total > 0):
+        reach = form.differentiation.reach(form.order)
+        return 1 / len(trial) if reach is None else 1 / (2 * reach + 1)
+    squares = (power[1:-1] ** 2).sum(axis=0) * 2 + power[0] ** 2 + power[-1] ** 2
+    return min(1.0, float(np.mean(total**2 / squares)) / (2 * len(response)))
