@@ -6,6 +6,7 @@ import sympy
 
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import Event
 from commonlaw.law import Law
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome
@@ -109,6 +110,26 @@ def test_simulation_from_each_objects_own_initial_state(drag):
         drag.simulate([0.0, 1.0], {"heavy": [10.0]})
     with pytest.raises(CommonlawError, match="unknown object of this law 'hevy': did you mean 'heavy'"):
         drag.simulate([0.0, 1.0], {"hevy": [10.0, 0.0]})
+
+
+@pytest.mark.parametrize("method", ["auto", "scipy"])
+def test_simulation_finds_when_each_object_reaches_the_ground(drag, method):
+    ground = Event("x", direction="falling", terminal=True)
+    found = drag.simulate([0.0, 2.0, 4.0], [20.0, 0.0], method=method, events=[ground], dense=True, sensitivities=True)
+    for name, each in found.items():
+        gravity, own = drag.of(name)[0, [drag.terms.index("1"), drag.terms.index("v")]]
+
+        def height(t, gravity=gravity, own=own):
+            return 20 - gravity / own * t + gravity / own**2 * (np.exp(own * t) - 1)
+
+        assert height(each.ended) == pytest.approx(0, abs=1e-6)
+        assert each.events[0].times.tolist() == [each.ended]
+        np.testing.assert_allclose(each.at([1.0])[0, 0], height(1.0), rtol=1e-7)
+        assert each.sensitivities.shape == (3, 2, 4)
+        by_gravity = (np.exp(own * 2) - 1 - own * 2) / own**2
+        assert each.outcome is None
+        if each.ended > 2:
+            assert each.sensitivities[1, 0, 0] == pytest.approx(by_gravity, rel=1e-6)
 
 
 def test_a_law_with_inputs_is_driven_by_the_measured_inputs():

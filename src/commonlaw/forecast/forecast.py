@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.forecast.simulation import Trajectory
+from commonlaw.forecast.trajectory import Trajectory
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 

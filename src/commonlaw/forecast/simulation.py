@@ -1,39 +1,76 @@
-"""Integration of a vector field, with divergence as an outcome."""
+"""Integration of many objects at once, by whichever back end takes their law."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.errors import CommonlawError
-from commonlaw.outcomes import Outcome
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.forecast.base import NOT_INTEGRATED, AbstractIntegrator, Run, Wanted, check_start
+from commonlaw.forecast.event import Event
+from commonlaw.forecast.iteration import Iteration
+from commonlaw.forecast.trajectory import Trajectory
+from commonlaw.forecast.vector_field import VectorField
 
 Floats = NDArray[np.float64]
 
-_FAR = 1e10
-"""A state this many times larger than the initial states and their change over the first sample counts as infinite."""
-
-_MOST_STEPS = 100_000
+METHODS = ("auto", "heyoka", "scipy")
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """States of one object over time.
+def simulate(
+    runs: Iterable[Run],
+    *,
+    method: str = "auto",
+    tolerance: float = 1e-8,
+    events: Sequence[Event] = (),
+    dense: bool = False,
+    sensitivities: bool = False,
+) -> tuple[Trajectory, ...]:
+    """Integrate many objects, each from its own start; those of one law share what is compiled.
 
     Parameters
     ----------
-    times
-        Shape (n,).
-    states
-        Shape (n, states), followed by rates for a law of second order; NaN after a divergence.
-    outcome
-        None when the whole span was integrated.
-    """
+    runs
+        What to integrate; all must be of one kind of law if there are events.
+    method
+        ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with inputs, abs or sign are refused.
+        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed, and LSODA for laws that it does not take, and for
+        runs that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
+        law has no derivatives. `Trajectory.method` says which one it was, and why.
+    tolerance
+        Relative error of a step.
+    events
+        What to look for on the way, see `Event`.
+    dense
+        Whether `Trajectory.at` is to give states at any time.
+    sensitivities
+        Whether to integrate the derivatives by the coefficients and the initial states too.
 
-    times: Floats
-    states: Floats
-    outcome: Outcome | None = None
+    Returns
+    -------
+    tuple of Trajectory
+        In the order of the runs. Where states ran away, they are NaN and the outcome is "diverged", with the time.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such method, heyoka is asked for and is not installed or does not take the law, an event cannot
+        be read, or events or dense output are asked of a law in discrete time.
+    """
+    if method not in METHODS:
+        raise unknown("method of integration", method, METHODS)
+    wanted, runs = Wanted(tolerance, tuple(events), dense, sensitivities), tuple(runs)
+    choices: dict[tuple[int, int, bytes], _Choice] = {}
+    trajectories = []
+    for run in runs:
+        moved = run.field
+        key = (id(moved.terms), moved.order, moved.kept.tobytes())
+        if key not in choices:
+            choices[key] = _choice(moved, method, wanted)
+        trajectories.append(choices[key].integrate(run))
+    return tuple(trajectories)
 
 
 def integrate(
@@ -45,7 +82,9 @@ def integrate(
     relative_tolerance: float = 1e-8,
     where: str = "",
 ) -> Trajectory:
-    """Integrate ``y' = field(t, y)`` from ``y(times[0]) = initial`` with LSODA (Petzold 1983), stiff or not.
+    """Integrate any function, ``y' = field(t, y)`` from ``y(times[0]) = initial``, with LSODA (Petzold 1983).
+
+    Laws are integrated faster by `simulate`.
 
     Parameters
     ----------
@@ -73,72 +112,64 @@ def integrate(
     CommonlawError
         If the initial states or the times are not finite, or the times do not increase.
     """
-    from scipy.integrate import LSODA
+    from commonlaw.forecast.lsoda import Equations, solve
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
-    _check(initial, times, where)
-    states = np.full((len(times), len(initial)), np.nan)
-    states[0] = initial
-    if len(times) == 1:
-        return Trajectory(times, states)
-    with np.errstate(all="ignore"):
-        first = field(times[0], initial)
-        if not np.all(np.isfinite(first)):
-            return Trajectory(times, states, _diverged(float(times[0]), "the law is not finite there", where))
-        size = np.max(np.abs(initial)) + np.max(np.abs(first)) * (times[1] - times[0]) + np.finfo(float).tiny
-        solver = LSODA(
-            field,
-            times[0],
-            initial,
-            times[-1],
-            rtol=relative_tolerance,
-            atol=1e-3 * relative_tolerance * size,
-            jac=jacobian,
-        )
-        reached = 1
-        for _ in range(_MOST_STEPS):
-            message = _step(solver)
-            bad = message or _runaway(solver.y, size)
-            if bad:
-                return Trajectory(times, states, _diverged(float(solver.t), bad, where))
-            until = int(np.searchsorted(times, solver.t, side="right"))
-            if until > reached:
-                states[reached:until] = solver.dense_output()(times[reached:until]).T
-                reached = until
-            if solver.status == "finished":
-                return Trajectory(times, states)
-    return Trajectory(times, states, _diverged(float(solver.t), f"{_MOST_STEPS} steps were not enough", where))
+    check_start(initial, times, where)
+    equations = Equations(field, jacobian, len(initial))
+    return solve(equations, initial, times, relative_tolerance, np.zeros(len(initial)), where)
 
 
-def _step(solver: object) -> str | None:
-    """Take one step; return why it failed, or None."""
-    import warnings
+@dataclass(frozen=True)
+class _Choice:
+    """The integrator for a law, what makes one for runs that it cannot finish, and why it is not the first choice."""
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return solver.step()  # type: ignore[attr-defined, no-any-return]
+    first: AbstractIntegrator
+    second: Callable[[], AbstractIntegrator] | None = None
+    reason: str = ""
 
-
-def _runaway(states: Floats, size: float) -> str | None:
-    if not np.all(np.isfinite(states)):
-        return "a state is not finite"
-    if np.max(np.abs(states)) > _FAR * size:
-        return f"a state reached {np.max(np.abs(states)):.3g}"
-    return None
-
-
-def _diverged(time: float, why: str, where: str) -> Outcome:
-    return Outcome(
-        "diverged",
-        where,
-        f"the forecast ran away at t = {time:.6g} ({why})",
-        "forecast a shorter time, or choose a sparser law",
-    )
+    def integrate(self, run: Run) -> Trajectory:
+        found = self.first.integrate(run)
+        outcome, reason = found.outcome, self.reason
+        if self.second is not None and outcome is not None and outcome.kind == NOT_INTEGRATED:
+            found, reason = self.second().integrate(run), f"heyoka stopped, {outcome.text}"
+        return replace(found, method=f"{found.method} ({reason})") if reason else found
 
 
-def _check(initial: Floats, times: Floats, where: str) -> None:
-    place = f"{where}: " if where else ""
-    if not np.all(np.isfinite(initial)):
-        raise CommonlawError(f"{place}the initial state {initial} is not finite; give numbers")
-    if times.ndim != 1 or not len(times) or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-        raise CommonlawError(f"{place}the times to forecast must be finite and increase")
+def _choice(moved: VectorField, method: str, wanted: Wanted) -> _Choice:
+    """Return what integrates a law.
+
+    Raises
+    ------
+    CommonlawError
+        If the method cannot.
+    """
+    if moved.order == 0:
+        return _Choice(Iteration(wanted))
+
+    def lsoda() -> AbstractIntegrator:
+        from commonlaw.forecast.lsoda import Lsoda  # SciPy's integrators take longer to import than a law to compile
+
+        return Lsoda(wanted)
+
+    fast = "" if method == "scipy" else _fast(moved, wanted)
+    if not isinstance(fast, str):
+        return _Choice(fast, lsoda if method == "auto" else None)
+    if method == "heyoka":
+        raise CommonlawError(f"heyoka cannot integrate this law: {fast}; choose the method 'auto' or 'scipy'")
+    return _Choice(lsoda(), reason=fast)
+
+
+def _fast(moved: VectorField, wanted: Wanted) -> AbstractIntegrator | str:
+    """Return the compiled integrator of a law, or why there is none."""
+    if moved.terms.variables.inputs:
+        return "the law has inputs"
+    if find_spec("heyoka") is None:
+        return "heyoka is not installed, pip install 'commonlaw[fast]'"
+    from commonlaw.forecast.taylor import Taylor
+    from commonlaw.forecast.translation import UnsupportedError
+
+    try:
+        return Taylor.of(moved, wanted)
+    except UnsupportedError as error:
+        return str(error)

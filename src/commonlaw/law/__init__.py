@@ -1,5 +1,6 @@
 """Laws: equations with shared terms and each object's own coefficients."""
 
+from commonlaw.law.alternative import Alternative
 from commonlaw.law.law import Law
 
-__all__ = ["Law"]
+__all__ = ["Alternative", "Law"]

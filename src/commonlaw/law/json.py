@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.law.alternative import Alternative
 from commonlaw.law.law import Law
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.outcomes import Outcome
@@ -34,6 +35,7 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     terms: list[str]
     coefficients: dict[str, list[list[float]]]
     outcomes: list[Outcome] = []
+    alternatives: list[Alternative] = []
 
 
 def encode(law: Law) -> bytes:
@@ -46,6 +48,7 @@ def encode(law: Law) -> bytes:
         terms=[term.expression(law.terms.variables.names) for term in law.terms.terms],
         coefficients={name: law.of(name).tolist() for name in law.objects},
         outcomes=list(law.outcomes),
+        alternatives=list(law.alternatives),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
@@ -84,6 +87,7 @@ def decode(content: bytes) -> Law:
         np.array(list(document.coefficients.values())).reshape(-1, *shape),
         None if document.differentiation is None else parse_differentiation(document.differentiation),
         tuple(document.outcomes),
+        tuple(document.alternatives),
     )
 
 

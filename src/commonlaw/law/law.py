@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.files import write_whole
-from commonlaw.forecast import Forecast, Trajectory, VectorField, integrate
+from commonlaw.forecast import Event, Forecast, Run, Trajectory, VectorField, simulate
+from commonlaw.law.alternative import Alternative
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema, Trial, Trials
@@ -45,6 +46,8 @@ class Law:
         How rates were estimated; a forecast from measurements estimates the initial rates in the same way.
     outcomes
         What a user should know about how the law was found.
+    alternatives
+        The candidates that it was chosen from, if it was chosen.
     """
 
     terms: Terms
@@ -54,6 +57,7 @@ class Law:
     coefficients: Floats
     differentiation: AbstractDifferentiator | None = None
     outcomes: tuple[Outcome, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
     def __post_init__(self) -> None:
         expected = (len(self.objects), len(self.states), len(self.terms))
@@ -154,6 +158,23 @@ class Law:
             columns = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
         return pd.DataFrame(values, index=pd.Index(self.objects, name="object"), columns=columns)
 
+    def candidates(self) -> "pd.DataFrame":
+        """Return the candidates that the law was chosen from, what speaks for each, and which was chosen."""
+        import pandas as pd
+
+        rows = [
+            {
+                "equation": each.equation,
+                "terms": ", ".join(each.terms),
+                "size": len(each.terms),
+                **each.measures,
+                "proven": each.proven,
+                "chosen": each.chosen,
+            }
+            for each in self.alternatives
+        ]
+        return pd.DataFrame(rows)
+
     def coefficient_units(self) -> "dict[tuple[str, str], str]":
         """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
         from commonlaw.law.units import coefficient_units
@@ -173,7 +194,7 @@ class Law:
 
         return letters(self)
 
-    @property
+    @cached_property
     def shared(self) -> bool:
         """Whether every object has the same terms."""
         return bool(np.all((self.coefficients != 0) == self.support))
@@ -205,9 +226,19 @@ class Law:
 
     def vector_field(self, name: str) -> VectorField:
         """Return the right-hand side for one object, ready to integrate."""
-        return VectorField(self.terms, self.of(name), self.order)
+        return VectorField(self.terms, self.of(name), self.order, support=self.support if self.shared else None)
 
-    def simulate(self, times: ArrayLike, initial: "ArrayLike | Mapping[str, ArrayLike]") -> dict[str, Trajectory]:
+    def simulate(
+        self,
+        times: ArrayLike,
+        initial: "ArrayLike | Mapping[str, ArrayLike]",
+        *,
+        method: str = "auto",
+        tolerance: float = 1e-8,
+        events: Sequence[Event] = (),
+        dense: bool = False,
+        sensitivities: bool = False,
+    ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
         Parameters
@@ -217,22 +248,41 @@ class Law:
         initial
             Initial states, for a law of second order followed by the initial rates: one vector for all objects,
             or one by name of object; objects that are not named are left out.
+        method, tolerance
+            How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
+        events
+            What to look for on the way: ``Event("x", direction="falling", terminal=True)``.
+        dense
+            Whether `Trajectory.at` is to give states at any time.
+        sensitivities
+            Whether to give the derivatives of the states by the object's coefficients (those in the support of a
+            shared law, else the object's own), equation by equation, and by the initial states.
         """
         if self.schema.inputs:
             raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
         starts = initial if isinstance(initial, Mapping) else dict.fromkeys(self.objects, initial)
-        width = len(self.states) * self.order
-        trajectories = {}
+        width, grid = len(self.states) * max(1, self.order), np.asarray(times, dtype=np.float64)
+        runs = {}
         for name, start in starts.items():
             state = np.atleast_1d(np.asarray(start, dtype=np.float64))
             if state.shape != (width,):
                 wanted = ", ".join(self.terms.variables.states)
                 raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            trajectories[name] = self._integrate(self.vector_field(name), state, np.asarray(times), name)
-        return trajectories
+            runs[name] = Run(self.vector_field(name), state, grid, name)
+        found = simulate(
+            runs.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
+        )
+        return dict(zip(runs, found, strict=True))
 
-    def predict(self, trials: Trials) -> Forecast:
+    def predict(self, trials: Trials, *, method: str = "auto", tolerance: float = 1e-8) -> Forecast:
         """Forecast each trial from its own initial state: its first measured states and its estimated first rates.
+
+        Parameters
+        ----------
+        trials
+            What to forecast.
+        method, tolerance
+            How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
 
         Raises
         ------
@@ -240,13 +290,14 @@ class Law:
             If a trial's object is not in the law, or its variables are not those of the law.
         """
         self._check_variables(trials)
-        return Forecast(trials, tuple(self._predict(trial) for trial in trials))
+        runs = [self._run(trial) for trial in trials]
+        return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""
         return self.predict(trials).score()
 
-    def _predict(self, trial: Trial) -> Trajectory:
+    def _run(self, trial: Trial) -> Run:
         start = [trial.states[0]]
         if self.order == 2:
             if self.differentiation is None:
@@ -257,10 +308,7 @@ class Law:
                 raise CommonlawError(f"{trial.label}: {error}") from None
             start.append(rates.derivatives[0][0])
         field = replace(self.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
-        return self._integrate(field, np.concatenate(start), trial.times, trial.label)
-
-    def _integrate(self, field: VectorField, start: Floats, times: Floats, where: str) -> Trajectory:
-        return integrate(field, start, times, jacobian=field.jacobian, where=where)
+        return Run(field, np.concatenate(start), trial.times, trial.label)
 
     def _check_variables(self, trials: Trials) -> None:
         for kind, wanted, given in (

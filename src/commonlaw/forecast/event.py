@@ -1,0 +1,135 @@
+"""What may happen on the way of a trajectory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.forecast.vector_field import VectorField
+from commonlaw.library import Terms, Variables, parse_term
+
+Floats = NDArray[np.float64]
+
+_SIGNS = {"rising": 1, "falling": -1, "any": 0}
+_ROUNDING = 4 * np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Event:
+    """An expression in the law's variables crosses a level: a ball reaches the ground when its height falls to 0.
+
+    A start on the level is not a crossing.
+
+    Parameters
+    ----------
+    expression
+        As terms are written: ``"x"``, ``"x**2 + v**2"``.
+    level
+        The value that is crossed, in the unit of the expression.
+    direction
+        ``"rising"``, ``"falling"`` or ``"any"``.
+    terminal
+        Whether the trajectory ends there.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such direction, or the level is not finite.
+
+    Examples
+    --------
+    >>> Event("x", direction="falling", terminal=True)
+    Event(expression='x', level=0.0, direction='falling', terminal=True)
+    """
+
+    expression: str
+    level: float = 0.0
+    direction: str = "any"
+    terminal: bool = False
+
+    def __post_init__(self) -> None:
+        if self.direction not in _SIGNS:
+            raise unknown("direction of an event", self.direction, _SIGNS)
+        if not np.isfinite(self.level):
+            raise CommonlawError(f"the level of the event {self.expression!r} is {self.level}: give a number")
+
+    @property
+    def sign(self) -> int:
+        """The direction as a number: 1 rising, -1 falling, 0 any."""
+        return _SIGNS[self.direction]
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrences:
+    """When and where an event happened on one trajectory.
+
+    Parameters
+    ----------
+    event
+        What happened.
+    times
+        Increasing, shape (m,).
+    states
+        The states (and rates) then, shape (m, d).
+    """
+
+    event: Event
+    times: Floats
+    states: Floats
+
+
+def occurrences(
+    events: Sequence[Event], found: Sequence[tuple[int, float, Floats]], width: int
+) -> tuple[Occurrences, ...]:
+    """Return what was found, (place of the event, time, states), by event and in order of time."""
+    lists = [
+        sorted(((t, y) for i, t, y in found if i == place), key=lambda each: each[0]) for place in range(len(events))
+    ]
+    return tuple(
+        Occurrences(event, np.array([t for t, _ in each]), np.array([y for _, y in each]).reshape(len(each), width))
+        for event, each in zip(events, lists, strict=True)
+    )
+
+
+def event_terms(events: Sequence[Event], variables: Variables) -> Terms:
+    """Return the expressions of events as terms over these variables.
+
+    Raises
+    ------
+    CommonlawError
+        If an expression cannot be read, or names an unknown variable.
+    """
+    return Terms(variables, tuple(parse_term(event.expression, variables) for event in events))
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """How far the expressions of events are above their levels along the states of a vector field."""
+
+    events: tuple[Event, ...]
+    field: VectorField
+    terms: Terms
+
+    def __call__(self, t: float, y: Floats) -> Floats:
+        """Return the gaps at one time, shape (events,)."""
+        return np.asarray(self.terms.evaluate(self.field.values(t, y))[0] - self._levels)
+
+    def at_start(self, t: float, y: Floats, span: float) -> Floats:
+        """Return the gaps at the start, and for one that is zero to rounding the sign that it takes just after.
+
+        Two steps of a millionth of the span are tried, so that a ball at rest on the ground counts as falling.
+        """
+        with np.errstate(all="ignore"):
+            gaps = self(t, y)
+            zero = np.abs(gaps) <= _ROUNDING * (np.abs(gaps + self._levels) + np.abs(self._levels))
+            if zero.any():
+                step = 1e-6 * span
+                later = y + step * self.field(t, y + step * self.field(t, y))
+                gaps[zero] = np.sign(self(t + step, later)[zero]) * np.finfo(float).tiny
+        return gaps
+
+    @property
+    def _levels(self) -> Floats:
+        return np.array([event.level for event in self.events])

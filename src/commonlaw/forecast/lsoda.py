@@ -1,0 +1,228 @@
+"""Integration by SciPy: LSODA (Petzold 1983), for stiff problems and others, and for any function of the states."""
+
+import warnings
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import LSODA, DenseOutput, OdeSolution
+from scipy.optimize import brentq
+
+from commonlaw.forecast.base import FAR, MOST_STEPS, AbstractIntegrator, Function, Run, Wanted, size_of
+from commonlaw.forecast.event import Gaps, event_terms, occurrences
+from commonlaw.forecast.trajectory import Trajectory, diverged
+from commonlaw.forecast.vector_field import VectorField
+
+Floats = NDArray[np.float64]
+
+_LOOKS = 8
+"""How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
+
+
+@dataclass(frozen=True)
+class Lsoda(AbstractIntegrator):
+    """The back end that is always there, and takes every law."""
+
+    wanted: Wanted
+
+    def integrate(self, run: Run) -> Trajectory:
+        """Return the trajectory of a run; sensitivities solve the variational equations beside it."""
+        wanted, moved, width = self.wanted, run.field, len(run.initial)
+        watch = _watch(run, wanted) if wanted.events else None
+        equations = Equations(moved, moved.jacobian, width)
+        start, absolute = run.initial, np.zeros(width)
+        if wanted.sensitivities:
+            equations = _variational(moved, width)
+            start, absolute = _variational_start(run, wanted.tolerance)
+        result = solve(
+            equations, start, run.times, wanted.tolerance, absolute, run.where, watch=watch, dense=wanted.dense
+        )
+        found = occurrences(wanted.events, [] if watch is None else watch.found, width)
+        slopes = result.states[:, width:].reshape(len(run.times), width, -1) if wanted.sensitivities else None
+        return replace(result, states=result.states[:, :width], events=found, sensitivities=slopes)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What LSODA integrates: rates, their Jacobian or nothing, and how many of the first numbers are states."""
+
+    rates: Function
+    jacobian: Function | None
+    width: int
+
+
+@dataclass
+class _Watch:
+    """Looks for events along the steps, and keeps what it finds."""
+
+    gaps: Gaps
+    time: float
+    last: Floats
+    found: list[tuple[int, float, Floats]] = field(default_factory=list)
+
+    def look(self, piece: DenseOutput, until: float, width: int) -> float | None:
+        """Look at a step, given by its dense output; return when a terminal event ended the trajectory, if so."""
+        met: list[tuple[int, float, Floats]] = []
+        for t in np.linspace(self.time, until, _LOOKS + 1)[1:]:
+            now = self.gaps(t, piece(t)[:width])
+            for i in np.flatnonzero(now * np.sign(self.last) < 0):
+                if self.gaps.events[i].sign * now[i] >= 0:
+                    met.append((int(i), *self._crossing(piece, int(i), float(t), width)))
+            self.last, self.time = np.where(now == 0, self.last, now), float(t)
+        stops = [t for i, t, _ in met if self.gaps.events[i].terminal]
+        end = min(stops, default=None)
+        self.found += [each for each in met if end is None or each[1] <= end]
+        return end
+
+    def _crossing(self, piece: DenseOutput, i: int, until: float, width: int) -> tuple[float, Floats]:
+        before, sign = self.time, np.sign(self.last[i])
+
+        def gap(t: float) -> float:
+            value = float(self.gaps(t, piece(t)[:width])[i])
+            # On the level itself, or off it by rounding, the side that it came from counts.
+            return sign * np.finfo(float).tiny if t == before and value * sign <= 0 else value
+
+        t = float(brentq(gap, before, until, xtol=4e-16 * max(abs(until), until - before), rtol=1e-15))
+        return t, piece(t)[:width].copy()
+
+
+def solve(
+    equations: Equations,
+    start: Floats,
+    times: Floats,
+    tolerance: float,
+    absolute: Floats,
+    where: str,
+    *,
+    watch: _Watch | None = None,
+    dense: bool = False,
+) -> Trajectory:
+    """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
+
+    Parameters
+    ----------
+    equations
+        What is integrated.
+    start, times
+        Shapes (d,) and (n,).
+    tolerance, absolute
+        The relative tolerance, and the absolute one of each number, shape (d,); for the states, which come first, it
+        is set here.
+    where
+        For the outcome.
+    watch
+        Looks for events.
+    dense
+        Whether to keep every step.
+    """
+    states, width = np.full((len(times), len(start)), np.nan), equations.width
+    states[0] = start
+    track = _Track(start[:width], [float(times[0])]) if dense else None
+    if len(times) == 1:
+        return Trajectory(times, states, dense=track)
+    with np.errstate(all="ignore"):
+        if not np.all(np.isfinite(equations.rates(times[0], start))):
+            ended = float(times[0])
+            return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
+        size = size_of(
+            start[:width], lambda t, y: equations.rates(t, np.concatenate([y, start[width:]]))[:width], times
+        )
+        absolute[:width] = 1e-3 * tolerance * size
+        solver = LSODA(
+            equations.rates, times[0], start, times[-1], rtol=tolerance, atol=absolute, jac=equations.jacobian
+        )
+        reached, stop, why = 1, None, f"{MOST_STEPS} steps were not enough"
+        for _ in range(MOST_STEPS):
+            bad = _step(solver) or _runaway(solver.y[:width], size)
+            if bad:
+                why = bad
+                break
+            if watch or dense or solver.t >= times[reached]:
+                piece = solver.dense_output()
+                stop = watch.look(piece, solver.t, width) if watch else None
+                until = int(np.searchsorted(times, solver.t if stop is None else stop, side="right"))
+                if until > reached:
+                    states[reached:until] = piece(times[reached:until]).T
+                    reached = until
+                if track is not None:
+                    track.add(piece, float(solver.t))
+            if stop is not None:
+                return Trajectory(times, states, None, stop, dense=track)
+            if solver.status == "finished":
+                return Trajectory(times, states, dense=track)
+    ended = float(solver.t)
+    return Trajectory(times, states, diverged(ended, why, where), ended, dense=track)
+
+
+@dataclass
+class _Track:
+    """The steps of a trajectory, each with its interpolation; called with times, it gives the states."""
+
+    start: Floats
+    knots: list[float]
+    pieces: list[DenseOutput] = field(default_factory=list)
+
+    def add(self, piece: DenseOutput, until: float) -> None:
+        """Keep a step."""
+        self.pieces.append(piece)
+        self.knots.append(until)
+
+    def __call__(self, times: Floats) -> Floats:
+        """Return the states, shape (m, d); after the last step those at its end."""
+        if not self.pieces:
+            return np.tile(self.start, (len(times), 1))
+        whole = OdeSolution(self.knots, self.pieces)
+        return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
+
+
+def _watch(run: Run, wanted: Wanted) -> _Watch:
+    gaps = Gaps(wanted.events, run.field, event_terms(wanted.events, run.field.terms.variables))
+    span = float(run.times[-1] - run.times[0])
+    return _Watch(gaps, run.start, gaps.at_start(run.start, run.initial, span))
+
+
+def _variational(moved: VectorField, width: int) -> Equations:
+    """Return the states together with their derivatives by parameters and initial states, row by row."""
+
+    def rates(t: float, y: Floats) -> Floats:
+        states, matrix = y[:width], y[width:].reshape(width, -1)
+        change = moved.jacobian(t, states) @ matrix
+        direct = moved.slopes(t, states)
+        change[:, : direct.shape[1]] += direct
+        return np.concatenate([moved(t, states), change.ravel()])
+
+    def jacobian(t: float, y: Floats) -> Floats:
+        # How the sensitivities feel the states is left out: it steers Newton's iteration only, not the result.
+        own = moved.jacobian(t, y[:width])
+        result = np.zeros((len(y), len(y)))
+        result[:width, :width] = own
+        result[width:, width:] = np.kron(own, np.eye(len(y) // width - 1))
+        return result
+
+    return Equations(rates, jacobian, width)
+
+
+def _variational_start(run: Run, tolerance: float) -> tuple[Floats, Floats]:
+    """Return the initial states and sensitivities, and absolute tolerances in the units of each sensitivity."""
+    parameters, width = run.field.parameters, len(run.initial)
+    matrix = np.hstack([np.zeros((width, len(parameters))), np.eye(width)])
+    size = np.max(np.abs(run.initial)) or 1.0
+    scale = np.where(parameters == 0, 1.0, np.abs(parameters))
+    rows = np.tile(np.concatenate([size / scale, np.ones(width)]), (width, 1))
+    absolute = 1e-3 * tolerance * rows.ravel()
+    return np.concatenate([run.initial, matrix.ravel()]), np.concatenate([np.zeros(width), absolute])
+
+
+def _step(solver: LSODA) -> str | None:
+    """Take one step; return why it failed, or None."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return solver.step()
+
+
+def _runaway(states: Floats, size: float) -> str | None:
+    if not np.all(np.isfinite(states)):
+        return "a state is not finite"
+    if np.max(np.abs(states)) > FAR * size:
+        return f"a state reached {np.max(np.abs(states)):.3g}"
+    return None
