@@ -1,23 +1,44 @@
 """What holds for every solver."""
 
 from dataclasses import replace
+from inspect import signature
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import System
 from commonlaw.solvers import IMPORTANCES, SOLVERS, GroupSTLSQ
 
+few = settings(max_examples=25, deadline=None)
+SETTINGS = {"threshold": 0.3, "penalty": 0.2, "terms": 2}
+
+
+def setting_of(maker):
+    return next(name for name in SETTINGS if name in signature(maker).parameters)
+
+
+def at(solver, value):
+    name = setting_of(type(solver))
+    return replace(solver, **{name: int(value) if name == "terms" else value})
+
+
 NAMED = [
-    *((name, {"threshold": 0.3}) for name in SOLVERS),
+    *((name, {setting_of(maker): SETTINGS[setting_of(maker)]}) for name, maker in SOLVERS.items()),
+    *(
+        (name, {setting_of(maker): SETTINGS[setting_of(maker)], "shared": False})
+        for name, maker in SOLVERS.items()
+        if "shared" in signature(maker).parameters
+    ),
     *(("group-stlsq", {"threshold": 0.3, "importance": name}) for name in IMPORTANCES if name != "count"),
     ("group-stlsq", {"threshold": 2, "importance": "count", "level": 0.3}),
 ]
 every_solver = pytest.mark.parametrize(
     "solver", [SOLVERS[name](**options) for name, options in NAMED], ids=lambda solver: repr(solver)
 )
+thresholding_solvers = pytest.mark.parametrize("name", ["stlsq", "group-stlsq"])
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0, 0.0]])
 CANDIDATES = np.ones((1, 4), dtype=bool)
 
@@ -39,6 +60,7 @@ def test_the_truth_is_found_without_noise(solver):
 
 
 @every_solver
+@few
 @given(seed=st.integers(0, 10_000))
 def test_the_order_of_objects_does_not_matter(solver, seed):
     given_order = systems(seed, noise=0.5)
@@ -49,6 +71,7 @@ def test_the_order_of_objects_does_not_matter(solver, seed):
 
 
 @every_solver
+@few
 @given(seed=st.integers(0, 10_000))
 def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver, seed):
     problem = systems(seed, noise=0.5)
@@ -60,8 +83,15 @@ def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver
 
 @every_solver
 def test_terms_that_are_no_candidates_stay_out(solver):
-    fit = solver.solve(systems(), np.array([[True, True, False, True]]))
-    assert not fit.support[:, :, 2].any()
+    allowed = np.array([[True, True, False, True]])
+    assert not solver.solve(systems(), allowed).support[:, :, 2].any()
+    assert not any(candidate.support[:, 2].any() for candidate in solver.path(systems(noise=0.5), 0, allowed[0]))
+
+
+@every_solver
+def test_an_equation_without_candidates_stays_empty(solver):
+    assert not solver.solve(systems(), np.zeros((1, 4), dtype=bool)).coefficients.any()
+    assert solver.path(systems(), 0, np.zeros(4, dtype=bool))[-1].support.sum() == 0
 
 
 @every_solver
@@ -75,8 +105,10 @@ def test_data_that_arrive_in_parts_give_the_same_fit(solver):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_normalised_columns_make_the_support_independent_of_units(name):
-    solver, scales = SOLVERS[name](threshold=3.0, normalize=True), np.array([1e-3, 1.0, 1e4, 10.0])
+def test_the_support_does_not_depend_on_units_where_columns_are_normalised(name):
+    setting, scales = setting_of(SOLVERS[name]), np.array([1e-3, 1.0, 1e4, 10.0])
+    options = {"threshold": 3.0, "normalize": True} if setting == "threshold" else {setting: SETTINGS[setting]}
+    solver = SOLVERS[name](**options)
     generator = np.random.default_rng(3)
     library = generator.standard_normal((100, 4))
     target = (library @ TRUTH[0] + 0.1 * generator.standard_normal(100))[:, np.newaxis]
@@ -96,6 +128,7 @@ def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
 
 
 @every_solver
+@few
 @given(seed=st.integers(0, 10_000))
 def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(solver, seed):
     problem = systems(seed, noise=0.5)
@@ -104,8 +137,26 @@ def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(so
     assert sizes[0] == 4
     assert sizes[-1] == 0
     for candidate in path:
-        again = replace(solver, threshold=candidate.setting).solve(problem, CANDIDATES)
+        if setting_of(type(solver)) == "terms" and candidate.setting == 0:
+            continue
+        again = at(solver, candidate.setting).solve(problem, CANDIDATES)
         np.testing.assert_array_equal(again.coefficients[:, 0], candidate.coefficients)
-    settings = [candidate.setting for candidate in path]
-    between = replace(solver, threshold=(settings[1] + settings[2]) / 2).solve(problem, CANDIDATES)
+
+
+@thresholding_solvers
+@few
+@given(seed=st.integers(0, 10_000))
+def test_thresholds_between_two_breakpoints_of_the_path_give_the_same(name, seed):
+    problem = systems(seed, noise=0.5)
+    path = SOLVERS[name]().path(problem, 0, CANDIDATES[0])
+    between = SOLVERS[name](threshold=(path[1].setting + path[2].setting) / 2).solve(problem, CANDIDATES)
     np.testing.assert_array_equal(between.support[:, 0], path[1].support)
+
+
+@every_solver
+def test_a_solver_without_a_setting_says_so(solver):
+    unset = replace(solver, **{setting_of(type(solver)): None})
+    assert solver.is_set
+    assert not unset.is_set
+    with pytest.raises(CommonlawError, match="give it one, or let one be chosen from its path"):
+        unset.solve(systems(), CANDIDATES)

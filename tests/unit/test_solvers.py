@@ -3,7 +3,22 @@ import pytest
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import System
-from commonlaw.solvers import L1, L2, STLSQ, Count, GroupSTLSQ, Mean, Median, Quantile, parse_solver
+from commonlaw.solvers import (
+    L1,
+    L2,
+    SR3,
+    STLSQ,
+    BackwardElimination,
+    BestSubset,
+    Count,
+    ForwardSelection,
+    GroupSTLSQ,
+    Lasso,
+    Mean,
+    Median,
+    Quantile,
+    parse_solver,
+)
 
 MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
 
@@ -50,6 +65,12 @@ def test_one_sweep_is_not_enough_and_says_so():
         ("group-stlsq:1.5", GroupSTLSQ(1.5)),
         ("group-stlsq:0.2:quantile:0.25", GroupSTLSQ(0.2, Quantile(0.25))),
         ("group-stlsq:3:count:0.1:normalize=True", GroupSTLSQ(3, Count(0.1), normalize=True)),
+        ("best-subset", BestSubset()),
+        ("best-subset:3", BestSubset(3)),
+        ("forward:4:shared=False", ForwardSelection(4, shared=False)),
+        ("backward:2", BackwardElimination(2)),
+        ("lasso:0.01", Lasso(0.01)),
+        ("sr3:0.5:nu=2", SR3(0.5, nu=2)),
     ],
 )
 def test_solvers_are_named_by_text(text, solver):
@@ -68,6 +89,13 @@ def test_solvers_are_named_by_text(text, solver):
         ("group-stlsq:1:quantile:2", "quantile level 2 does not fit: give a number from 0 to 1"),
         ("group-stlsq:1:count:0", "magnitude 0 of a vote does not fit"),
         ("stlsq:1:2:3:4:5", "write it as 'stlsq:"),
+        ("best-subset:0", "terms 0 does not fit: give a whole number of at least 1"),
+        ("best-subset:2.5", "terms 2.5 does not fit: give a whole number"),
+        ("best-subset:nodes=0", "nodes 0 does not fit"),
+        ("forward:True", "terms True does not fit"),
+        ("forward:3:yes", "shared 'yes' does not fit: give True"),
+        ("lasso:-0.1", "penalty -0.1 does not fit: give a number of at least 0"),
+        ("sr3:1:nu=0", "nu 0 does not fit: give a number above 0"),
     ],
 )
 def test_solvers_that_do_not_exist_or_fit_are_refused(text, message):

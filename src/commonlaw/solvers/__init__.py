@@ -3,9 +3,15 @@
 from collections.abc import Callable, Mapping
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.solvers.backward import BackwardElimination
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.best_subset import BestSubset
+from commonlaw.solvers.constrained import Constrained, constrained_least_squares
+from commonlaw.solvers.forward import ForwardSelection
 from commonlaw.solvers.group_stlsq import GroupSTLSQ
 from commonlaw.solvers.importance import L1, L2, AbstractImportance, Count, Mean, Median, Quantile
+from commonlaw.solvers.lasso import Lasso
+from commonlaw.solvers.sr3 import SR3
 from commonlaw.solvers.stlsq import STLSQ
 from commonlaw.spec import parse_spec
 
@@ -14,16 +20,23 @@ __all__ = [
     "L1",
     "L2",
     "SOLVERS",
+    "SR3",
     "STLSQ",
     "AbstractImportance",
     "AbstractSolver",
+    "BackwardElimination",
+    "BestSubset",
     "Candidate",
+    "Constrained",
     "Count",
     "Fit",
+    "ForwardSelection",
     "GroupSTLSQ",
+    "Lasso",
     "Mean",
     "Median",
     "Quantile",
+    "constrained_least_squares",
     "parse_solver",
 ]
 
@@ -54,11 +67,19 @@ def _group_stlsq(
     return GroupSTLSQ(threshold, measure, ridge, max_iterations, normalize)
 
 
-SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {"stlsq": STLSQ, "group-stlsq": _group_stlsq}
+SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {
+    "stlsq": STLSQ,
+    "group-stlsq": _group_stlsq,
+    "best-subset": BestSubset,
+    "forward": ForwardSelection,
+    "backward": BackwardElimination,
+    "lasso": Lasso,
+    "sr3": SR3,
+}
 
 
 def parse_solver(text: str) -> AbstractSolver:
-    """Make a solver from text: ``stlsq:0.04``, ``group-stlsq:1.5``, ``group-stlsq:0.2:quantile:0.25``.
+    """Make a solver from text: ``stlsq:0.04``, ``best-subset:3``, ``group-stlsq:0.2:quantile:0.25``.
 
     >>> parse_solver("group-stlsq:1.5")
     GroupSTLSQ(threshold=1.5, importance=L1(), ridge=0.0, max_iterations=10, normalize=False)

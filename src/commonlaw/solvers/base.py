@@ -27,7 +27,7 @@ class Fit:
         The largest value that was compared with the solver's setting in the last step that had a term, for each
         object and equation, shape (objects, equations); a support that is empty had a setting above it.
     converged
-        Whether the support was stable when the solver stopped.
+        Whether the solver came to its end: a stable support, a minimum, a finished search.
     """
 
     coefficients: Floats
@@ -49,7 +49,8 @@ class Candidate:
     setting
         The solver's setting that gives it: the smallest threshold or penalty, or the number of terms.
     proven
-        Whether it is proved that no other support of its size has a smaller sum of squared residuals over all objects.
+        Whether it is proved, to rounding, that no other support of its size has a smaller sum of squared residuals over
+        all objects, each relative to its residual variance with all terms.
     """
 
     support: Bools

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from commonlaw.formulation import System
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.importance import L1, AbstractImportance
-from commonlaw.solvers.stlsq import check_settings
+from commonlaw.solvers.settings import check_setting
 from commonlaw.solvers.thresholding import Thresholding
 
 
@@ -28,7 +28,8 @@ class GroupSTLSQ(AbstractSolver):
     importance
         The measure R of a row of coefficients: `L1` (the paper's), `L2`, `Mean`, `Median`, `Quantile`, `Count`.
     ridge
-        Weight of the squared norm of the coefficients in each least-squares problem.
+        Weight of the squared norm of the coefficients, in their own units also where columns are scaled for the
+        threshold, in each least-squares problem.
     max_iterations
         At most so many sweeps; a support that still changes then is an outcome of the fit.
     normalize
@@ -42,7 +43,9 @@ class GroupSTLSQ(AbstractSolver):
     normalize: bool = False
 
     def __post_init__(self) -> None:
-        check_settings(self.threshold, self.ridge, self.max_iterations)
+        check_setting("threshold", self.threshold, 0, optional=True)
+        check_setting("ridge", self.ridge, 0)
+        check_setting("max_iterations", self.max_iterations, 1, whole=True)
 
     @property
     def is_set(self) -> bool:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import System
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.settings import check_setting
 from commonlaw.solvers.thresholding import Thresholding
 
 
@@ -24,7 +24,8 @@ class STLSQ(AbstractSolver):
     threshold
         Smallest magnitude of a coefficient that stays, in the coefficients' own units; None to have it chosen.
     ridge
-        Weight of the squared norm of the coefficients in each least-squares problem.
+        Weight of the squared norm of the coefficients, in their own units also where columns are scaled for the
+        threshold, in each least-squares problem.
     max_iterations
         At most so many sweeps; a support that still changes then is an outcome of the fit.
     normalize
@@ -37,7 +38,9 @@ class STLSQ(AbstractSolver):
     normalize: bool = False
 
     def __post_init__(self) -> None:
-        check_settings(self.threshold, self.ridge, self.max_iterations)
+        check_setting("threshold", self.threshold, 0, optional=True)
+        check_setting("ridge", self.ridge, 0)
+        check_setting("max_iterations", self.max_iterations, 1, whole=True)
 
     @property
     def is_set(self) -> bool:
@@ -54,12 +57,3 @@ class STLSQ(AbstractSolver):
     @property
     def _method(self) -> Thresholding:
         return Thresholding(lambda magnitudes: magnitudes, self.ridge, self.max_iterations, self.normalize)
-
-
-def check_settings(threshold: float | None, ridge: float, max_iterations: int) -> None:
-    """Refuse settings that no thresholding solver can work with."""
-    for name, value, least in (("threshold", threshold, 0), ("ridge", ridge, 0), ("max_iterations", max_iterations, 1)):
-        if value is None and name == "threshold":
-            continue
-        if value is None or isinstance(value, str) or not np.isfinite(value) or value < least:
-            raise CommonlawError(f"{name} {value!r} does not fit: give a number of at least {least}")

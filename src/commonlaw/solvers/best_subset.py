@@ -1,0 +1,190 @@
+"""The best terms of every number, by exact search."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.formulation import System
+from commonlaw.solvers.backward import left
+from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.forward import entered
+from commonlaw.solvers.settings import check_setting, check_shared
+from commonlaw.solvers.sized import Choice, Sized
+from commonlaw.solvers.stack import Directions, Stack
+
+Places = NDArray[np.intp]
+
+_MANY = 60
+"""Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
+
+_TOLERANCE = 1e-12
+"""Sums of squared residuals that differ by less than this share are equal to rounding."""
+
+
+@dataclass(frozen=True)
+class BestSubset(AbstractSolver):
+    """The terms with the smallest sum of squared residuals over all objects, for every number of terms.
+
+    Exact by branch and bound, in the manner of the leaps and bounds of Furnival and Wilson (1974), Technometrics 16,
+    499: leaving out terms only raises the residuals, so what all terms that are still in question leave unexplained
+    bounds all supports among them. A candidate is ``proven`` when the search of its size came to an end. Objects
+    count relative to their residual variance, see `Stack`. For about 60 terms this takes seconds; sizes well beyond
+    the true one, where terms compete in explaining noise, use up their nodes and are not proven.
+
+    Parameters
+    ----------
+    terms
+        Number of terms in each equation; None to have it chosen.
+    shared
+        Whether all objects have the same terms, or each object its own.
+    largest
+        The path is searched up to this number of terms; above it, it holds those of `BackwardElimination`.
+    nodes
+        At most so many nodes of the search tree are visited for each number of terms (2000 take about a second for 56
+        terms and 10 objects); then the best terms found so far are returned. Beyond 60 terms, where a node is more
+        work, there are fewer, so that what is returned is the best of greedy selection and of exchanges of terms.
+    """
+
+    terms: int | None = None
+    shared: bool = True
+    largest: int = 12
+    nodes: int = 2000
+
+    def __post_init__(self) -> None:
+        check_setting("terms", self.terms, 1, whole=True, optional=True)
+        check_setting("largest", self.largest, 0, whole=True)
+        check_setting("nodes", self.nodes, 1, whole=True)
+        check_shared(self.shared)
+
+    @property
+    def is_set(self) -> bool:
+        return self.terms is not None
+
+    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+        """Return the best `terms` of each equation, and their coefficients."""
+        return Sized(self._search, self.shared, exact=True).solve(systems, candidates, self.terms)
+
+    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+        """Return one candidate for each number of terms, from all to none."""
+        return Sized(self._choose, self.shared).path(systems, target, allowed)
+
+    def _choose(self, stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:
+        order = left(stack)
+        greedy = {size: Choice(order[:size], size == stack.size) for size in sizes if size > self.largest}
+        return greedy | self._search(stack, [size for size in sizes if size <= self.largest])
+
+    def _search(self, stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:
+        stays, enters = left(stack), entered(stack, max(sizes))
+        nodes = int(np.ceil(self.nodes * min(1.0, (_MANY / max(stack.size, 1)) ** 3)))
+        return {size: _Search(stack, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """All supports that hold the terms `inside`, and further ones of those in question.
+
+    Parameters
+    ----------
+    inside
+        Places of the terms that are in.
+    entering, leaving
+        What the terms in question explain beside those inside, and what it costs when they leave; in the same order.
+    bound
+        What the terms inside and those in question leave unexplained.
+    """
+
+    inside: Places
+    entering: Directions
+    leaving: Directions
+    bound: float
+
+
+class _Search:
+    """The search for the best support of one size.
+
+    Parameters
+    ----------
+    stack
+        The problem.
+    size
+        Number of terms.
+    starts
+        Supports of this size to begin with.
+    """
+
+    def __init__(self, stack: Stack, size: int, starts: Sequence[Places]) -> None:
+        self.stack, self.size = stack, size
+        self.best = min(starts, key=stack.residual)
+        self.least = stack.residual(self.best)
+        while self._accept(self._swaps()):
+            pass
+
+    def run(self, nodes: int) -> Choice:
+        """Search depth first, through at most so many nodes."""
+        root = _Node(self.best[:0], self.stack.entering(), self.stack.leaving(), self.stack.rest)
+        waiting = [root]
+        for _ in range(nodes):
+            if not waiting:
+                break
+            waiting += self._branch(waiting.pop())
+        return Choice(np.sort(self.best), not waiting)
+
+    @property
+    def _bar(self) -> float:
+        """What a support must stay below to be better than the best so far, beyond rounding."""
+        return self.least * (1 - _TOLERANCE) - self.stack.rounding
+
+    def _accept(self, supports: Iterator[Places]) -> bool:
+        """Take the first support that is better than the best so far."""
+        for support in supports:
+            value = self.stack.residual(support)
+            if value < self._bar:
+                self.best, self.least = support, value
+                return True
+        return False
+
+    def _swaps(self) -> Iterator[Places]:
+        """Yield supports in which one term of the best is replaced by the one that then explains most."""
+        for stay in (np.delete(self.best, index) for index in range(self.size)):
+            directions = self.stack.entering(stay)
+            yield np.append(stay, directions.places[np.argmax(directions.gains)])
+
+    def _branch(self, node: _Node) -> list[_Node]:
+        """Decide on the term whose leaving would cost most, or settle the node."""
+        costs, open_ = node.leaving.gains, node.leaving.places
+        need = self.size - len(node.inside)
+        surplus = len(open_) - need
+        # Of the terms in question `surplus` must leave, together at no less than the dearest of them costs alone.
+        cheapest = np.sort(costs)[surplus - 1] if surplus else 0.0
+        if node.bound + cheapest >= self._bar:
+            return []
+        if min(need, surplus) <= 2:
+            chosen = _best_of_few(node, need, surplus)
+            self._accept(iter([np.concatenate([node.inside, chosen])]))
+            return []
+        top = int(np.argmax(costs))
+        inside = np.append(node.inside, open_[top])
+        children = [_Node(inside, node.entering.take(top), node.leaving.drop(top), node.bound)]
+        if node.bound + costs[top] < self._bar:
+            without = _Node(node.inside, node.entering.drop(top), node.leaving.take(top), node.bound + costs[top])
+            children.append(without)
+        return children
+
+
+def _best_of_few(node: _Node, need: int, surplus: int) -> Places:
+    """Return which terms in question to take in where that, or what must leave, is at most two terms."""
+    open_ = node.entering.places
+    entering = need <= surplus
+    few, directions = (need, node.entering) if entering else (surplus, node.leaving)
+    if few == 0:
+        places = open_[:0]
+    elif few == 1:
+        places = open_[[np.argmax(directions.gains) if entering else np.argmin(directions.gains)]]
+    else:
+        first, second = np.triu_indices(len(open_), 1)
+        pairs = directions.pair_gains()[first, second]
+        index = np.argmax(pairs) if entering else np.argmin(pairs)
+        places = open_[[first[index], second[index]]]
+    return places if entering else np.setdiff1d(open_, places)

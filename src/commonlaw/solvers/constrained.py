@@ -1,0 +1,189 @@
+"""Linear equality constraints on coefficients, within and across objects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System
+from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.stack import Stack
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_RANK = 1e-12
+"""Singular values of constraints, with rows of unit norm, that are not told from zero."""
+
+_MET = 1e-9
+"""Constraints that are met to this share of their right-hand side can be met."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constrained(AbstractSolver):
+    """Another solver's terms, with coefficients refitted under linear equality constraints.
+
+    The terms are chosen without the constraints. Objects count relative to their residual variance, see `Stack`.
+    Wrap once for each equation that has constraints.
+
+    Parameters
+    ----------
+    solver
+        Chooses the terms.
+    equal
+        Places of the terms that have one coefficient for all objects that have the term.
+    matrix, right
+        Further constraints ``matrix @ coefficients.ravel() = right`` on the coefficients of the equation, of shape
+        (objects, terms), so of shapes (constraints, objects * terms) and (constraints,). A term that is out of the
+        support has the coefficient 0.
+    equation
+        The equation that is constrained.
+
+    Raises
+    ------
+    CommonlawError
+        When it solves: if the constraints depend on each other, do not fit the library, or cannot be met.
+    """
+
+    solver: AbstractSolver
+    equal: tuple[int, ...] = ()
+    matrix: Floats | None = None
+    right: Floats | None = None
+    equation: int = 0
+
+    def __post_init__(self) -> None:
+        if (self.matrix is None) != (self.right is None):
+            raise CommonlawError("further constraints need both a matrix and a right-hand side: give both or neither")
+
+    @property
+    def is_set(self) -> bool:
+        return self.solver.is_set
+
+    def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
+        """Return the solver's fit with the coefficients of the equation refitted."""
+        fit = self.solver.solve(systems, candidates)
+        coefficients = fit.coefficients.copy()
+        coefficients[:, self.equation] = self._refit(systems, fit.support[:, self.equation])
+        return replace(fit, coefficients=coefficients)
+
+    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+        """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
+
+        The path ends early where constraints need terms.
+        """
+        path = self.solver.path(systems, target, allowed)
+        if target != self.equation:
+            return path
+        met = [each for each in path if can_be_met(each.support, *self._constraints(each.support))]
+        return tuple(replace(each, coefficients=self._refit(systems, each.support), proven=False) for each in met)
+
+    def _refit(self, systems: Sequence[System], support: Bools) -> Floats:
+        variance = Stack.of(systems, self.equation, np.asarray(support.any(axis=0))).variance
+        weighted = [system.weighted(weight) for system, weight in zip(systems, 1 / variance, strict=True)]
+        return constrained_least_squares(weighted, support, self.equation, *self._constraints(support))
+
+    def _constraints(self, support: Bools) -> tuple[Floats, Floats]:
+        """Return all constraints that hold for a support, as a matrix and a right-hand side."""
+        objects, terms = support.shape
+        if any(not 0 <= place < terms for place in self.equal):
+            raise CommonlawError(f"equal terms {self.equal} do not fit: places of terms are from 0 to {terms - 1}")
+        rows = []
+        for place in self.equal:
+            own = np.flatnonzero(support[:, place]) * terms + place
+            for pair in pairwise(own):
+                rows.append(np.zeros(objects * terms))
+                rows[-1][[*pair]] = 1.0, -1.0
+        matrix = np.reshape(rows, (-1, objects * terms))
+        right = np.zeros(len(matrix))
+        if self.matrix is None or self.right is None:
+            return matrix, right
+        _check(self.matrix, self.right, support)
+        return np.concatenate([matrix, self.matrix]), np.concatenate([right, self.right])
+
+
+def constrained_least_squares(
+    systems: Sequence[System], support: Bools, target: int, matrix: Floats, right: Floats
+) -> Floats:
+    """Return the coefficients of all objects that minimise the sum of their squared residuals under constraints.
+
+    By the null-space method (Golub and Van Loan, Matrix Computations, section 6.2), on columns of unit norm: a
+    solution of the constraints, and least squares along the directions that keep them.
+
+    Parameters
+    ----------
+    systems
+        One for each object, all of the same library.
+    support
+        Which terms may be used, shape (objects, terms); all others get zero.
+    target
+        The equation.
+    matrix, right
+        Constraints ``matrix @ coefficients.ravel() = right``; shapes (constraints, objects * terms), (constraints,).
+
+    Returns
+    -------
+    Floats
+        Shape (objects, terms).
+
+    Raises
+    ------
+    CommonlawError
+        If the constraints are not of these shapes, depend on each other, or cannot be met with this support.
+    """
+    from scipy.linalg import block_diag
+
+    _check(matrix, right, support)
+    norms = np.array([system.norms for system in systems])
+    scales = np.where(norms > 0, norms, 1.0)
+    terms = systems[0].terms
+    blocks = [
+        (system.factor[:, :terms] / own)[:, row] for system, own, row in zip(systems, scales, support, strict=True)
+    ]
+    columns, goal = block_diag(*blocks), np.concatenate([system.factor[:, terms + target] for system in systems])
+    point, along = _solutions(matrix[:, support.ravel()] / scales[support], right)
+    point = point + along @ np.linalg.lstsq(columns @ along, goal - columns @ point, rcond=1e-14)[0]
+    coefficients = np.zeros(support.shape)
+    coefficients[support] = point / scales[support]
+    return coefficients
+
+
+def can_be_met(support: Bools, matrix: Floats, right: Floats) -> bool:
+    """Return whether constraints can be met with a support, shape (objects, terms)."""
+    try:
+        _solutions(matrix[:, support.ravel()], right)
+    except CommonlawError:
+        return False
+    return True
+
+
+def _check(matrix: Floats, right: Floats, support: Bools) -> None:
+    if np.shape(matrix) != (len(right), support.size):
+        raise CommonlawError(
+            f"constraints of shape {np.shape(matrix)} do not fit: for {support.shape[0]} objects, {support.shape[1]} "
+            f"terms and {len(right)} right-hand sides give a matrix of shape ({len(right)}, {support.size})"
+        )
+    values = _unit_rows(matrix, right)[0]
+    if np.linalg.matrix_rank(values, tol=_RANK * max(values.shape)) < len(values):
+        raise CommonlawError("the constraints depend on each other: leave out those that follow from others")
+
+
+def _unit_rows(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
+    norms = np.linalg.norm(matrix, axis=1)
+    norms[norms == 0] = 1.0
+    return matrix / norms[:, np.newaxis], right / norms
+
+
+def _solutions(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Return one solution of ``matrix @ x = right`` and an orthonormal basis of the ways to move from it."""
+    matrix, right = _unit_rows(matrix, right)
+    left, values, rows = np.linalg.svd(matrix)
+    rank = int(np.sum(values > _RANK * max(matrix.shape, default=1)))
+    point = rows[:rank].T @ ((left[:, :rank].T @ right) / values[:rank])
+    if np.abs(matrix @ point - right).max(initial=0.0) > _MET * np.abs(right).max(initial=0.0):
+        raise CommonlawError(
+            "the terms that are in cannot meet the constraints: leave constraints out, or let terms in"
+        )
+    return point, rows[rank:].T

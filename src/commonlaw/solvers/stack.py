@@ -1,0 +1,177 @@
+"""One equation of all objects, brought to scales on which its terms and its objects compare."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.formulation import System
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Places = NDArray[np.intp]
+
+_RIDGE = 1e-11
+"""Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""
+
+_EXACT = 1e-10
+"""A residual that is smaller than this share of its target tells the ridge and rounding, and not the noise."""
+
+_NOTHING = 1e-14
+"""What is left of a unit vector, of which no digit is right."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """The least-squares problems of one equation, one for each object, and the terms that may enter.
+
+    Columns have unit norm. Each object's squared residuals are divided by its residual variance with all terms
+    (generalised least squares with the variances held fixed), so that their sum over objects compares supports and
+    no object decides because it is large or noisy. An object with no more rows than terms has no such variance; the
+    mean square of its target is taken.
+
+    Parameters
+    ----------
+    columns
+        Upper triangular factors of the allowed columns, shape (objects, p, p).
+    right
+        The target in the same basis, shape (objects, p).
+    rest
+        What all terms leave unexplained, summed over the objects.
+    variance
+        Each object's residual variance, shape (objects,).
+    """
+
+    columns: Floats
+    right: Floats
+    rest: float
+    variance: Floats
+
+    @classmethod
+    def of(cls, systems: Sequence[System], target: int, allowed: Bools) -> "Stack":
+        """Stack the systems of all objects.
+
+        Dependent columns are parted by a small ridge.
+        """
+        size = int(allowed.sum())
+        factors = np.array([system.factor for system in systems])
+        norms = np.array([system.norms[allowed] for system in systems])
+        columns = factors[:, :, : systems[0].terms][:, :, allowed] / np.where(norms > 0, norms, 1.0)[:, np.newaxis]
+        right = factors[:, :, systems[0].terms + target, np.newaxis]
+        ridge = np.broadcast_to(np.eye(size, size + 1) * _RIDGE, (len(systems), size, size + 1))
+        reduced = _triangles(np.concatenate([np.concatenate([columns, right], axis=2), ridge], axis=1))
+        rest = reduced[:, size, size] ** 2
+        rows = np.array([system.rows for system in systems])
+        variance = _variance(rest, np.sum(right[..., 0] ** 2, axis=1), rows, size)
+        scaled = reduced[:, :size, size] / np.sqrt(variance)[:, np.newaxis]
+        return cls(reduced[:, :size, :size], scaled, float(np.sum(rest / variance)), variance)
+
+    @property
+    def size(self) -> int:
+        """Number of terms that may enter."""
+        return int(self.right.shape[1])
+
+    @property
+    def rounding(self) -> float:
+        """The size of what the ridge and rounding add to a sum of squared residuals."""
+        return float(_RIDGE**2 * np.sum(self.right**2))
+
+    def entering(self, inside: Sequence[int] | Places = ()) -> "Directions":
+        """Return what each of the other terms explains when it enters beside those inside."""
+        others = np.delete(np.arange(self.size), np.asarray(inside, dtype=np.intp))
+        basis, _ = np.linalg.qr(self.columns[:, :, np.asarray(inside, dtype=np.intp)])
+        across = basis.transpose(0, 2, 1)
+        vectors = self.columns[:, :, others]
+        vectors = vectors - np.matmul(basis, np.matmul(across, vectors))
+        left = self.right[..., np.newaxis]
+        left = left - np.matmul(basis, np.matmul(across, left))
+        return Directions.of(vectors.transpose(0, 2, 1), left[..., 0], others)
+
+    def leaving(self) -> "Directions":
+        """Return what each term's leaving of the full equation costs.
+
+        The columns are ``Q R``. Leaving out the terms D adds to the squared residuals the squared projection of
+        ``Q' target`` onto the span of those rows of ``R^-1``: terms leave by the same steps by which they enter.
+        """
+        return Directions.of(np.asarray(np.linalg.inv(self.columns)), self.right, np.arange(self.size))
+
+    def residual(self, places: Sequence[int] | Places) -> float:
+        """Return the sum over objects of scaled squared residuals of least squares on these of the allowed terms."""
+        chosen = np.concatenate([self.columns[:, :, places], self.right[:, :, np.newaxis]], axis=2)
+        last = _triangles(chosen)[:, len(places) :, -1] if len(places) < self.size else np.zeros(1)
+        return self.rest + float(np.sum(last**2))
+
+
+def _triangles(matrices: Floats) -> Floats:
+    """Return the triangular factors of a stack of matrices."""
+    return np.asarray(np.linalg.qr(matrices, mode="r"))
+
+
+def _variance(rest: Floats, total: Floats, rows: NDArray[np.intp], terms: int) -> Floats:
+    """Return each object's residual variance: from its residual and total sums of squares, all of shape (objects,)."""
+    mean = total / np.maximum(rows, 1)
+    variance = np.where(rows > terms, rest / np.maximum(rows - terms, 1), mean)
+    variance = np.maximum(variance, _EXACT**2 * mean)
+    return np.where(variance > 0, variance, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Unit directions, one for each object and term, and the vectors whose projections onto them count.
+
+    Parameters
+    ----------
+    units
+        Shape (objects, terms, p); zero where a term has nothing left of its own.
+    left
+        Shape (objects, p).
+    places
+        Which terms these are, shape (terms,).
+    """
+
+    units: Floats
+    left: Floats
+    places: Places
+
+    @classmethod
+    def of(cls, vectors: Floats, left: Floats, places: Places) -> "Directions":
+        """Scale vectors to unit norm; what is rounding beside a unit becomes zero."""
+        norms = np.sqrt(np.einsum("otp,otp->ot", vectors, vectors))
+        scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > _NOTHING)
+        return cls(vectors * scale[..., np.newaxis], left, places)
+
+    @property
+    def gains(self) -> Floats:
+        """Squared projections onto each term's direction, summed over the objects, shape (terms,)."""
+        projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]
+        return np.asarray(np.einsum("ot,ot->t", projections, projections))
+
+    def take(self, index: int) -> "Directions":
+        """Return the others, with this one projected out (a step of modified Gram-Schmidt)."""
+        axis = self.units[:, index]
+        others = np.delete(self.units, index, axis=1)
+        others -= np.matmul(others, axis[..., np.newaxis]) * axis[:, np.newaxis]
+        left = self.left - np.sum(self.left * axis, axis=1, keepdims=True) * axis
+        return Directions.of(others, left, np.delete(self.places, index))
+
+    def drop(self, index: int) -> "Directions":
+        """Return the others as they are."""
+        return Directions(np.delete(self.units, index, axis=1), self.left, np.delete(self.places, index))
+
+    def pair_gains(self) -> Floats:
+        """Squared projections onto the span of every pair, summed over the objects, shape (terms, terms).
+
+        The span of two unit vectors is that of their sum and difference, which are orthogonal.
+        """
+        cosines = np.matmul(self.units, self.units.transpose(0, 2, 1))
+        projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]
+        own, other = projections[:, :, np.newaxis], projections[:, np.newaxis]
+        total = np.zeros(cosines.shape[1:])
+        for sign in (1.0, -1.0):
+            squares = 2 + 2 * sign * cosines
+            near = np.nonzero(squares < 1e-6)
+            squares[near] = np.sum((self.units[near[0], near[1]] + sign * self.units[near[0], near[2]]) ** 2, axis=-1)
+            both = (own + sign * other) ** 2
+            total += np.divide(both, squares, out=np.zeros_like(both), where=squares > _NOTHING**2).sum(axis=0)
+        return total

@@ -1,0 +1,138 @@
+"""Least squares under equality constraints, against the optimality conditions as one linear system."""
+
+import numpy as np
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System
+from commonlaw.solvers import BestSubset, Constrained, constrained_least_squares
+
+TERMS = 4
+EVERY = np.ones((1, TERMS), dtype=bool)
+
+
+def rows(seed=0, objects=3, noise=0.3):
+    generator = np.random.default_rng(seed)
+    truth = np.array([[-9.8, 0.0, -0.4, 0.0], [-9.8, 0.0, -0.2, 0.0], [-9.8, 0.0, -0.9, 0.0]])[:objects]
+    libraries = [generator.standard_normal((50, TERMS)) * [1.0, 10.0, 0.1, 1e3] for _ in truth]
+    return [
+        (library, library @ own + noise * generator.standard_normal(50))
+        for library, own in zip(libraries, truth, strict=True)
+    ]
+
+
+def compressed(problem):
+    return [System.of(library, target[:, np.newaxis]) for library, target in problem]
+
+
+def by_optimality_conditions(problem, support, matrix, right, weights=None):
+    """Solve [[2 X'WX, C'], [C, 0]] [c, multipliers] = [2 X'Wy, d] over the terms of the support."""
+    places, size = np.flatnonzero(support), support.size
+    gram, moment = np.zeros((size, size)), np.zeros(size)
+    for index, (library, target) in enumerate(problem):
+        weight = 1.0 if weights is None else weights[index]
+        own = slice(index * TERMS, (index + 1) * TERMS)
+        gram[own, own], moment[own] = 2 * weight * library.T @ library, 2 * weight * library.T @ target
+    kept = matrix[:, places]
+    zero = np.zeros((len(kept), len(kept)))
+    whole = np.block([[gram[np.ix_(places, places)], kept.T], [kept, zero]])
+    solution = np.zeros(size)
+    solution[places] = np.linalg.solve(whole, np.concatenate([moment[places], right]))[: len(places)]
+    return solution.reshape(support.shape)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_constrained_least_squares_meets_its_optimality_conditions(seed):
+    problem, generator = rows(seed), np.random.default_rng(seed + 100)
+    support = np.array([[True, True, True, True], [True, False, True, True], [True, True, True, False]])
+    matrix, right = generator.standard_normal((3, 3 * TERMS)), generator.standard_normal(3)
+    found = constrained_least_squares(compressed(problem), support, 0, matrix, right)
+    np.testing.assert_allclose(found, by_optimality_conditions(problem, support, matrix, right), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(matrix @ found.ravel(), right, rtol=1e-12)
+    assert not found[~support].any()
+
+
+def test_without_constraints_it_is_least_squares():
+    problem = compressed(rows())
+    support = np.ones((3, TERMS), dtype=bool)
+    found = constrained_least_squares(problem, support, 0, np.zeros((0, 3 * TERMS)), np.zeros(0))
+    np.testing.assert_allclose(found, [system.least_squares(support[0], 0) for system in problem], rtol=1e-12)
+
+
+def test_constraints_can_set_every_coefficient():
+    values = np.arange(1.0, 1.0 + 3 * TERMS)
+    support = np.ones((3, TERMS), dtype=bool)
+    found = constrained_least_squares(compressed(rows()), support, 0, np.eye(3 * TERMS), values)
+    np.testing.assert_allclose(found.ravel(), values, rtol=1e-12)
+
+
+def test_one_coefficient_for_all_objects_weighs_objects_by_their_noise():
+    problem = [(library, target) for library, target in rows(noise=0.1)]
+    noisy = problem[0][1] + 5 * np.random.default_rng(9).standard_normal(50)
+    problem[0] = (problem[0][0], noisy)
+    fit = Constrained(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
+    support = fit.support[:, 0]
+    assert support.tolist() == [[True, False, True, False]] * 3
+    own = [np.linalg.lstsq(library[:, [0, 2]], target, rcond=None)[1][0] / 48 for library, target in problem]
+    matrix = np.zeros((2, 12))
+    matrix[[0, 0, 1, 1], [0, 4, 4, 8]] = 1, -1, 1, -1
+    expected = by_optimality_conditions(problem, support, matrix, np.zeros(2), 1 / np.array(own))
+    np.testing.assert_allclose(fit.coefficients[:, 0], expected, rtol=1e-9)
+    assert np.ptp(fit.coefficients[:, 0, 0]) < 1e-12
+    assert abs(fit.coefficients[0, 0, 0] + 9.8) < 0.05
+
+
+def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
+    problem, matrix = compressed(rows()), np.zeros((1, 12))
+    matrix[0, 0] = 1.0
+    path = Constrained(BestSubset(), matrix=matrix, right=np.array([-9.0])).path(problem, 0, EVERY[0])
+    assert [candidate.setting for candidate in path] == [4, 3, 2, 1]
+    for candidate in path:
+        assert candidate.coefficients[0, 0] == pytest.approx(-9.0)
+        assert not candidate.proven
+
+
+def test_other_equations_are_left_as_they_are():
+    library, target = rows()[0]
+    system = System.of(library, np.column_stack([target, -target]))
+    free = BestSubset(2).solve([system, system], np.ones((2, TERMS), dtype=bool))
+    constrained = Constrained(BestSubset(2), matrix=np.eye(1, 8), right=np.array([-5.0]), equation=1)
+    fit = constrained.solve([system, system], np.ones((2, TERMS), dtype=bool))
+    np.testing.assert_array_equal(fit.coefficients[:, 0], free.coefficients[:, 0])
+    assert fit.coefficients[0, 1, 0] == pytest.approx(-5.0)
+    path = constrained.path([system, system], 0, EVERY[0])
+    assert path[0].proven
+
+
+def test_equal_terms_are_equal_among_the_objects_that_have_them():
+    problem = rows()
+    library, target = problem[2]
+    problem[2] = (library, target + 9.8 * library[:, 0])
+    fit = Constrained(BestSubset(1, shared=False), equal=(0,)).solve(compressed(problem), EVERY)
+    assert fit.support[:, 0, 0].tolist() == [True, True, False]
+    assert fit.coefficients[0, 0, 0] == pytest.approx(fit.coefficients[1, 0, 0])
+    assert fit.coefficients[0, 0, 0] == pytest.approx(-9.8, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "right", "message"),
+    [
+        (np.eye(2, 11), np.zeros(2), r"for 3 objects, 4 terms and 2 right-hand sides give a matrix of shape \(2, 12\)"),
+        (np.ones((2, 12)), np.zeros(2), "depend on each other: leave out those that follow"),
+        (np.ones((2, 12)), np.arange(2), "depend on each other"),
+        (np.eye(2, 12), np.ones(2), "cannot meet the constraints: leave constraints out, or let terms in"),
+    ],
+)
+def test_constraints_that_do_not_fit_are_refused(matrix, right, message):
+    support = np.array([[True, False, True, True]] * 3)
+    with pytest.raises(CommonlawError, match=message):
+        constrained_least_squares(compressed(rows()), support, 0, matrix, right)
+
+
+def test_a_wrapper_that_does_not_fit_is_refused():
+    with pytest.raises(CommonlawError, match="give both or neither"):
+        Constrained(BestSubset(1), matrix=np.eye(1, 12))
+    with pytest.raises(CommonlawError, match="places of terms are from 0 to 3"):
+        Constrained(BestSubset(1), equal=(4,)).solve(compressed(rows()), EVERY)
+    with pytest.raises(CommonlawError, match="give it one, or let one be chosen"):
+        Constrained(BestSubset()).solve(compressed(rows()), EVERY)
