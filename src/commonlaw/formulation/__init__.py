@@ -3,6 +3,8 @@
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.compress import Compressed, compress
 from commonlaw.formulation.discrete import DiscreteForm
+from commonlaw.formulation.independence import effective_rows, independent_share
+from commonlaw.formulation.resolution import resolution
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.system import System, leave_one_out, merge
 
@@ -13,6 +15,9 @@ __all__ = [
     "StrongForm",
     "System",
     "compress",
+    "effective_rows",
+    "independent_share",
     "leave_one_out",
     "merge",
+    "resolution",
 ]

@@ -35,6 +35,12 @@ class Compressed:
     objects: tuple[str, ...]
     groups: tuple[tuple[tuple[System, ...], ...], ...]
 
+    def subtract(self, coefficients: Floats) -> "Compressed":
+        """Return the systems whose targets are what coefficients, shape (objects, equations, terms), do not explain."""
+        pairs = zip(self.groups, coefficients, strict=True)
+        groups = tuple(tuple(tuple(block.subtract(own) for block in trial) for trial in each) for each, own in pairs)
+        return Compressed(self.objects, groups)
+
     @cached_property
     def systems(self) -> tuple[System, ...]:
         """One system for each object."""

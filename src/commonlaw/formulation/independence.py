@@ -41,10 +41,10 @@ def independent_share(form: StrongForm, trial: Trial) -> float:
     except CommonlawError as error:
         raise CommonlawError(f"{trial.label}: {error}") from None
     response = after.derivatives[-1] - before.derivatives[-1]
-    power = np.abs(np.fft.rfft(response, 2 * len(response), axis=0)) ** 2
-    total = power[1:-1].sum(axis=0) * 2 + power[0] + power[-1]
-    if not np.all(total > 0):
+    response = response[:, np.any(response != 0, axis=0)]
+    if not response.size:
         reach = form.differentiation.reach(form.order)
-        return 1 / len(trial) if reach is None else 1 / (2 * reach + 1)
-    squares = (power[1:-1] ** 2).sum(axis=0) * 2 + power[0] ** 2 + power[-1] ** 2
-    return min(1.0, float(np.mean(total**2 / squares)) / (2 * len(response)))
+        return 1 / len(states) if reach is None else 1 / (2 * reach + 1)
+    # The transform of a response's autocorrelation is its power; twice the length keeps the ends apart
+    power = np.abs(np.fft.fft(response, 2 * len(response), axis=0)) ** 2
+    return float(np.mean(power.mean(axis=0) ** 2 / np.mean(power**2, axis=0)))

@@ -1,0 +1,34 @@
+"""Selection: which of the equations that a solver found is the law, and why."""
+
+from commonlaw.selection.choice import RULES, Choice, Scored, choose
+from commonlaw.selection.criteria import CRITERIA, Evidence, aic, aicc, bic, ebic
+from commonlaw.selection.cross_validation import HeldOut, RateError, held_out
+from commonlaw.selection.folds import Fold, Parts, make_folds
+from commonlaw.selection.forecasts import ForecastError
+from commonlaw.selection.selecting import BLOCKS, Accuracy, select
+from commonlaw.selection.stability import Stability, stability
+
+__all__ = [
+    "BLOCKS",
+    "CRITERIA",
+    "RULES",
+    "Accuracy",
+    "Choice",
+    "Evidence",
+    "Fold",
+    "ForecastError",
+    "HeldOut",
+    "Parts",
+    "RateError",
+    "Scored",
+    "Stability",
+    "aic",
+    "aicc",
+    "bic",
+    "choose",
+    "ebic",
+    "held_out",
+    "make_folds",
+    "select",
+    "stability",
+]

@@ -1,0 +1,223 @@
+"""The choice of one equation among candidates, and why."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.formulation import System, merge
+from commonlaw.selection.criteria import CRITERIA, Evidence
+from commonlaw.selection.cross_validation import HeldOut, RateError
+from commonlaw.selection.folds import Parts, make_folds
+from commonlaw.selection.misfit import ROUNDING, misfit, size
+from commonlaw.selection.stability import Stability
+from commonlaw.solvers import Candidate
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_LABELS = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "ebic": "EBIC"}
+
+RULES = ("one-standard-error", "held-out", *CRITERIA)
+"""Names of the rules by which a candidate is chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A candidate and what speaks for it.
+
+    Parameters
+    ----------
+    candidate
+        The candidate, with its coefficients on all data.
+    criteria
+        Values of the information criteria by name.
+    held_out
+        Its errors on held-out data.
+    stability
+        How often the least certain of its terms is chosen again on resampled data; NaN if that was not asked for.
+    """
+
+    candidate: Candidate
+    criteria: Mapping[str, float]
+    held_out: HeldOut
+    stability: float
+
+    @property
+    def terms(self) -> int:
+        """Number of terms that some object has."""
+        return int(self.candidate.support.any(axis=0).sum())
+
+    def measures(self) -> dict[str, float | None]:
+        """Return what speaks for the candidate by name, None where a measure is not to be had."""
+        values = {
+            **{_LABELS[name]: value for name, value in self.criteria.items()},
+            "held-out error": self.held_out.mean,
+            "standard error": self.held_out.standard_error,
+            "stability": self.stability,
+        }
+        return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The candidates of one equation, and which of them was chosen by which rule.
+
+    Parameters
+    ----------
+    table
+        The candidates, from the fewest coefficients to the most; those of as many by their held-out error.
+    place
+        The place of the chosen one.
+    rule
+        The name of the rule.
+    reason
+        Why it was chosen, in a sentence.
+    """
+
+    table: tuple[Scored, ...]
+    place: int
+    rule: str
+    reason: str
+
+    @property
+    def chosen(self) -> Candidate:
+        """The chosen candidate."""
+        return self.table[self.place].candidate
+
+
+def choose(
+    candidates: Sequence[Candidate],
+    parts: Parts,
+    target: int,
+    allowed: Bools,
+    *,
+    rule: str = "one-standard-error",
+    rows: Floats | None = None,
+    resolution: Callable[[Floats], Floats] | None = None,
+    folds: int = 10,
+    score: Callable[[Bools], HeldOut] | None = None,
+    stability: Stability | None = None,
+) -> Choice:
+    """Return the choice of one equation among candidates; candidates of the same support are listed once.
+
+    Parameters
+    ----------
+    candidates
+        From one or several solvers' paths.
+    parts
+        The systems of each object's trials and of their blocks in time.
+    target
+        The equation.
+    allowed
+        Which terms might have entered, shape (terms,).
+    rule
+        ``"one-standard-error"``: the fewest coefficients among those whose held-out error exceeds the smallest by no
+        more than one standard error of that difference, and what the differentiator cannot resolve (Breiman et al.
+        1984, section 3.4.3, with the standard error of the difference in place of that of the smallest).
+        ``"held-out"``: the same without the standard error. ``"aic"``, ``"aicc"``, ``"bic"``, ``"ebic"``: the
+        smallest criterion.
+    rows
+        Effective number of rows of each object, shape (objects,), see `effective_rows`; default: all of them.
+    resolution
+        From the coefficients of the equation with the least held-out error, shape (objects, terms), to the mean squared
+        error that the differentiator makes in each object's target, shape (objects,), see `formulation.resolution`. A
+        fit that is better by less than that may explain the differentiator and not the object, and does not count.
+        Default: rounding only, a relative error of 1e-10.
+    folds
+        How many folds an object's trials make at most, see `make_folds`.
+    score
+        From a support to its errors on held-out data, such as a `ForecastError`; default: a `RateError`.
+    stability
+        What the solver finds on resampled data.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no candidate, the rule is not known, an object has too little data to hold some out, or every
+        candidate's forecasts diverge.
+    """
+    if rule not in RULES:
+        raise unknown("rule", rule, RULES)
+    if not candidates:
+        raise CommonlawError("there is no candidate to choose from: give the path of a solver")
+    measure = score or RateError(make_folds(parts, folds), target)
+    scored = sorted(
+        ((each, measure(each.support)) for each in _distinct(candidates)),
+        key=lambda pair: (int(pair[0].support.sum()), pair[1].mean),
+    )
+    systems = [merge(block for trial in trials for block in trial) for trials in parts]
+    sizes = np.array([size(system, target) / system.rows for system in systems])
+    best = min(scored, key=lambda pair: pair[1].mean)[0]
+    blur = ROUNDING * sizes + (0.0 if resolution is None else resolution(best.coefficients))
+    effective = np.array([system.rows for system in systems], dtype=float) if rows is None else rows
+    criteria = _criteria([each for each, _ in scored], systems, target, int(allowed.sum()), effective, blur)
+    table = [
+        Scored(each, values, errors, np.nan if stability is None else stability.certainty(each.support))
+        for (each, errors), values in zip(scored, criteria, strict=True)
+    ]
+    share = float(np.mean(blur / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `RateError`
+    return Choice(tuple(table), *_by_rule(table, rule, share if score is None else ROUNDING))
+
+
+def _by_rule(table: Sequence[Scored], rule: str, blur: float) -> tuple[int, str, str]:
+    """Return the place of the chosen candidate, the rule, and why; `blur` is a held-out error that means nothing."""
+    if rule in CRITERIA:
+        values = [each.criteria[rule] for each in table]
+        place = int(np.argmin(values))
+        return place, rule, f"its {_LABELS[rule]}, {values[place]:.4g}, is the smallest of {len(table)} candidates"
+    best = min(table, key=lambda each: each.held_out.mean)
+    if not np.isfinite(best.held_out.mean):
+        raise CommonlawError("forecasts diverge for every candidate: choose on held-out rates instead")
+    gaps = (each.held_out.excess(best.held_out) for each in table)
+    weight = 1.0 if rule == "one-standard-error" else 0.0
+    place = next(i for i, (excess, error) in enumerate(gaps) if excess <= blur + weight * error)
+    each = table[place]
+    text = f"its held-out error is {each.held_out.mean:.3g}"
+    if each is best:
+        return place, rule, f"{text}, and that of every smaller candidate is larger by more than {_slack(rule)}"
+    return (
+        place,
+        rule,
+        (
+            f"{text}, the smallest is {best.held_out.mean:.3g} with {best.terms} terms, and no smaller candidate "
+            f"is within {_slack(rule)} of that"
+        ),
+    )
+
+
+def _slack(rule: str) -> str:
+    accuracy = "the accuracy of the rates"
+    return f"one standard error and {accuracy}" if rule == "one-standard-error" else accuracy
+
+
+def _criteria(
+    candidates: Sequence[Candidate], systems: Sequence[System], target: int, library: int, rows: Floats, blur: Floats
+) -> list[dict[str, float]]:
+    """Return the information criteria of each candidate; fits that are as good as the best but for blur are equal."""
+    variances = np.array([_variances(each, systems, target) for each in candidates])
+    variances = np.maximum(variances, variances.min(axis=0) + np.maximum(blur, np.finfo(float).tiny))
+    found = []
+    for each, own in zip(candidates, variances, strict=True):
+        shared = bool(np.all(each.support == each.support[0]))
+        evidence = Evidence(rows, own, each.support.sum(axis=1).astype(float), library, shared)
+        found.append({name: criterion(evidence) for name, criterion in CRITERIA.items()})
+    return found
+
+
+def _variances(candidate: Candidate, systems: Sequence[System], target: int) -> Floats:
+    """Return the mean squared residual of each object after least squares on the support, shape (objects,)."""
+    pairs = zip(systems, candidate.support, strict=True)
+    return np.array([misfit(s, target, s.least_squares(own, target)) / s.rows for s, own in pairs])
+
+
+def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return one candidate of each support, a proven one if there is one."""
+    found: dict[bytes, Candidate] = {}
+    for each in candidates:
+        key = each.support.tobytes()
+        if key not in found or (each.proven and not found[key].proven):
+            found[key] = each
+    return list(found.values())

@@ -1,0 +1,82 @@
+"""Information criteria: how well an equation fits, and what its coefficients cost.
+
+Every object has Gaussian residuals of a variance of its own, so a criterion is a sum over objects, and each object's
+coefficients are counted: one for each of its terms. The smallest value is best; only differences mean something.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import lgamma
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What criteria are computed from.
+
+    Parameters
+    ----------
+    rows
+        Effective number of rows of each object, shape (objects,).
+    variances
+        Mean squared residual of each object, shape (objects,), above zero.
+    terms
+        Number of terms of each object, shape (objects,).
+    library
+        Number of terms that there were to choose from.
+    shared
+        Whether one choice of terms was made for all objects; otherwise each object had a choice of its own.
+    """
+
+    rows: Floats
+    variances: Floats
+    terms: Floats
+    library: int
+    shared: bool
+
+    @property
+    def deviance(self) -> float:
+        """Twice the negative log-likelihood, but for a constant: ``sum_o n_o log(RSS_o / N_o)``."""
+        return float(self.rows @ np.log(self.variances))
+
+
+def aic(evidence: Evidence) -> float:
+    """Return ``deviance + 2 sum_o k_o`` (Akaike 1974, "A new look at the statistical model identification")."""
+    return evidence.deviance + 2 * float(evidence.terms.sum())
+
+
+def aicc(evidence: Evidence) -> float:
+    """Return ``deviance + sum_o 2 (k_o + 1) n_o / (n_o - k_o - 2)``, infinite where there are too few rows.
+
+    Hurvich and Tsai (1989), "Regression and time series model selection in small samples"; the variance is counted.
+    """
+    left = evidence.rows - evidence.terms - 2
+    if np.any(left <= 0):
+        return np.inf
+    return evidence.deviance + float(np.sum(2 * (evidence.terms + 1) * evidence.rows / left))
+
+
+def bic(evidence: Evidence) -> float:
+    """Return ``deviance + sum_o k_o log n_o`` (Schwarz 1978, "Estimating the dimension of a model")."""
+    return evidence.deviance + float(evidence.terms @ np.log(evidence.rows))
+
+
+def ebic(evidence: Evidence) -> float:
+    """Return the BIC plus ``2 log`` of the number of ways to choose so many terms from the library.
+
+    Chen and Chen (2008), "Extended Bayesian information criteria for model selection with large model spaces", with
+    their gamma of one. A support that objects share is chosen once.
+    """
+    choices = evidence.terms[:1] if evidence.shared else evidence.terms
+    return bic(evidence) + 2 * sum(_log_binomial(evidence.library, int(terms)) for terms in choices)
+
+
+CRITERIA: Mapping[str, Callable[[Evidence], float]] = {"aic": aic, "aicc": aicc, "bic": bic, "ebic": ebic}
+
+
+def _log_binomial(n: int, k: int) -> float:
+    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)

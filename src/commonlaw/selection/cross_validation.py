@@ -1,0 +1,88 @@
+"""Errors on data that were held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.selection.folds import Fold
+from commonlaw.selection.misfit import misfit, size
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A candidate's errors on the folds.
+
+    Parameters
+    ----------
+    errors
+        Shape (folds,).
+    shares
+        How much each fold counts, shape (folds,); they sum to one.
+    """
+
+    errors: Floats
+    shares: Floats
+
+    @property
+    def mean(self) -> float:
+        """The mean over folds, in which objects count equally."""
+        return float(self.shares @ self.errors)
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean; NaN if an error is infinite."""
+        return self._error_of(self.errors)
+
+    def excess(self, best: "HeldOut") -> tuple[float, float]:
+        """Return by how much the mean is above another candidate's, and the standard error of that difference.
+
+        Folds differ far more from each other than two candidates on one fold; the difference is taken fold by fold.
+        """
+        with np.errstate(invalid="ignore"):
+            gaps = self.errors - best.errors
+        gaps[np.isnan(gaps)] = 0.0  # Both diverged on that fold
+        return float(self.shares @ gaps), self._error_of(gaps)
+
+    def _error_of(self, values: Floats) -> float:
+        if not np.all(np.isfinite(values)):
+            return np.nan
+        count, away = len(values), values - self.shares @ values
+        return float(np.sqrt(count / (count - 1) * np.sum((self.shares * away) ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class RateError:
+    """Scores a support on the rates of held-out data: the mean squared residual after a fit to the rest.
+
+    Each object's is divided by the mean square of its target, so that objects count equally.
+
+    Parameters
+    ----------
+    folds
+        From `make_folds`.
+    target
+        The equation.
+    """
+
+    folds: Sequence[Fold]
+    target: int
+
+    def __call__(self, support: Bools) -> HeldOut:
+        """Return the errors of a support, shape (objects, terms)."""
+        return held_out(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
+
+    def _error(self, fold: Fold, support: Bools) -> float:
+        coefficients = fold.rest.least_squares(support, self.target)
+        whole = size(fold.held, self.target) + size(fold.rest, self.target)
+        scale = whole / (fold.held.rows + fold.rest.rows)
+        return misfit(fold.held, self.target, coefficients) / fold.held.rows / (scale or 1.0)
+
+
+def held_out(folds: Sequence[Fold], errors: Sequence[float]) -> HeldOut:
+    """Return errors on folds with the folds' shares."""
+    return HeldOut(np.array(errors), np.array([fold.share for fold in folds]))

@@ -1,0 +1,74 @@
+"""Errors of forecasts of trials that were held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.selection.cross_validation import HeldOut, held_out
+from commonlaw.selection.folds import Fold
+from commonlaw.trials import Trials
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ForecastError:
+    """Scores a support of one equation on forecasts of held-out trials by the law that was fitted to the others.
+
+    The error of a trial is the mean over states of the mean squared error, divided by the variance of the state over
+    the object's trials; it is infinite where a forecast diverges.
+
+    Parameters
+    ----------
+    folds
+        From `make_folds`, of systems whose known terms were moved to the left-hand side.
+    target
+        The equation whose support is scored.
+    law
+        The law whose other equations stand, refitted on each fold.
+    free
+        Which terms are to be found, shape (equations, terms); the others keep the coefficients that they have in `law`.
+    trials
+        The trials of all folds, with the law's objects in its order.
+
+    Raises
+    ------
+    CommonlawError
+        If an object has a single trial: blocks of it cannot be forecast by themselves.
+    """
+
+    folds: Sequence[Fold]
+    target: int
+    law: Law
+    free: Bools
+    trials: Trials
+
+    def __post_init__(self) -> None:
+        for fold in self.folds:
+            if not fold.trials:
+                raise CommonlawError(
+                    f"{self.law.objects[fold.object]} has a single trial, so none can be held out and forecast: "
+                    "score on rates, or measure another trial"
+                )
+
+    def __call__(self, support: Bools) -> HeldOut:
+        """Return the errors of a support, shape (objects, terms)."""
+        return held_out(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
+
+    def _error(self, fold: Fold, support: Bools) -> float:
+        name = self.law.objects[fold.object]
+        coefficients = np.where(self.free, 0.0, self.law.coefficients[fold.object])
+        for j in range(len(coefficients)):
+            own = support if j == self.target else (self.law.coefficients[fold.object, j] != 0) & self.free[j]
+            coefficients[j] += fold.rest.least_squares(own, j)
+        law = replace(self.law.select([name]), coefficients=coefficients[np.newaxis])
+        trials = self.trials.of(name)
+        errors = law.predict(self.trials.keep([trials[i] for i in fold.trials])).errors()
+        variances = np.var(np.concatenate([trial.states for trial in trials]), axis=0)
+        rms = errors["rms error"].to_numpy().reshape(len(fold.trials), -1)
+        return float(np.mean(rms**2 / variances))

@@ -1,0 +1,109 @@
+"""From compressed trials to the choice of every equation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.formulation import AbstractFormulation, Compressed, StrongForm, System, independent_share, resolution
+from commonlaw.library import Terms
+from commonlaw.selection.choice import Choice, choose
+from commonlaw.selection.stability import stability
+from commonlaw.solvers import AbstractSolver, Candidate
+from commonlaw.trials import Trial
+
+Floats = NDArray[np.float64]
+
+BLOCKS = 4
+"""Stretches of time into which a trial is cut, so that single trials can be held out in part and resampled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What the rows of each object are worth, judged by some of its trials.
+
+    Parameters
+    ----------
+    form
+        How trials became rows.
+    terms
+        The library.
+    samples
+        Some trials of each object.
+    """
+
+    form: AbstractFormulation
+    terms: Terms
+    samples: Sequence[Sequence[Trial]]
+
+    def rows(self, counts: Sequence[int]) -> Floats:
+        """Return the number of independent rows of each object that has so many rows."""
+        if not isinstance(self.form, StrongForm):
+            return np.array(counts, dtype=np.float64)
+        shares = [np.mean([independent_share(self.form, trial) for trial in trials]) for trials in self.samples]
+        return np.array(counts) * np.array(shares)
+
+    def blur(self, target: int, coefficients: Floats) -> Floats:
+        """Return the mean squared error that the rates of an equation have without noise, shape (objects,)."""
+        if not isinstance(self.form, StrongForm):
+            return np.zeros(len(self.samples))
+        pairs = zip(self.samples, coefficients, strict=True)
+        return np.array([resolution(self.form, self.terms, trials, target, own) for trials, own in pairs])
+
+
+def select(
+    data: Compressed,
+    known: Floats,
+    solvers: Sequence[AbstractSolver],
+    accuracy: Accuracy,
+    *,
+    rule: str = "one-standard-error",
+    resamples: int = 0,
+    seed: int = 0,
+) -> tuple[Choice, ...]:
+    """Return the choice of every equation among the candidates on the paths of some solvers.
+
+    Parameters
+    ----------
+    data
+        The systems of each object's trials, in blocks.
+    known
+        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms). They are moved
+        to the left-hand side, and count neither for nor against a candidate.
+    solvers
+        Whose paths list the candidates; the first is the one that resamples are given to.
+    accuracy
+        What the rows are worth.
+    rule
+        See `choose`.
+    resamples
+        How many resamples judge the stability of the candidates; none by default.
+    seed
+        Of the resamples.
+    """
+    given, free = np.nan_to_num(known), np.isnan(known[0])
+    rest = data.subtract(given)
+    rows = accuracy.rows([system.rows for system in rest.systems])
+
+    def choice(target: int) -> Choice:
+        def path(systems: Sequence[System]) -> Sequence[Candidate]:
+            return solvers[0].path(systems, target, free[target])
+
+        def blur(own: Floats) -> Floats:
+            return accuracy.blur(target, own + given[:, target])
+
+        others = [solver.path(rest.systems, target, free[target]) for solver in solvers[1:]]
+        return choose(
+            [*path(rest.systems), *chain.from_iterable(others)],
+            rest.groups,
+            target,
+            free[target],
+            rule=rule,
+            rows=rows,
+            resolution=blur,
+            stability=stability(rest.groups, path, resamples, seed) if resamples else None,
+        )
+
+    return tuple(choice(target) for target in range(len(free)))

@@ -1,0 +1,85 @@
+"""How often a term is chosen again when the data are drawn again."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System, merge
+from commonlaw.selection.folds import Parts
+from commonlaw.solvers import Candidate
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Path = Callable[[Sequence[System]], Sequence[Candidate]]
+"""From one system for each object to candidates, from the most terms to the fewest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stability:
+    """The supports that a solver found on resampled data.
+
+    Parameters
+    ----------
+    supports
+        For each resample the supports of its path, each of shape (objects, terms).
+    """
+
+    supports: tuple[tuple[Bools, ...], ...]
+
+    def frequencies(self, size: int) -> Floats:
+        """Return how often each term was chosen for each object, shape (objects, terms).
+
+        From each resample the largest support of at most `size` coefficients over all objects is taken.
+        """
+        return np.asarray(np.mean([_of_size(path, size) for path in self.supports], axis=0))
+
+    def certainty(self, support: Bools) -> float:
+        """Return how often the least certain term of a support, shape (objects, terms), was among as many."""
+        return float(self.frequencies(int(support.sum()))[support].min(initial=1.0))
+
+
+def stability(parts: Parts, path: Path, resamples: int = 100, seed: int | np.random.Generator = 0) -> Stability:
+    """Return what a solver finds on resamples of the blocks of each object's trials.
+
+    Stability selection (Meinshausen and Bühlmann 2010, "Stability selection") with the block bootstrap in place of
+    subsamples: each object draws as many of its blocks as it has, with replacement. Whole blocks keep the correlation
+    of neighbouring rows; no row is touched.
+
+    Parameters
+    ----------
+    parts
+        Systems of blocks; more and shorter blocks make better resamples, as long as a block is much longer than a
+        smoothing window.
+    path
+        The solver's path, or a single candidate at a fixed setting.
+    resamples
+        How many.
+    seed
+        A whole number or a NumPy generator.
+
+    Raises
+    ------
+    CommonlawError
+        If an object has a single block, so that there is nothing to draw.
+    """
+    blocks = [[block for trial in trials for block in trial] for trials in parts]
+    if min(map(len, blocks)) < 2:
+        raise CommonlawError("an object has one trial in one block: cut it into more blocks to draw from")
+    generator = np.random.default_rng(seed)
+    drawn = ([_draw(own, generator) for own in blocks] for _ in range(resamples))
+    return Stability(tuple(tuple(each.support for each in path(systems)) for systems in drawn))
+
+
+def _draw(blocks: Sequence[System], generator: np.random.Generator) -> System:
+    """Return the system of as many blocks as there are, drawn with replacement."""
+    counts = np.bincount(generator.integers(len(blocks), size=len(blocks)), minlength=len(blocks))
+    return merge(block.weighted(count) for block, count in zip(blocks, counts, strict=True) if count)
+
+
+def _of_size(path: Sequence[Bools], size: int) -> Bools:
+    """Return the largest support of a path that has at most so many coefficients, or none if there is none."""
+    small = [support for support in path if support.sum() <= size]
+    return max(small, key=np.sum) if small else np.zeros_like(path[0])

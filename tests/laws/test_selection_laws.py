@@ -1,0 +1,93 @@
+"""What holds for every rule of selection."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from commonlaw.formulation import System, merge
+from commonlaw.selection import RULES, choose
+from commonlaw.solvers import STLSQ, GroupSTLSQ
+
+TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0]])
+EVERYTHING = np.ones(4, dtype=bool)
+every_rule = pytest.mark.parametrize("rule", RULES)
+few = settings(max_examples=20, deadline=None)
+every_seed = given(seed=st.integers(0, 10_000))
+
+
+def problem(seed, unit=1.0):
+    """Parts of two objects, three trials each in two blocks."""
+    generator = np.random.default_rng(seed)
+
+    def block(own):
+        library = generator.standard_normal((15, 4))
+        return System.of(library, unit * (library @ own + generator.standard_normal(15))[:, np.newaxis])
+
+    return [[[block(own) for _ in range(2)] for _ in range(3)] for own in TRUTH]
+
+
+def path(parts, solver):
+    return solver.path([merge(block for trial in trials for block in trial) for trials in parts], 0, EVERYTHING)
+
+
+@every_rule
+@few
+@every_seed
+def test_the_chosen_candidate_is_one_of_the_path(rule, seed):
+    parts = problem(seed)
+    for solver in (GroupSTLSQ(), STLSQ()):
+        candidates = path(parts, solver)
+        choice = choose(candidates, parts, 0, EVERYTHING, rule=rule)
+        assert any(choice.chosen is each for each in candidates)
+        assert len(choice.table) == len({each.support.tobytes() for each in candidates})
+
+
+@every_rule
+@few
+@every_seed
+def test_the_order_of_candidates_objects_and_trials_does_not_matter(rule, seed):
+    parts = problem(seed)
+    candidates = path(parts, GroupSTLSQ())
+    first = choose(candidates, parts, 0, EVERYTHING, rule=rule).chosen
+    turned = [list(reversed(trials)) for trials in reversed(parts)]
+    again = choose(path(turned, GroupSTLSQ())[::-1], turned, 0, EVERYTHING, rule=rule).chosen
+    np.testing.assert_array_equal(first.support, again.support)
+
+
+@every_rule
+@few
+@every_seed
+def test_the_unit_of_the_target_does_not_matter(rule, seed):
+    choices = [
+        choose(path(parts, GroupSTLSQ()), parts, 0, EVERYTHING, rule=rule)
+        for parts in (problem(seed), problem(seed, unit=1e-6))
+    ]
+    np.testing.assert_array_equal(choices[0].chosen.support, choices[1].chosen.support)
+
+
+@few
+@every_seed
+def test_the_default_rule_never_takes_more_terms_than_the_smallest_held_out_error(seed):
+    parts = problem(seed)
+    candidates = path(parts, STLSQ())
+    sizes = [
+        choose(candidates, parts, 0, EVERYTHING, rule=rule).chosen.support.sum()
+        for rule in ("one-standard-error", "held-out")
+    ]
+    assert sizes[0] <= sizes[1]
+
+
+@every_rule
+@few
+@every_seed
+def test_accuracy_that_is_worse_never_adds_terms(rule, seed):
+    parts = problem(seed)
+    candidates = path(parts, GroupSTLSQ())
+    sizes = []
+    for error in (0.0, 0.5, 100.0):
+        choice = choose(
+            candidates, parts, 0, EVERYTHING, rule=rule, resolution=lambda _, error=error: np.full(2, error)
+        )
+        sizes.append(choice.chosen.support.sum())
+    assert sizes == sorted(sizes, reverse=True)

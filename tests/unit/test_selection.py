@@ -1,0 +1,313 @@
+from math import comb
+
+import numpy as np
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import System, merge
+from commonlaw.selection import (
+    RULES,
+    Evidence,
+    HeldOut,
+    RateError,
+    aic,
+    aicc,
+    bic,
+    choose,
+    ebic,
+    make_folds,
+    stability,
+)
+from commonlaw.solvers import STLSQ, Candidate, GroupSTLSQ
+
+TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0, 0.0]])
+EVERYTHING = np.ones(4, dtype=bool)
+SHARED = np.repeat([[True, False, True, False]], 3, axis=0)
+
+
+def rows(seed=0, noise=0.1, trials=3, blocks=2, samples=20):
+    """Library and target of each block: objects, trials, blocks."""
+    generator = np.random.default_rng(seed)
+
+    def block(own):
+        library = generator.standard_normal((samples, 4))
+        return library, (library @ own + noise * generator.standard_normal(samples))[:, np.newaxis]
+
+    return [[[block(own) for _ in range(blocks)] for _ in range(trials)] for own in TRUTH]
+
+
+def compressed(data):
+    return [[[System.of(*block) for block in trial] for trial in trials] for trials in data]
+
+
+def wholes(parts):
+    return [merge(block for trial in trials for block in trial) for trials in parts]
+
+
+def path(parts, solver=None):
+    return (solver or GroupSTLSQ()).path(wholes(parts), 0, EVERYTHING)
+
+
+def candidate(support, parts):
+    pairs = zip(wholes(parts), support, strict=True)
+    return Candidate(support, np.array([system.least_squares(own, 0) for system, own in pairs]), 0.0)
+
+
+def stacked(blocks):
+    library, target = zip(*blocks, strict=True)
+    return np.concatenate(library), np.concatenate(target)[:, 0]
+
+
+# Criteria
+
+
+def evidence(**changes):
+    given = {
+        "rows": np.array([20.0, 30.0]),
+        "variances": np.array([0.5, 2.0]),
+        "terms": np.array([2.0, 3.0]),
+        "library": 6,
+        "shared": False,
+    }
+    return Evidence(**{**given, **changes})
+
+
+def test_criteria_are_the_published_sums_over_objects():
+    deviance = 20 * np.log(0.5) + 30 * np.log(2.0)
+    assert aic(evidence()) == pytest.approx(deviance + 2 * 5)
+    # Hurvich and Tsai's form, n log s^2 + n (1 + k / n) / (1 - (k + 2) / n), is larger by one for each row
+    tsai = deviance + 20 * (1 + 2 / 20) / (1 - 4 / 20) + 30 * (1 + 3 / 30) / (1 - 5 / 30)
+    assert aicc(evidence()) == pytest.approx(tsai - 50)
+    assert bic(evidence()) == pytest.approx(deviance + 2 * np.log(20) + 3 * np.log(30))
+    assert ebic(evidence()) == pytest.approx(bic(evidence()) + 2 * np.log(comb(6, 2) * comb(6, 3)))
+
+
+def test_a_shared_support_is_counted_as_one_choice():
+    given = evidence(terms=np.array([2.0, 2.0]), shared=True)
+    assert ebic(given) == pytest.approx(bic(given) + 2 * np.log(comb(6, 2)))
+
+
+def test_too_few_rows_for_the_small_sample_criterion_rule_a_candidate_out():
+    assert aicc(evidence(terms=np.array([18.0, 3.0]))) == np.inf
+
+
+def test_criteria_in_the_table_are_those_of_the_rows():
+    data = rows()
+    parts = compressed(data)
+    choice = choose([candidate(SHARED, parts)], parts, 0, EVERYTHING, rows=np.array([50.0, 60.0, 70.0]))
+    variances = []
+    for trials in data:
+        library, target = stacked([block for trial in trials for block in trial])
+        _, (rss,), _, _ = np.linalg.lstsq(library[:, [0, 2]], target, rcond=None)
+        variances.append(rss / len(target))
+    expected = np.dot([50, 60, 70], np.log(variances)) + 2 * np.log([50, 60, 70]).sum()
+    assert choice.table[0].criteria["bic"] == pytest.approx(expected)
+
+
+# Held-out data
+
+
+def test_leaving_out_trials_equals_refits_on_all_rows_of_the_others():
+    data = rows()
+    found = RateError(make_folds(compressed(data)), 0)(SHARED)
+    expected = []
+    for trials in data:
+        target = stacked([block for trial in trials for block in trial])[1]
+        for k, trial in enumerate(trials):
+            library, known = stacked([block for other in trials[:k] + trials[k + 1 :] for block in other])
+            fit = np.linalg.lstsq(library[:, [0, 2]], known, rcond=None)[0]
+            held, measured = stacked(trial)
+            expected.append(np.mean((held[:, [0, 2]] @ fit - measured) ** 2) / np.mean(target**2))
+    np.testing.assert_allclose(found.errors, expected, rtol=1e-10)
+    assert found.mean == pytest.approx(np.mean(expected))
+    assert found.standard_error == pytest.approx(np.std(expected, ddof=1) / 3)
+
+
+def test_more_trials_than_folds_are_held_out_together():
+    parts = compressed(rows(trials=7))
+    folds = make_folds(parts, 3)
+    assert [fold.trials for fold in folds[:3]] == [(0, 3, 6), (1, 4), (2, 5)]
+    assert [fold.held.rows for fold in folds[:3]] == [120, 80, 80]
+    assert all(fold.held.rows + fold.rest.rows == 280 for fold in folds)
+
+
+def test_blocks_of_a_single_trial_are_held_out():
+    folds = make_folds(compressed(rows(trials=1, blocks=4)))
+    assert len(folds) == 12
+    assert all(fold.trials == () and fold.held.rows == 20 and fold.rest.rows == 60 for fold in folds)
+
+
+def test_objects_count_equally_whatever_their_number_of_trials():
+    parts = compressed(rows(trials=4))
+    folds = make_folds([parts[0], parts[1][:2], parts[2]])
+    by_object = [sum(fold.share for fold in folds if fold.object == place) for place in range(3)]
+    np.testing.assert_allclose(by_object, 1 / 3)
+
+
+def test_a_target_in_other_units_has_the_same_error():
+    data = rows()
+    larger = [[[(library, 1e3 * target) for library, target in trial] for trial in trials] for trials in data]
+    errors = [RateError(make_folds(compressed(each)), 0)(SHARED).errors for each in (data, larger)]
+    np.testing.assert_allclose(*errors, rtol=1e-10)
+
+
+def test_the_excess_of_a_candidate_is_taken_fold_by_fold():
+    shares = np.full(4, 0.25)
+    best, other = HeldOut(np.array([1.0, 2, 3, 10]), shares), HeldOut(np.array([1.1, 2.3, 3.2, 10.2]), shares)
+    excess, error = other.excess(best)
+    assert excess == pytest.approx(0.2)
+    assert error == pytest.approx(np.std([0.1, 0.3, 0.2, 0.2], ddof=1) / 2)
+    assert error < best.standard_error / 10
+
+
+def test_one_block_of_one_trial_cannot_be_held_out():
+    parts = compressed(rows(trials=1, blocks=1))
+    with pytest.raises(CommonlawError, match="cut it into more blocks"):
+        make_folds(parts)
+    with pytest.raises(CommonlawError, match="1 folds are not enough"):
+        make_folds(parts, 1)
+
+
+# Stability
+
+
+def test_stability_is_high_for_true_terms_and_low_for_others():
+    parts = compressed(rows(noise=0.3))
+    found = stability(parts, lambda systems: GroupSTLSQ().path(systems, 0, EVERYTHING), 50, seed=1)
+    frequencies = found.frequencies(6)
+    np.testing.assert_array_equal(frequencies[:, [0, 2]], 1.0)
+    assert found.certainty(SHARED) == 1.0
+    assert found.certainty(np.repeat([[True, True, True, False]], 3, axis=0)) < 0.9
+    assert found.certainty(np.zeros((3, 4), dtype=bool)) == 1.0
+
+
+def test_resamples_are_rows_repeated_as_often_as_their_block_is_drawn():
+    data = rows(trials=2)
+    drawn = []
+    stability(compressed(data), lambda systems: drawn.append(systems[0]) or path(compressed(data)), 1, seed=3)
+    counts = np.bincount(np.random.default_rng(3).integers(4, size=4), minlength=4)
+    blocks = [block for trial in data[0] for block in trial]
+    library, target = stacked([block for block, count in zip(blocks, counts, strict=True) for _ in range(count)])
+    expected = np.linalg.lstsq(library, target, rcond=None)[0]
+    np.testing.assert_allclose(drawn[0].least_squares(EVERYTHING, 0), expected, rtol=1e-10)
+
+
+def test_the_same_seed_draws_the_same_resamples():
+    parts = compressed(rows(noise=2.0))
+    first, again, other = (
+        stability(parts, lambda systems: STLSQ().path(systems, 0, EVERYTHING), 20, seed).frequencies(6)
+        for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.any(first != other)
+
+
+def test_a_single_block_cannot_be_resampled():
+    with pytest.raises(CommonlawError, match="more blocks to draw from"):
+        stability(compressed(rows(trials=1, blocks=1)), lambda systems: path([[[s]] for s in systems]))
+
+
+# The choice
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_without_noise_the_smallest_exact_candidate_wins(rule):
+    parts = compressed(rows(noise=0.0))
+    choice = choose(path(parts), parts, 0, EVERYTHING, rule=rule)
+    np.testing.assert_array_equal(choice.chosen.support, SHARED)
+    larger = [candidate(np.repeat([EVERYTHING], 3, axis=0), parts), choice.chosen]
+    np.testing.assert_array_equal(choose(larger, parts, 0, EVERYTHING, rule=rule).chosen.support, SHARED)
+
+
+def test_the_default_rule_finds_the_truth_in_noise():
+    for seed in range(10):
+        parts = compressed(rows(seed, noise=0.3, trials=4))
+        np.testing.assert_array_equal(choose(path(parts), parts, 0, EVERYTHING).chosen.support, SHARED)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_supports_of_objects_of_their_own_hold_all_true_terms(rule):
+    parts = compressed(rows(noise=0.3, trials=4))
+    assert choose(path(parts, STLSQ()), parts, 0, EVERYTHING, rule=rule).chosen.support[SHARED].all()
+
+
+def test_the_default_rule_takes_the_smallest_candidate_within_one_standard_error_of_the_best():
+    parts = compressed(rows(noise=1.5))
+    choice = choose(path(parts), parts, 0, EVERYTHING)
+    best = min(choice.table, key=lambda each: each.held_out.mean)
+    within = [each.terms for each in choice.table if np.subtract(*each.held_out.excess(best.held_out)) <= 1e-15]
+    assert choice.table[choice.place].terms == min(within)
+    assert choice.table[choice.place].terms < choose(path(parts), parts, 0, EVERYTHING, rule="aic").table[-1].terms
+
+
+def test_a_better_fit_does_not_count_if_the_differentiator_explains_it():
+    data = rows(noise=0.0)
+    for trials in data:
+        for trial in trials:
+            trial[:] = [(library, target + 0.01 * library[:, [1]]) for library, target in trial]
+    parts = compressed(data)
+    for rule in RULES:
+        blind = choose(path(parts), parts, 0, EVERYTHING, rule=rule)
+        aware = choose(
+            path(parts),
+            parts,
+            0,
+            EVERYTHING,
+            rule=rule,
+            resolution=lambda coefficients: np.full(len(coefficients), 2e-4),
+        )
+        assert blind.chosen.support.sum() == 9
+        np.testing.assert_array_equal(aware.chosen.support, SHARED)
+
+
+def test_candidates_of_equal_support_are_listed_once_and_a_proof_is_kept():
+    parts = compressed(rows())
+    plain = candidate(SHARED, parts)
+    proven = Candidate(SHARED, plain.coefficients, 2.0, proven=True)
+    choice = choose([plain, proven, plain], parts, 0, EVERYTHING)
+    assert choice.table[0].candidate is proven
+    assert len(choice.table) == 1
+
+
+def test_the_table_says_what_was_compared_and_the_reason_why():
+    parts = compressed(rows())
+    solver = GroupSTLSQ()
+    found = stability(parts, lambda systems: solver.path(systems, 0, EVERYTHING), 10)
+    choice = choose(path(parts), parts, 0, EVERYTHING, stability=found)
+    sizes = [each.terms for each in choice.table]
+    assert sizes == sorted(sizes)
+    assert choice.chosen.support.all(axis=0).tolist() == [True, False, True, False]
+    measures = choice.table[choice.place].measures()
+    assert measures["stability"] == 1.0
+    assert list(measures) == ["AIC", "AICc", "BIC", "EBIC", "held-out error", "standard error", "stability"]
+    assert "no smaller candidate is within one standard error" in choice.reason or "larger by more" in choice.reason
+    smallest = choose(path(parts), parts, 0, EVERYTHING, rule="bic")
+    assert smallest.reason.startswith("its BIC, ")
+
+
+def test_a_rule_that_is_not_known_and_no_candidates_are_refused():
+    parts = compressed(rows())
+    with pytest.raises(CommonlawError, match="did you mean 'aicc'"):
+        choose(path(parts), parts, 0, EVERYTHING, rule="aiccc")
+    with pytest.raises(CommonlawError, match="no candidate to choose from"):
+        choose([], parts, 0, EVERYTHING)
+
+
+def test_a_score_by_which_every_candidate_diverges_is_refused():
+    parts = compressed(rows())
+
+    def lost(_):
+        return HeldOut(np.full(2, np.inf), np.full(2, 0.5))
+
+    with pytest.raises(CommonlawError, match="choose on held-out rates instead"):
+        choose(path(parts), parts, 0, EVERYTHING, score=lost)
+
+
+def test_a_candidate_that_diverges_on_a_fold_is_not_chosen():
+    parts = compressed(rows())
+
+    def score(support):
+        errors = [0.1, 0.2] if support.sum() > 6 else [0.1, np.inf]
+        return HeldOut(np.array(errors), np.full(2, 0.5))
+
+    assert choose(path(parts), parts, 0, EVERYTHING, score=score).chosen.support.sum() == 9
