@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     )
     from commonlaw.discovery import LawDiscovery, discover
     from commonlaw.errors import CommonlawError
-    from commonlaw.forecast import Forecast, Trajectory
+    from commonlaw.forecast import Event, Forecast, Trajectory
     from commonlaw.formulation import StrongForm, System
     from commonlaw.law import Law
     from commonlaw.library import (
@@ -33,7 +33,22 @@ if TYPE_CHECKING:
         RationalLibrary,
     )
     from commonlaw.outcomes import Outcome
-    from commonlaw.solvers import L1, L2, STLSQ, Count, GroupSTLSQ, Mean, Median, Quantile
+    from commonlaw.solvers import (
+        L1,
+        L2,
+        SR3,
+        STLSQ,
+        BackwardElimination,
+        BestSubset,
+        Constrained,
+        Count,
+        ForwardSelection,
+        GroupSTLSQ,
+        Lasso,
+        Mean,
+        Median,
+        Quantile,
+    )
     from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 _ROOMS = {
@@ -51,7 +66,7 @@ _ROOMS = {
     ),
     "commonlaw.discovery": ("LawDiscovery", "discover"),
     "commonlaw.errors": ("CommonlawError",),
-    "commonlaw.forecast": ("Forecast", "Trajectory"),
+    "commonlaw.forecast": ("Event", "Forecast", "Trajectory"),
     "commonlaw.formulation": ("StrongForm", "System"),
     "commonlaw.law": ("Law",),
     "commonlaw.library": (
@@ -62,7 +77,22 @@ _ROOMS = {
         "RationalLibrary",
     ),
     "commonlaw.outcomes": ("Outcome",),
-    "commonlaw.solvers": ("L1", "L2", "STLSQ", "Count", "GroupSTLSQ", "Mean", "Median", "Quantile"),
+    "commonlaw.solvers": (
+        "L1",
+        "L2",
+        "SR3",
+        "STLSQ",
+        "BackwardElimination",
+        "BestSubset",
+        "Constrained",
+        "Count",
+        "ForwardSelection",
+        "GroupSTLSQ",
+        "Lasso",
+        "Mean",
+        "Median",
+        "Quantile",
+    ),
     "commonlaw.trials": ("Schema", "Trial", "TrialStream", "Trials"),
 }
 _MODULES = ("datasets", "plots", "sphere_drag")
@@ -71,17 +101,24 @@ _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 __all__ = [
     "L1",
     "L2",
+    "SR3",
     "STLSQ",
+    "BackwardElimination",
+    "BestSubset",
     "CenteredDifference",
     "CommonlawError",
     "ConstantLibrary",
+    "Constrained",
     "Count",
+    "Event",
     "ExpressionLibrary",
     "FiniteDifference",
     "Forecast",
     "ForwardDifference",
+    "ForwardSelection",
     "FourierLibrary",
     "GroupSTLSQ",
+    "Lasso",
     "Law",
     "LawDiscovery",
     "Mean",

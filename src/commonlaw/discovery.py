@@ -1,6 +1,7 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import inspect
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -10,11 +11,20 @@ from numpy.typing import NDArray
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import AbstractFormulation, DiscreteForm, StrongForm, System, compress
-from commonlaw.law import Law
+from commonlaw.law import Alternative, Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.outcomes import Outcome
-from commonlaw.solvers import AbstractSolver, Fit, GroupSTLSQ, parse_solver
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.selection import BLOCKS, Accuracy, Choice, select
+from commonlaw.solvers import (
+    AbstractSolver,
+    BackwardElimination,
+    BestSubset,
+    Fit,
+    ForwardSelection,
+    GroupSTLSQ,
+    parse_solver,
+)
+from commonlaw.trials import Trial, Trials, TrialStream
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -26,6 +36,11 @@ Fixed = Mapping[str | tuple[str, str], float | Mapping[str, float]]
 
 _ILL_CONDITIONED = 1e8
 """Above it, half of the digits of double precision are gone."""
+
+_MANY_TERMS = 60
+
+_JUDGED = 4
+"""Trials of an object that the accuracy of its rates is judged by."""
 
 
 class LawDiscovery:
@@ -41,7 +56,8 @@ class LawDiscovery:
     differentiation
         How rates are estimated, or its text such as ``"savgol:35:3"``. Default: `default_differentiation` of the order.
     solver
-        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. Default: ``GroupSTLSQ(0.1)``.
+        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without its setting, ``GroupSTLSQ()``,
+        offers its whole path, from which `rule` chooses. Default: the paths of ``GroupSTLSQ()`` and ``BestSubset()``.
     fixed
         Known terms: term to coefficient (``{"1": -9.8}``), or to coefficients by object; with several states the term
         is given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side.
@@ -51,6 +67,10 @@ class LawDiscovery:
         Rows left out at each end of a trial, see `StrongForm`.
     jobs
         Processes that share the trials; each computes with one thread.
+    rule
+        How an equation is chosen from the candidates when the solver has no setting, see `commonlaw.selection.choose`.
+    resamples
+        Bootstrap resamples that judge how stable the candidates are.
 
     Attributes
     ----------
@@ -78,6 +98,8 @@ class LawDiscovery:
         library_states: Literal["smoothed", "measured"] = "smoothed",
         trim: int = 0,
         jobs: int = 1,
+        rule: str = "one-standard-error",
+        resamples: int = 20,
     ) -> None:
         self.order = order
         self.library = library
@@ -87,6 +109,8 @@ class LawDiscovery:
         self.library_states = library_states
         self.trim = trim
         self.jobs = jobs
+        self.rule = rule
+        self.resamples = resamples
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:  # noqa: ARG002
         """Find the law of these trials, each of which is gone through once.
@@ -100,14 +124,21 @@ class LawDiscovery:
 
         form, solver = self._formulation(), self._solver()
         terms = self._library().bind(form.variables(trials.schema))
+        is_set = solver is not None and solver.is_set
         with threadpool_limits(1, "blas"):
-            data = compress(trials, trials.schema, form, terms, jobs=self.jobs)
+            data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, jobs=self.jobs)
             known = _known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
-            fit = _solve(data.systems, known, solver)
-            coefficients = np.where(np.isnan(known), fit.coefficients, known)
             rates = None if self.order == 0 else self._differentiation()
-            law = Law(terms, trials.schema, self.order, data.objects, coefficients, rates)
-            self.law_ = replace(law, outcomes=tuple(_outcomes(law, fit, data.systems, solver)))
+            law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
+            if solver is not None and is_set:
+                fit = solver.solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
+                law = _fitted_law(law, fit, solver)
+            else:
+                accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
+                solvers = _default_solvers(len(terms)) if solver is None else (solver,)
+                choices = select(data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
+                law = _chosen_law(law, choices)
+            self.law_ = replace(law, outcomes=(*law.outcomes, *_ill_conditions(law, data.systems)))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -168,13 +199,11 @@ class LawDiscovery:
             return parse_differentiation(self.differentiation)
         return self.differentiation
 
-    def _solver(self) -> AbstractSolver:
-        if self.solver is None:
-            return GroupSTLSQ(0.1)
+    def _solver(self) -> AbstractSolver | None:
         return parse_solver(self.solver) if isinstance(self.solver, str) else self.solver
 
 
-_PARAMETERS = ("order", "library", "differentiation", "solver", "fixed", "library_states", "trim", "jobs")
+_PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
 
 def discover(
@@ -188,6 +217,8 @@ def discover(
     library_states: Literal["smoothed", "measured"] = "smoothed",
     trim: int = 0,
     jobs: int = 1,
+    rule: str = "one-standard-error",
+    resamples: int = 20,
 ) -> Law:
     """Find the law that the objects of these trials share.
 
@@ -208,8 +239,8 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    model = LawDiscovery(order, library, differentiation, solver, fixed, library_states, trim, jobs)
-    return model.fit(trials).law_
+    settings = (order, library, differentiation, solver, fixed, library_states, trim, jobs, rule, resamples)
+    return LawDiscovery(*settings).fit(trials).law_
 
 
 def _known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[str], terms: Terms) -> Floats:
@@ -231,16 +262,47 @@ def _known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[s
     return known
 
 
-def _solve(systems: Sequence[System], known: Floats, solver: AbstractSolver) -> Fit:
-    """Solve for what is not known, with the known terms moved to the left-hand side."""
-    free = np.isnan(known)
-    rest = [system.subtract(np.nan_to_num(own)) for system, own in zip(systems, known, strict=True)]
-    return solver.solve(rest, free[0])
+def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
+    """Return the solvers whose paths list the candidates when none is named.
+
+    Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
+    are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
+    """
+    return (GroupSTLSQ(), BestSubset()) if terms <= _MANY_TERMS else (ForwardSelection(), BackwardElimination())
 
 
-def _outcomes(law: Law, fit: Fit, systems: Sequence[System], solver: AbstractSolver) -> Iterator[Outcome]:
-    """Yield what a user should know about this fit."""
-    if isinstance(solver, GroupSTLSQ) and len(systems) == 1:
+def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Trial]]:
+    """Return the first few trials of each object, by which the accuracy of its rates is judged."""
+    found: dict[str, list[Trial]] = {name: [] for name in objects}
+    for trial in trials:
+        if len(found[trial.object]) < _JUDGED:
+            found[trial.object].append(trial)
+    return list(found.values())
+
+
+def _chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
+    """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
+    coefficients = law.coefficients + np.stack([choice.chosen.coefficients for choice in choices], axis=1)
+    outcomes, alternatives = [], []
+    for equation, choice in zip(law.left_sides, choices, strict=True):
+        outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
+        for i, each in enumerate(choice.table):
+            used = np.flatnonzero(each.candidate.support.any(axis=0))
+            names = tuple(law.terms.names[k] for k in used)
+            chosen = i == choice.place
+            alternatives.append(Alternative(equation, names, each.measures(), each.candidate.proven, chosen))
+    return replace(law, coefficients=coefficients, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
+
+
+def _fitted_law(law: Law, fit: Fit, solver: AbstractSolver) -> Law:
+    """Return the law with what a solver found at its setting besides the known terms, and what to know about it."""
+    found = replace(law, coefficients=law.coefficients + fit.coefficients)
+    return replace(found, outcomes=tuple(_outcomes(found, fit, solver)))
+
+
+def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
+    """Yield what a user should know about a fit."""
+    if isinstance(solver, GroupSTLSQ) and len(law.objects) == 1:
         yield Outcome(
             "one object",
             law.objects[0],
@@ -249,17 +311,22 @@ def _outcomes(law: Law, fit: Fit, systems: Sequence[System], solver: AbstractSol
         )
     if not fit.converged:
         yield Outcome(
-            "not converged", "", "the support still changed in the last sweep", "give the solver more max_iterations"
+            "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
         )
     for j, equation in enumerate(law.left_sides):
         if not law.support[j].any():
             yield Outcome(
                 "empty support",
                 equation,
-                f"the threshold removed every term; the largest value it was last compared with is "
+                f"the solver's setting removed every term; the largest value it was last compared with is "
                 f"{fit.largest[:, j].max():.4g}",
                 "choose a threshold below that",
             )
+
+
+def _ill_conditions(law: Law, systems: Sequence[System]) -> Iterator[Outcome]:
+    """Yield the equations whose coefficients mean little because their terms nearly depend on each other."""
+    for j, equation in enumerate(law.left_sides):
         for system, name, support in zip(systems, law.objects, law.coefficients[:, j] != 0, strict=True):
             condition = system.condition(support)
             if condition > _ILL_CONDITIONED:

@@ -133,7 +133,7 @@ def test_terms_that_depend_on_each_other_are_an_outcome(drops):
         ({"order": 3}, "order 3 is not supported"),
         ({"trim": 30}, "Ball 1, trial 1: no row is left of 49 samples after trimming 30"),
         ({"trim": -1}, "trim -1 is negative"),
-        ({"solver": "lasso"}, "unknown solver 'lasso'"),
+        ({"solver": "laso"}, "unknown solver 'laso': did you mean 'lasso'"),
         ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
         ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),
         ({"library_states": "raw"}, "library states 'raw' are not known"),
@@ -199,3 +199,46 @@ def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
 def test_two_processes_give_the_same_law(drops):
     one, two = (cl.discover(drops, solver="group-stlsq:1.5", jobs=jobs, **SETTINGS) for jobs in (1, 2))
     np.testing.assert_array_equal(one.coefficients, two.coefficients)
+
+
+def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, tmp_path):
+    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8)
+    assert law.structure() == ("x'' = a + b v",)
+    assert "its held-out error is" in outcome(law, "chosen")
+    candidates = law.candidates()
+    assert candidates["chosen"].sum() == 1
+    assert candidates.loc[candidates["chosen"], ["terms", "size"]].to_numpy().tolist() == [["1, v", 2]]
+    assert {"AIC", "AICc", "BIC", "EBIC", "held-out error", "standard error", "stability"} <= set(candidates.columns)
+    law.save(tmp_path / "law.json")
+    assert cl.Law.load(tmp_path / "law.json").alternatives == law.alternatives
+
+
+@pytest.mark.parametrize("rule", ["held-out", "aic", "aicc", "bic", "ebic"])
+def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
+    pairs = cl.datasets.lotka_volterra()
+    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.GroupSTLSQ(), rule=rule)
+    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+
+
+def test_known_terms_are_not_chosen_again(drops):
+    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8, fixed={"1": -9.8}, resamples=0)
+    assert law.structure() == ("x'' = a + b v",)
+    assert (law.to_frame()["1"] == -9.8).all()
+
+
+def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):
+    drops.to_parquet(tmp_path / "drops.parquet")
+    stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
+    settings = {"order": 2, "differentiation": "savgol:25:3", "trim": 8}
+    np.testing.assert_array_equal(
+        cl.discover(stream, **settings).coefficients, cl.discover(drops, **settings).coefficients
+    )
+
+
+def test_a_law_in_discrete_time_is_chosen(populations):
+    assert cl.discover(populations, order=0).structure() == ("x[k+1] = a x + b x^2",)
+
+
+def test_a_rule_that_does_not_exist_is_refused(drops):
+    with pytest.raises(cl.CommonlawError, match="unknown rule 'bci': did you mean 'bic'"):
+        cl.discover(drops, order=2, rule="bci")

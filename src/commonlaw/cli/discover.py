@@ -16,10 +16,17 @@ if TYPE_CHECKING:
     from commonlaw.trials import Trials
 
 
+_MORE_TERMS = 2
+
+
 @click.command()
 @with_source
 @click.option(
-    "--order", type=click.IntRange(0, 2), default=1, show_default=True, help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ..."
+    "--order",
+    type=click.IntRange(0, 2),
+    default=1,
+    show_default=True,
+    help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
 )
 @click.option(
     "--library",
@@ -36,8 +43,18 @@ if TYPE_CHECKING:
 @click.option(
     "--solver",
     metavar="SPEC",
-    help="How terms are chosen: group-stlsq:THRESHOLD[:IMPORTANCE[:LEVEL]] (one set of terms for all objects), "
-    "stlsq:THRESHOLD (each its own).  [default: group-stlsq:0.1]",
+    help="How terms are found: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], forward[:TERMS], "
+    "backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), stlsq[:THRESHOLD] "
+    "(each its own). Without its setting a solver offers all its candidates, and --rule chooses.  "
+    "[default: candidates of group-stlsq and best-subset]",
+)
+@click.option(
+    "--rule",
+    default="one-standard-error",
+    show_default=True,
+    metavar="RULE",
+    help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, bic, "
+    "ebic.",
 )
 @click.option(
     "--fix",
@@ -69,6 +86,7 @@ def discover(
     library: str | None,
     differentiation: str | None,
     solver: str | None,
+    rule: str,
     fixed: tuple[str, ...],
     library_states: Literal["smoothed", "measured"],
     trim: int,
@@ -98,6 +116,7 @@ def discover(
             library=library,
             differentiation=differentiation,
             solver=solver,
+            rule=rule,
             fixed=_fixed(fixed),
             library_states=library_states,
             trim=trim,
@@ -162,6 +181,9 @@ def _show(law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", t
         print_table(*_coefficient_rows(law, forecast, truth))
     else:
         click.echo(str(law))
+    if law.alternatives:
+        click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
+        print_table(*_candidate_rows(law))
     where = "held-out trials" if checked == "held out" else "trials it was learned from"
     click.echo(
         f"\nForecasts of {len(forecast.trials)} {where}, each from its own initial state: R^2 = {forecast.score():.5g}"
@@ -183,6 +205,21 @@ def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> 
         head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
         columns[head] = [float(errors[state].get(name, np.nan)) for name in law.objects]
     return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
+
+
+def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
+    """Return head and rows of the table of candidates up to a few terms more than were chosen."""
+    shown = ("held-out error", "standard error", "BIC", "stability")
+    rows: list[list[object]] = []
+    for equation in law.left_sides:
+        own = [each for each in law.alternatives if each.equation == equation]
+        most = next(len(each.terms) for each in own if each.chosen) + _MORE_TERMS
+        for each in own:
+            if len(each.terms) <= most:
+                values = (each.measures.get(name) for name in shown)
+                numbers = [np.nan if value is None else value for value in values]
+                rows.append(["*" if each.chosen else "", equation, " + ".join(each.terms) or "0", *numbers])
+    return ["", "equation", "terms", *shown], rows
 
 
 def _with_unit(name: str, unit: str | None) -> str:

@@ -41,7 +41,7 @@ def commonlaw() -> None:
 
     \b
     Without a table of your own:
-      commonlaw discover --dataset linear-drag --order 2 --solver group-stlsq:1.5
+      commonlaw discover --dataset linear-drag --order 2 --differentiation savgol:25:3 --trim 8 --solver group-stlsq:1.5
     """
 
 
