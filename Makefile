@@ -2,6 +2,7 @@
 
 BIN := .venv/bin
 STAMP := .venv/.installed
+BENCH_STAMP := .venv/.bench-installed
 DEMO := demo
 DEMO_RUN := commonlaw discover --dataset linear-drag:noise=0.01:seed=1 --order 2 --library poly:3 \
 	--differentiation savgol:25:3 --trim 8 --solver group-stlsq:1.5 --save $(DEMO)/law.json --plot $(DEMO)/law.png
@@ -16,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test lint types contracts unit clean
+.PHONY: help demo test lint types contracts unit bench clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -41,12 +42,19 @@ contracts: $(STAMP) ## Which room may import which
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
 	$(BIN)/pytest -n 2
 
+bench: $(BENCH_STAMP) ## Measure commonlaw beside PySINDy: about ten minutes
+	$(BIN)/python -m benchmarks
+
 clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,fast]'
+	@touch $@
+
+$(BENCH_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
 
 $(BIN)/python:

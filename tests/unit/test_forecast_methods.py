@@ -10,13 +10,20 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Event, Run, VectorField, simulate
+from commonlaw.forecast import Event, Run, VectorField, simulate, simulation
 from commonlaw.library import Terms, Variables, parse_term
 
 METHODS = ["auto", "scipy"] + (["heyoka"] if find_spec("heyoka") else [])
 """Where heyoka is not installed, "auto" is SciPy."""
 
 GROUND = Event("x", direction="falling", terminal=True)
+
+
+@pytest.fixture(autouse=True)
+def _however_little_there_is_to_do(monkeypatch):
+    """Have `auto` take heyoka for short runs too."""
+    monkeypatch.setattr(simulation, "_FEW_POINTS", 0)
+
 
 
 def field(states, *equations, order=1, inputs=None, input_names=()):
@@ -297,3 +304,11 @@ def test_events_are_checked():
         Event("x", direction="faling")
     with pytest.raises(CommonlawError, match="the level of the event 'x' is nan"):
         Event("x", level=np.nan)
+
+
+def test_short_runs_do_not_wait_for_a_compiler(monkeypatch):
+    monkeypatch.setattr(simulation, "_FEW_POINTS", 5000)
+    law = cl.datasets.lorenz.truth()
+    (short,) = law.simulate(np.linspace(0, 1, 11), [1.0, 2.0, 3.0]).values()
+    (long,) = law.simulate(np.linspace(0, 1, 5000), [1.0, 2.0, 3.0]).values()
+    assert (short.method, long.method) == ("scipy", "heyoka")

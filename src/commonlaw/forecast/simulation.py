@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 
 METHODS = ("auto", "heyoka", "scipy")
 
+_FEW_POINTS = 5000
+"""Points that LSODA gives sooner than heyoka is imported and has compiled the law."""
+
 
 def simulate(
     runs: Iterable[Run],
@@ -36,8 +39,8 @@ def simulate(
         What to integrate; all must be of one kind of law if there are events.
     method
         ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with inputs, abs or sign are refused.
-        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed, and LSODA for laws that it does not take, and for
-        runs that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
+        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000 points, or sensitivities),
+        and LSODA otherwise, for laws that heyoka does not take, and for runs that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
         law has no derivatives. `Trajectory.method` says which one it was, and why.
     tolerance
         Relative error of a step.
@@ -62,6 +65,8 @@ def simulate(
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
     wanted, runs = Wanted(tolerance, tuple(events), dense, sensitivities), tuple(runs)
+    if method == "auto" and not sensitivities and sum(len(run.times) for run in runs) < _FEW_POINTS:
+        method = "scipy"
     choices: dict[tuple[int, int, bytes], _Choice] = {}
     trajectories = []
     for run in runs:
