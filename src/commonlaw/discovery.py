@@ -19,6 +19,7 @@ from commonlaw.solvers import (
     AbstractSolver,
     BackwardElimination,
     BestSubset,
+    Constrained,
     Fit,
     ForwardSelection,
     GroupSTLSQ,
@@ -32,7 +33,10 @@ if TYPE_CHECKING:
     from commonlaw.forecast import Forecast
 
 Floats = NDArray[np.float64]
-Fixed = Mapping[str | tuple[str, str], float | Mapping[str, float]]
+Key = str | tuple[str, str]
+"""A term, with the state of its equation before it when there are several."""
+
+Fixed = Mapping[Key, float | Mapping[str, float]]
 
 _ILL_CONDITIONED = 1e8
 """Above it, half of the digits of double precision are gone."""
@@ -61,6 +65,8 @@ class LawDiscovery:
     fixed
         Known terms: term to coefficient (``{"1": -9.8}``), or to coefficients by object; with several states the term
         is given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side.
+    universal
+        Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `fixed`.
     library_states
         Whether terms are evaluated on the ``"smoothed"`` or on the ``"measured"`` states, see `StrongForm`.
     trim
@@ -95,6 +101,7 @@ class LawDiscovery:
         differentiation: AbstractDifferentiator | str | None = None,
         solver: AbstractSolver | str | None = None,
         fixed: Fixed | None = None,
+        universal: Sequence[Key] = (),
         library_states: Literal["smoothed", "measured"] = "smoothed",
         trim: int = 0,
         jobs: int = 1,
@@ -106,6 +113,7 @@ class LawDiscovery:
         self.differentiation = differentiation
         self.solver = solver
         self.fixed = fixed
+        self.universal = universal
         self.library_states = library_states
         self.trim = trim
         self.jobs = jobs
@@ -130,12 +138,14 @@ class LawDiscovery:
             known = _known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
             rates = None if self.order == 0 else self._differentiation()
             law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
+            universal = [_place(key, trials.schema.states, terms) for key in self.universal]
             if solver is not None and is_set:
-                fit = solver.solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
+                fit = _sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
                 law = _fitted_law(law, fit, solver)
             else:
                 accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
-                solvers = _default_solvers(len(terms)) if solver is None else (solver,)
+                listed = _default_solvers(len(terms)) if solver is None else (solver,)
+                solvers = [_sharing(each, universal) for each in listed]
                 choices = select(data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
                 law = _chosen_law(law, choices)
             self.law_ = replace(law, outcomes=(*law.outcomes, *_ill_conditions(law, data.systems)))
@@ -214,6 +224,7 @@ def discover(
     differentiation: AbstractDifferentiator | str | None = None,
     solver: AbstractSolver | str | None = None,
     fixed: Fixed | None = None,
+    universal: Sequence[Key] = (),
     library_states: Literal["smoothed", "measured"] = "smoothed",
     trim: int = 0,
     jobs: int = 1,
@@ -239,27 +250,41 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    settings = (order, library, differentiation, solver, fixed, library_states, trim, jobs, rule, resamples)
-    return LawDiscovery(*settings).fit(trials).law_
+    settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule)
+    return LawDiscovery(*settings, resamples).fit(trials).law_
 
 
 def _known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[str], terms: Terms) -> Floats:
     """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
     known = np.full((len(objects), len(states), len(terms)), np.nan)
     for key, value in fixed.items():
-        state, term = key if isinstance(key, tuple) else (states[0], key)
-        if not isinstance(key, tuple) and len(states) > 1:
-            raise CommonlawError(f"fixed term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
-        if state not in states:
-            raise unknown("state", state, states)
+        equation, place = _place(key, states, terms)
+        term = terms.names[place]
         values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
         missing = [name for name in objects if name not in values]
         if missing:
             raise CommonlawError(
                 f"fixed term {term!r} has no coefficient for {', '.join(missing)}; give one for each object"
             )
-        known[:, states.index(state), terms.index(term)] = [values[name] for name in objects]
+        known[:, equation, place] = [values[name] for name in objects]
     return known
+
+
+def _place(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
+    """Return the places of the equation and the term that a key names."""
+    if not isinstance(key, tuple) and len(states) > 1:
+        raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
+    state, term = key if isinstance(key, tuple) else (states[0], key)
+    if state not in states:
+        raise unknown("state", state, states)
+    return states.index(state), terms.index(term)
+
+
+def _sharing(solver: AbstractSolver, universal: Sequence[tuple[int, int]]) -> AbstractSolver:
+    """Return the solver with one coefficient for all objects at these equations and terms."""
+    for equation in dict.fromkeys(equation for equation, _ in universal):
+        solver = Constrained(solver, tuple(term for j, term in universal if j == equation), equation=equation)
+    return solver
 
 
 def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from benchmarks.accuracy import errors
-from benchmarks.cases import CASES, DEGREES, ROWS
+from benchmarks.cases import CASES, DEGREES
 from benchmarks.problem import Problem, lorenz_law
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,17 +54,16 @@ def test_the_simulated_trajectory_is_that_of_an_independent_integrator():
     np.testing.assert_allclose(states, exact, atol=1e-5)
 
 
-@pytest.mark.parametrize("case", [ROWS["1e+04 rows"], DEGREES["degree 2"]])
-def test_the_streamed_law_is_the_law(case):
-    problem = case.quick()
-    law = case.contestants["commonlaw"].prepare(problem)()
+def test_the_streamed_law_is_the_law():
+    problem = DEGREES["degree 2"].quick()
+    law = DEGREES["degree 2"].contestants["commonlaw"].prepare(problem)()
     np.testing.assert_allclose(law, truth(problem), atol=0.05)
 
 
 def test_errors_against_least_squares_on_all_rows_of_a_badly_scaled_library_are_small():
     generator = np.random.default_rng(0)
-    library = generator.standard_normal((300, 5)) * 10.0 ** np.arange(-8, 12, 4)
-    assert max(errors(library, library @ np.ones((5, 1)))) < 1e-12
+    columns, scales = generator.standard_normal((300, 5)), 10.0 ** np.arange(-8, 12, 4)
+    assert max(errors(columns * scales, columns @ np.ones((5, 1)))) < 1e-12
 
 
 def test_the_benchmarks_run_and_find_the_same_law():

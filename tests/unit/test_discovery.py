@@ -242,3 +242,25 @@ def test_a_law_in_discrete_time_is_chosen(populations):
 def test_a_rule_that_does_not_exist_is_refused(drops):
     with pytest.raises(cl.CommonlawError, match="unknown rule 'bci': did you mean 'bic'"):
         cl.discover(drops, order=2, rule="bci")
+
+
+def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
+    settings = {"order": 2, "differentiation": "savgol:25:3", "trim": 8, "universal": ["1"]}
+    named = cl.discover(drops, library="poly:2", solver="group-stlsq:1.5", **settings)
+    chosen = cl.discover(drops, **settings)
+    for law in (named, chosen):
+        assert law.structure() == ("x'' = a + b v",)
+        assert np.ptp(law.to_frame()["1"]) < 1e-12
+        assert law.to_frame()["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
+    own = cl.discover(drops, library="poly:2", solver="group-stlsq:1.5", **settings | {"universal": ()})
+    assert np.ptp(own.to_frame()["1"]) > 1e-3
+
+
+def test_universal_terms_of_several_equations_are_named_with_their_state():
+    pairs = cl.datasets.lotka_volterra(decline=1.1, noise=0.0)
+    settings = {"library": "poly:2", "differentiation": "finite:6", "solver": "group-stlsq:0.2"}
+    law = cl.discover(pairs, universal=[("y", "y")], **settings)
+    assert np.ptp(law.to_frame()["y'", "y"]) < 1e-12
+    assert np.ptp(law.to_frame()["x'", "x"]) > 0.1
+    with pytest.raises(cl.CommonlawError, match=r"term 'y': say of which equation, as \('x', 'y'\)"):
+        cl.discover(pairs, universal=["y"], **settings)

@@ -25,7 +25,6 @@ def _however_little_there_is_to_do(monkeypatch):
     monkeypatch.setattr(simulation, "_FEW_POINTS", 0)
 
 
-
 def field(states, *equations, order=1, inputs=None, input_names=()):
     """The vector field of these equations, each a mapping from term to coefficient."""
     variables = Variables(tuple(states), input_names)

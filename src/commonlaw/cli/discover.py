@@ -64,6 +64,12 @@ _MORE_TERMS = 2
     help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
 )
 @click.option(
+    "--universal",
+    metavar="TERM",
+    multiple=True,
+    help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
+)
+@click.option(
     "--library-states",
     type=click.Choice(["smoothed", "measured"]),
     default="smoothed",
@@ -88,6 +94,7 @@ def discover(
     solver: str | None,
     rule: str,
     fixed: tuple[str, ...],
+    universal: tuple[str, ...],
     library_states: Literal["smoothed", "measured"],
     trim: int,
     save: str | None,
@@ -118,6 +125,7 @@ def discover(
             solver=solver,
             rule=rule,
             fixed=_fixed(fixed),
+            universal=[_key(name) for name in universal],
             library_states=library_states,
             trim=trim,
         )
@@ -139,12 +147,17 @@ def _fixed(texts: tuple[str, ...]) -> dict[str | tuple[str, str], float]:
     """Return the known coefficients that ``--fix`` names."""
     found: dict[str | tuple[str, str], float] = {}
     for name, text in pairs("--fix", texts):
-        state, colon, term = name.partition(":")
         try:
-            found[(state, term) if colon else name] = float(text)
+            found[_key(name)] = float(text)
         except ValueError:
             raise click.UsageError(f"--fix {name}={text}: {text!r} is not a number") from None
     return found
+
+
+def _key(name: str) -> str | tuple[str, str]:
+    """Return a term, or state and term of ``state:term``."""
+    state, colon, term = name.partition(":")
+    return (state, term) if colon else name
 
 
 def _known(law: "Law", trials: "Trials | None") -> "Trials | None":

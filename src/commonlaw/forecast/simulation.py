@@ -39,9 +39,10 @@ def simulate(
         What to integrate; all must be of one kind of law if there are events.
     method
         ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with inputs, abs or sign are refused.
-        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000 points, or sensitivities),
-        and LSODA otherwise, for laws that heyoka does not take, and for runs that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
-        law has no derivatives. `Trajectory.method` says which one it was, and why.
+        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000 points, or
+        sensitivities); LSODA otherwise, for laws that heyoka does not take, and for runs that it cannot finish: stiff
+        ones, which need too many of its steps, and those through points where the law has no derivatives.
+        `Trajectory.method` says which one it was, and why.
     tolerance
         Relative error of a step.
     events
