@@ -42,6 +42,7 @@ _ILL_CONDITIONED = 1e8
 """Above it, half of the digits of double precision are gone."""
 
 _MANY_TERMS = 60
+"""More are too many for the solvers that look closely."""
 
 _JUDGED = 4
 """Trials of an object that the accuracy of its rates is judged by."""
@@ -121,7 +122,9 @@ class LawDiscovery:
         self.resamples = resamples
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:  # noqa: ARG002
-        """Find the law of these trials, each of which is gone through once.
+        """Find the law of these trials.
+
+        A stream is gone through once, and a second time to judge the accuracy of rates when a law is to be chosen.
 
         Raises
         ------
