@@ -1,0 +1,1 @@
+"""commonlaw measured beside PySINDy and beside a bound: ``python -m benchmarks``."""
