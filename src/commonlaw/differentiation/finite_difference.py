@@ -51,11 +51,16 @@ class FiniteDifference(AbstractDifferentiator):
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), order + self.accuracy, f"finite differences of accuracy {self.accuracy}")
-        return Rates(states, tuple(self._derivative(times, states, k) for k in range(1, order + 1)))
+        columns = np.ascontiguousarray(states.T)  # Long rows go through NumPy several times faster than short ones
+        return Rates(states, tuple(self._derivative(times, columns, k).T for k in range(1, order + 1)))
 
     def _derivative(self, times: Floats, states: Floats, order: int) -> Floats:
+        """Return the derivative of states, both of shape (d, n)."""
         count, inside, at_ends = len(times), (order - 1) // 2 * 2 + 1 + self.accuracy, order + self.accuracy
         half = inside // 2
+        if inside == at_ends:  # One window for each sample, at the ends the first or last one
+            moved = [(_in_windows(times, k, inside), _in_windows(states, k, inside)) for k in range(inside)]
+            return _lagrange([time - times for time, _ in moved], [state - states for _, state in moved], order)
         derivative = np.empty_like(states)
         for samples, nodes in (
             (slice(half), [slice(k, k + 1) for k in range(at_ends)]),
@@ -64,22 +69,29 @@ class FiniteDifference(AbstractDifferentiator):
         ):
             offsets = [times[node] - times[samples] for node in nodes]
             # Differences to the sample itself: a large offset of the states then costs no digits.
-            rises = [states[node] - states[samples] for node in nodes]
-            derivative[samples] = _lagrange(offsets, rises, order)
+            rises = [states[:, node] - states[:, samples] for node in nodes]
+            derivative[:, samples] = _lagrange(offsets, rises, order)
         return derivative
 
 
-def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats:
-    """Return the derivative at zero, shape (m, d), of the polynomials through `values` at `offsets`.
+def _in_windows(values: Floats, k: int, window: int) -> Floats:
+    """Return for every sample, along the last axis, node k of its window, which stays inside at the ends."""
+    last, half = values.shape[-1] - window + k, window // 2
+    first, final = (np.repeat(values[..., at : at + 1], half, axis=-1) for at in (k, last))
+    return np.concatenate([first, values[..., k : last + 1], final], axis=-1)
 
-    There is one entry for each node of the window, of shape (m, d) and (m,) for m samples.
+
+def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats:
+    """Return the derivative at zero, shape (d, m), of the polynomials through `values` at `offsets`.
+
+    There is one entry for each node of the window, of shape (d, m) and (m,) for m samples.
     """
     derivative = np.zeros_like(values[0])
     for k, value in enumerate(values):
-        powers = np.zeros((order + 1, len(value)))  # of the node's Lagrange polynomial, as far as they are wanted
+        powers = np.zeros((order + 1, value.shape[1]))  # of the node's Lagrange polynomial, as far as they are wanted
         powers[0] = 1
         for other in offsets[:k] + offsets[k + 1 :]:
             powers[1:], powers[0] = powers[:-1] - other * powers[1:], -other * powers[0]
             powers /= offsets[k] - other
-        derivative += factorial(order) * powers[order][:, np.newaxis] * value
+        derivative += factorial(order) * powers[order] * value
     return derivative

@@ -64,7 +64,7 @@ class Thresholding:
         """
         if threshold is None:
             raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
-        swept = [self._sweep(systems, target, allowed, threshold) for target, allowed in enumerate(candidates)]
+        swept = [self._sweep(systems, target, allowed, threshold, {}) for target, allowed in enumerate(candidates)]
         return Fit(
             np.stack([each.coefficients for each in swept], axis=1),
             np.stack([each.support for each in swept], axis=1),
@@ -79,19 +79,23 @@ class Thresholding:
         threshold passes the smallest value that stayed, so that value is where the next candidate begins.
         """
         found, threshold = [], 0.0
+        known: dict[bytes, Floats] = {}
         while True:
-            swept = self._sweep(systems, target, allowed, threshold)
+            swept = self._sweep(systems, target, allowed, threshold, known)
             found.append(Candidate(swept.support, swept.coefficients, threshold))
             if not swept.support.any():
                 return tuple(found)
             threshold = float(np.nextafter(swept.next, np.inf))
 
-    def _sweep(self, systems: Sequence[System], target: int, allowed: Bools, threshold: float) -> Swept:
+    def _sweep(
+        self, systems: Sequence[System], target: int, allowed: Bools, threshold: float, known: dict[bytes, Floats]
+    ) -> Swept:
+        """Return what one threshold comes to; `known` keeps the coefficients of supports met before."""
         support = np.repeat(allowed[np.newaxis], len(systems), axis=0)
         norms = np.array([system.norms for system in systems]) if self.normalize else 1.0
         largest, following, converged = np.zeros(len(systems)), np.inf, False
         for _ in range(self.max_iterations):
-            coefficients = self._least_squares(systems, target, support)
+            coefficients = self._least_squares(systems, target, support, known)
             values = np.where(support, self.measure(np.abs(coefficients) * norms), 0.0)
             largest = np.where(support.any(axis=1), values.max(axis=1, initial=0.0), largest)
             kept = support & (values >= threshold)
@@ -101,9 +105,14 @@ class Thresholding:
                 break
             support = kept
         else:
-            coefficients = self._least_squares(systems, target, support)
+            coefficients = self._least_squares(systems, target, support, known)
         return Swept(support, coefficients, largest, float(following), converged)
 
-    def _least_squares(self, systems: Sequence[System], target: int, support: Bools) -> Floats:
-        rows = zip(systems, support, strict=True)
-        return np.array([system.least_squares(terms, target, self.ridge) for system, terms in rows])
+    def _least_squares(
+        self, systems: Sequence[System], target: int, support: Bools, known: dict[bytes, Floats]
+    ) -> Floats:
+        key = support.tobytes()
+        if key not in known:
+            rows = zip(systems, support, strict=True)
+            known[key] = np.array([system.least_squares(terms, target, self.ridge) for system, terms in rows])
+        return known[key]

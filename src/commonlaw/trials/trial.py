@@ -111,8 +111,8 @@ class Trial:
                 f"{len(self.inputs)} rows of inputs; give one row for each time"
             )
         for what, values in (("time", self.times), ("state", self.states), ("input", self.inputs)):
-            bad = np.argwhere(~np.isfinite(values))
-            if len(bad):
+            if not np.isfinite(values).all():
+                bad = np.argwhere(~np.isfinite(values))
                 place = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
                 raise CommonlawError(
                     f"{self.label}: {what} is {values[tuple(bad[0])]} in {place}; remove or repair the sample"
