@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -10,11 +11,19 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.formulation import AbstractFormulation, DiscreteForm, StrongForm, System, compress
+from commonlaw.formulation import (
+    MOST_GROUPS,
+    AbstractFormulation,
+    Compressed,
+    DiscreteForm,
+    StrongForm,
+    System,
+    compress,
+)
 from commonlaw.law import Alternative, Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.outcomes import Outcome
-from commonlaw.selection import BLOCKS, Accuracy, Choice, select
+from commonlaw.selection import BLOCKS, Accuracy, Choice, ForecastError, make_folds, select
 from commonlaw.solvers import (
     AbstractSolver,
     BackwardElimination,
@@ -76,6 +85,8 @@ class LawDiscovery:
         Processes that share the trials; each computes with one thread.
     rule
         How an equation is chosen from the candidates when the solver has no setting, see `commonlaw.selection.choose`.
+    judge
+        What candidates are judged by on held-out trials: the ``"rates"``, or their ``"forecasts"``, which takes longer.
     resamples
         Bootstrap resamples that judge how stable the candidates are.
 
@@ -107,6 +118,7 @@ class LawDiscovery:
         trim: int = 0,
         jobs: int = 1,
         rule: str = "one-standard-error",
+        judge: Literal["rates", "forecasts"] = "rates",
         resamples: int = 20,
     ) -> None:
         self.order = order
@@ -119,6 +131,7 @@ class LawDiscovery:
         self.trim = trim
         self.jobs = jobs
         self.rule = rule
+        self.judge = judge
         self.resamples = resamples
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:  # noqa: ARG002
@@ -133,6 +146,8 @@ class LawDiscovery:
         """
         from threadpoolctl import threadpool_limits
 
+        if self.judge not in ("rates", "forecasts"):
+            raise unknown("judge", self.judge, ("rates", "forecasts"))
         form, solver = self._formulation(), self._solver()
         terms = self._library().bind(form.variables(trials.schema))
         is_set = solver is not None and solver.is_set
@@ -149,8 +164,12 @@ class LawDiscovery:
                 accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
                 listed = _default_solvers(len(terms)) if solver is None else (solver,)
                 solvers = [_sharing(each, universal) for each in listed]
-                choices = select(data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
-                law = _chosen_law(law, choices)
+                choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
+                found = _chosen_law(law, choose())
+                if self.judge == "forecasts":
+                    scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
+                    found = _chosen_law(law, choose(scores=scores))
+                law = found
             self.law_ = replace(law, outcomes=(*law.outcomes, *_ill_conditions(law, data.systems)))
         return self
 
@@ -232,6 +251,7 @@ def discover(
     trim: int = 0,
     jobs: int = 1,
     rule: str = "one-standard-error",
+    judge: Literal["rates", "forecasts"] = "rates",
     resamples: int = 20,
 ) -> Law:
     """Find the law that the objects of these trials share.
@@ -253,7 +273,7 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule)
+    settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
     return LawDiscovery(*settings, resamples).fit(trials).law_
 
 
@@ -306,6 +326,18 @@ def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[T
         if len(found[trial.object]) < _JUDGED:
             found[trial.object].append(trial)
     return list(found.values())
+
+
+def _forecast_scores(
+    trials: Trials | TrialStream, data: Compressed, law: Law, free: NDArray[np.bool_]
+) -> list[ForecastError]:
+    """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
+    if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
+        raise CommonlawError(
+            f"forecasts judge candidates only on trials in memory, at most {MOST_GROUPS} of an object; judge on rates"
+        )
+    folds = make_folds(data.groups)
+    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]
 
 
 def _chosen_law(law: Law, choices: Sequence[Choice]) -> Law:

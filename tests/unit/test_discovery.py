@@ -264,3 +264,16 @@ def test_universal_terms_of_several_equations_are_named_with_their_state():
     assert np.ptp(law.to_frame()["x'", "x"]) > 0.1
     with pytest.raises(cl.CommonlawError, match=r"term 'y': say of which equation, as \('x', 'y'\)"):
         cl.discover(pairs, universal=["y"], **settings)
+
+
+def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
+    pairs = cl.datasets.lotka_volterra(
+        growth=[1.0, 0.8], predation=0.1, decline=1.2, reproduction=0.06, noise=0.02, samples=100
+    )
+    settings = {"library": "poly:2", "differentiation": "savgol:9:3", "solver": cl.GroupSTLSQ(), "resamples": 0}
+    law = cl.discover(pairs, judge="forecasts", **settings)
+    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    with pytest.raises(cl.CommonlawError, match="has a single trial, so none can be held out and forecast"):
+        cl.discover(pairs.select(trial=1), judge="forecasts", **settings)
+    with pytest.raises(cl.CommonlawError, match="unknown judge 'forecast': did you mean 'forecasts'"):
+        cl.discover(pairs, judge="forecast", **settings)

@@ -1,7 +1,7 @@
 """From trials and candidate terms to regression rows, and from rows to compressed systems."""
 
 from commonlaw.formulation.base import AbstractFormulation
-from commonlaw.formulation.compress import Compressed, compress
+from commonlaw.formulation.compress import MOST_GROUPS, Compressed, compress
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.independence import effective_rows, independent_share
 from commonlaw.formulation.resolution import resolution
@@ -9,6 +9,7 @@ from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.system import System, leave_one_out, merge
 
 __all__ = [
+    "MOST_GROUPS",
     "AbstractFormulation",
     "Compressed",
     "DiscreteForm",

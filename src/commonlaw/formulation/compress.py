@@ -15,7 +15,7 @@ from commonlaw.trials import Schema, Trial
 
 Floats = NDArray[np.float64]
 
-_MOST_GROUPS = 32
+MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
 
 
@@ -77,7 +77,7 @@ def compress(
     extremes: dict[str, Floats] = {}
     for trial, systems in _with_systems(trials, form, terms, parts, jobs):
         groups = found.setdefault(trial.object, [])
-        place = counts.get(trial.object, 0) % _MOST_GROUPS
+        place = counts.get(trial.object, 0) % MOST_GROUPS
         if place < len(groups):
             groups[place] = [one + other for one, other in zip(groups[place], systems, strict=True)]
         else:

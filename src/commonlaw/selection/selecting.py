@@ -1,6 +1,6 @@
 """From compressed trials to the choice of every equation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from commonlaw.formulation import AbstractFormulation, Compressed, StrongForm, System, independent_share, resolution
 from commonlaw.library import Terms
 from commonlaw.selection.choice import Choice, choose
+from commonlaw.selection.cross_validation import HeldOut
 from commonlaw.selection.stability import stability
 from commonlaw.solvers import AbstractSolver, Candidate
 from commonlaw.trials import Trial
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 BLOCKS = 4
 """Stretches of time into which a trial is cut, so that single trials can be held out in part and resampled."""
@@ -62,6 +64,7 @@ def select(
     rule: str = "one-standard-error",
     resamples: int = 0,
     seed: int = 0,
+    scores: Sequence[Callable[[Bools], HeldOut]] | None = None,
 ) -> tuple[Choice, ...]:
     """Return the choice of every equation among the candidates on the paths of some solvers.
 
@@ -82,6 +85,8 @@ def select(
         How many resamples judge the stability of the candidates; none by default.
     seed
         Of the resamples.
+    scores
+        For each equation from a support to its errors on held-out data; default: errors of rates.
     """
     given, free = np.nan_to_num(known), np.isnan(known[0])
     rest = data.subtract(given)
@@ -103,6 +108,7 @@ def select(
             rule=rule,
             rows=rows,
             resolution=blur,
+            score=None if scores is None else scores[target],
             stability=stability(rest.groups, path, resamples, seed) if resamples else None,
         )
 
