@@ -134,7 +134,7 @@ class LawDiscovery:
         self.judge = judge
         self.resamples = resamples
 
-    def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:  # noqa: ARG002
+    def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
         """Find the law of these trials.
 
         A stream is gone through once, and a second time to judge the accuracy of rates when a law is to be chosen.
@@ -177,11 +177,11 @@ class LawDiscovery:
         """Forecast each trial from its own initial state, see `Law.predict`."""
         return self._fitted().predict(trials)
 
-    def score(self, trials: Trials, y: None = None) -> float:  # noqa: ARG002
+    def score(self, trials: Trials, y: None = None) -> float:
         """Return the R^2 of the forecasts of these trials, see `Law.score`."""
         return self._fitted().score(trials)
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters by name."""
         return {name: getattr(self, name) for name in _PARAMETERS}
 

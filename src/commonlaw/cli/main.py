@@ -13,10 +13,10 @@ _COMMANDS = {"discover": "discover", "predict": "predict", "show": "show", "data
 class _Commands(click.Group):
     """A group whose commands are loaded when they are called, so that help and errors come at once."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+    def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
         command = getattr(import_module(f"commonlaw.cli.{_COMMANDS[cmd_name]}"), cmd_name)

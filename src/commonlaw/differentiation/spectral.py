@@ -41,7 +41,7 @@ class Spectral(AbstractDifferentiator):
         if self.cutoff is not None:
             check_positive("cutoff", self.cutoff)
 
-    def reach(self, order: int) -> int | None:  # noqa: ARG002
+    def reach(self, order: int) -> int | None:
         return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:

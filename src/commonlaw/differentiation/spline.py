@@ -42,7 +42,7 @@ class SmoothingSpline(AbstractDifferentiator):
         if self.strength is not None:
             check_positive("strength", self.strength)
 
-    def reach(self, order: int) -> int | None:  # noqa: ARG002
+    def reach(self, order: int) -> int | None:
         return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:

@@ -43,7 +43,7 @@ class TotalVariation(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_positive("strength", self.strength)
 
-    def reach(self, order: int) -> int | None:  # noqa: ARG002
+    def reach(self, order: int) -> int | None:
         return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
