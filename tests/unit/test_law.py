@@ -50,6 +50,11 @@ def test_print_shows_the_shared_form_and_each_objects_coefficients(drag):
     )
 
 
+def test_the_short_form_names_the_objects_and_the_equations(drag, predators):
+    assert repr(drag) == "<Law of heavy, light: x'' = a + b v>"
+    assert repr(predators) == "<Law of island: x' = a x + b x y; y' = c y + d x y>"
+
+
 def test_print_shows_each_object_when_they_share_no_form(drag):
     own = drag.coefficients.copy()
     own[1, 0, drag.terms.index("v")] = 0

@@ -32,6 +32,10 @@ class Forecast:
     trials: Trials
     trajectories: tuple[Trajectory, ...]
 
+    def __repr__(self) -> str:
+        lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
+        return f"<Forecast of {len(self.trials)} trials{lost}>"
+
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """What a user should know about these forecasts: the divergences."""

@@ -199,6 +199,10 @@ class Law:
         """Whether every object has the same terms."""
         return bool(np.all((self.coefficients != 0) == self.support))
 
+    def __repr__(self) -> str:
+        form = self.structure() if self.shared else ("each object with its own terms",)
+        return f"<Law of {', '.join(self.objects)}: {'; '.join(form)}>"
+
     def __str__(self) -> str:
         from commonlaw.law.text import law_text
 
