@@ -146,6 +146,11 @@ class LawDiscovery:
         """
         from threadpoolctl import threadpool_limits
 
+        if not isinstance(trials, Trials | TrialStream):
+            raise CommonlawError(
+                f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
+                "Trials.read"
+            )
         if self.judge not in ("rates", "forecasts"):
             raise unknown("judge", self.judge, ("rates", "forecasts"))
         form, solver = self._formulation(), self._solver()

@@ -277,3 +277,8 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
         cl.discover(pairs.select(trial=1), judge="forecasts", **settings)
     with pytest.raises(cl.CommonlawError, match="unknown judge 'forecast': did you mean 'forecasts'"):
         cl.discover(pairs, judge="forecast", **settings)
+
+
+def test_a_bare_frame_is_refused_with_the_way_to_trials(drops):
+    with pytest.raises(cl.CommonlawError, match=r"trials are given as DataFrame; make them with Trials.from_frame"):
+        cl.discover(drops.to_frame())
