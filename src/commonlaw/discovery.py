@@ -1,7 +1,7 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -17,19 +17,25 @@ from commonlaw.formulation import (
     Compressed,
     DiscreteForm,
     StrongForm,
-    System,
     compress,
 )
-from commonlaw.law import Alternative, Law
+from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
-from commonlaw.outcomes import Outcome
-from commonlaw.selection import BLOCKS, Accuracy, Choice, ForecastError, make_folds, select
+from commonlaw.selection import (
+    BLOCKS,
+    Accuracy,
+    ForecastError,
+    chosen_law,
+    fitted_law,
+    ill_conditions,
+    make_folds,
+    select,
+)
 from commonlaw.solvers import (
     AbstractSolver,
     BackwardElimination,
     BestSubset,
     Constrained,
-    Fit,
     ForwardSelection,
     GroupSTLSQ,
     parse_solver,
@@ -46,9 +52,6 @@ Key = str | tuple[str, str]
 """A term, with the state of its equation before it when there are several."""
 
 Fixed = Mapping[Key, float | Mapping[str, float]]
-
-_ILL_CONDITIONED = 1e8
-"""Above it, half of the digits of double precision are gone."""
 
 _MANY_TERMS = 60
 """More are too many for the solvers that look closely."""
@@ -164,18 +167,18 @@ class LawDiscovery:
             universal = [_place(key, trials.schema.states, terms) for key in self.universal]
             if solver is not None and is_set:
                 fit = _sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
-                law = _fitted_law(law, fit, solver)
+                law = fitted_law(law, fit, solver)
             else:
                 accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
                 listed = _default_solvers(len(terms)) if solver is None else (solver,)
                 solvers = [_sharing(each, universal) for each in listed]
                 choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
-                found = _chosen_law(law, choose())
+                found = chosen_law(law, choose())
                 if self.judge == "forecasts":
                     scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
-                    found = _chosen_law(law, choose(scores=scores))
+                    found = chosen_law(law, choose(scores=scores))
                 law = found
-            self.law_ = replace(law, outcomes=(*law.outcomes, *_ill_conditions(law, data.systems)))
+            self.law_ = replace(law, outcomes=(*law.outcomes, *ill_conditions(law, data.systems)))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -343,61 +346,3 @@ def _forecast_scores(
         )
     folds = make_folds(data.groups)
     return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]
-
-
-def _chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
-    """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
-    coefficients = law.coefficients + np.stack([choice.chosen.coefficients for choice in choices], axis=1)
-    outcomes, alternatives = [], []
-    for equation, choice in zip(law.left_sides, choices, strict=True):
-        outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
-        for i, each in enumerate(choice.table):
-            used = np.flatnonzero(each.candidate.support.any(axis=0))
-            names = tuple(law.terms.names[k] for k in used)
-            chosen = i == choice.place
-            alternatives.append(Alternative(equation, names, each.measures(), each.candidate.proven, chosen))
-    return replace(law, coefficients=coefficients, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
-
-
-def _fitted_law(law: Law, fit: Fit, solver: AbstractSolver) -> Law:
-    """Return the law with what a solver found at its setting besides the known terms, and what to know about it."""
-    found = replace(law, coefficients=law.coefficients + fit.coefficients)
-    return replace(found, outcomes=tuple(_outcomes(found, fit, solver)))
-
-
-def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
-    """Yield what a user should know about a fit."""
-    if isinstance(solver, GroupSTLSQ) and len(law.objects) == 1:
-        yield Outcome(
-            "one object",
-            law.objects[0],
-            "with a single object the group solver equals STLSQ",
-            "add objects to let them vote on the terms",
-        )
-    if not fit.converged:
-        yield Outcome(
-            "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
-        )
-    for j, equation in enumerate(law.left_sides):
-        if not law.support[j].any():
-            yield Outcome(
-                "empty support",
-                equation,
-                f"the solver's setting removed every term; the largest value it was last compared with is "
-                f"{fit.largest[:, j].max():.4g}",
-                "choose a threshold below that",
-            )
-
-
-def _ill_conditions(law: Law, systems: Sequence[System]) -> Iterator[Outcome]:
-    """Yield the equations whose coefficients mean little because their terms nearly depend on each other."""
-    for j, equation in enumerate(law.left_sides):
-        for system, name, support in zip(systems, law.objects, law.coefficients[:, j] != 0, strict=True):
-            condition = system.condition(support)
-            if condition > _ILL_CONDITIONED:
-                yield Outcome(
-                    "ill-conditioned",
-                    f"{equation} of {name}",
-                    f"its terms nearly depend on each other on these samples (condition number {condition:.1e})",
-                    "raise the threshold, leave terms out, or measure over a wider range",
-                )

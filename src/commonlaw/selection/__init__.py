@@ -7,6 +7,7 @@ from commonlaw.selection.folds import Fold, Parts, make_folds
 from commonlaw.selection.forecasts import ForecastError
 from commonlaw.selection.selecting import BLOCKS, Accuracy, select
 from commonlaw.selection.stability import Stability, stability
+from commonlaw.selection.verdict import chosen_law, fitted_law, ill_conditions
 
 __all__ = [
     "BLOCKS",
@@ -26,8 +27,11 @@ __all__ = [
     "aicc",
     "bic",
     "choose",
+    "chosen_law",
     "ebic",
+    "fitted_law",
     "held_out",
+    "ill_conditions",
     "make_folds",
     "select",
     "stability",

@@ -1,0 +1,73 @@
+"""From a choice or a fit to the law, with what a user should know about it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.formulation import System
+from commonlaw.law import Alternative, Law
+from commonlaw.outcomes import Outcome
+from commonlaw.selection.choice import Choice
+from commonlaw.solvers import AbstractSolver, Fit, GroupSTLSQ
+
+_ILL_CONDITIONED = 1e8
+"""Above it, half of the digits of double precision are gone."""
+
+
+def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
+    """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
+    coefficients = law.coefficients + np.stack([choice.chosen.coefficients for choice in choices], axis=1)
+    outcomes, alternatives = [], []
+    for equation, choice in zip(law.left_sides, choices, strict=True):
+        outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
+        for i, each in enumerate(choice.table):
+            used = np.flatnonzero(each.candidate.support.any(axis=0))
+            names = tuple(law.terms.names[k] for k in used)
+            chosen = i == choice.place
+            alternatives.append(Alternative(equation, names, each.measures(), each.candidate.proven, chosen))
+    return replace(law, coefficients=coefficients, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
+
+
+def fitted_law(law: Law, fit: Fit, solver: AbstractSolver) -> Law:
+    """Return the law with what a solver found at its setting besides the known terms, and what to know about it."""
+    found = replace(law, coefficients=law.coefficients + fit.coefficients)
+    return replace(found, outcomes=tuple(_outcomes(found, fit, solver)))
+
+
+def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
+    """Yield what a user should know about a fit."""
+    if isinstance(solver, GroupSTLSQ) and len(law.objects) == 1:
+        yield Outcome(
+            "one object",
+            law.objects[0],
+            "with a single object the group solver equals STLSQ",
+            "add objects to let them vote on the terms",
+        )
+    if not fit.converged:
+        yield Outcome(
+            "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
+        )
+    for j, equation in enumerate(law.left_sides):
+        if not law.support[j].any():
+            yield Outcome(
+                "empty support",
+                equation,
+                f"the solver's setting removed every term; the largest value it was last compared with is "
+                f"{fit.largest[:, j].max():.4g}",
+                "choose a threshold below that",
+            )
+
+
+def ill_conditions(law: Law, systems: Sequence[System]) -> Iterator[Outcome]:
+    """Yield the equations whose coefficients mean little because their terms nearly depend on each other."""
+    for j, equation in enumerate(law.left_sides):
+        for system, name, support in zip(systems, law.objects, law.coefficients[:, j] != 0, strict=True):
+            condition = system.condition(support)
+            if condition > _ILL_CONDITIONED:
+                yield Outcome(
+                    "ill-conditioned",
+                    f"{equation} of {name}",
+                    f"its terms nearly depend on each other on these samples (condition number {condition:.1e})",
+                    "raise the threshold, leave terms out, or measure over a wider range",
+                )
