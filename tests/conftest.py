@@ -1,12 +1,51 @@
 """What tests of several rooms share."""
 
+import json
 import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pooch
 import pytest
+from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+DRIVERS = ("chromedriver", "chromium.chromedriver")
+QUIET = (
+    "headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "disable-quic", "no-first-run",
+    "disable-background-networking", "disable-component-update", "disable-sync",
+)  # fmt: skip
+PHONE, SCREEN = 390, 1200
+"""Widths of a window, in pixels."""
+
+FAULTS = """
+const faults = [], ids = [...document.querySelectorAll("[id]")].map(each => each.id);
+for (const id of new Set(ids.filter((id, i) => ids.indexOf(id) !== i))) faults.push(`anchor ${id} is there twice`);
+for (const link of document.querySelectorAll("a[href^='#']"))
+  if (!ids.includes(link.hash.slice(1))) faults.push(`no target for the link ${link.hash}`);
+for (const image of document.images) {
+  if (!image.complete || !image.naturalWidth) faults.push(`image not drawn: ${image.src.slice(0, 80)}`);
+  if (!image.alt) faults.push(`image without words: ${image.src.slice(0, 80)}`);
+}
+for (const formula of document.querySelectorAll("math"))
+  if (!formula.getBoundingClientRect().width) faults.push(`formula not drawn: ${formula.textContent}`);
+for (const table of document.querySelectorAll("table")) {
+  const rows = [...table.querySelectorAll("tbody tr")], name = table.closest("[id]")?.id;
+  if (!rows.length) faults.push(`table without rows: ${name}`);
+  if (rows.some(row => !row.textContent.trim())) faults.push(`table with an empty row: ${name}`);
+}
+let depth = 0;
+for (const heading of document.querySelectorAll("h1, h2, h3, h4, h5, h6")) {
+  const level = Number(heading.tagName[1]);
+  if (level > depth + 1) faults.push(`heading out of order: ${heading.textContent}`);
+  depth = level;
+}
+return faults;
+"""
 
 
 @pytest.fixture(scope="session")
@@ -19,3 +58,49 @@ def ball_drops_folder() -> Path:
     except cl.CommonlawError as error:
         pytest.fail(str(error))
     return Path(named or pooch.os_cache("commonlaw"))
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    """A browser without a window that keeps a log of its console and of what it asks the network for."""
+    program, driver = (next(filter(None, map(shutil.which, names)), None) for names in (BROWSERS, DRIVERS))
+    if program is None or driver is None:
+        reason = "needs Chromium or Chrome with its driver; on Debian: apt-get install chromium chromium-driver"
+        # Who has no browser can still run all other tests, but no change is accepted without this one
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+    options = ChromeOptions()
+    options.binary_location = program
+    for argument in (*QUIET, f"user-data-dir={tmp_path_factory.mktemp('browser')}"):
+        options.add_argument(f"--{argument}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    with Chrome(options, ChromeService(driver)) as opened:
+        yield opened
+
+
+@pytest.fixture
+def check_page(browser: Chrome) -> Callable[[Path], None]:
+    """A function that opens a page from disk and fails, with all that is wrong, unless it is whole by itself."""
+
+    def check(page: Path) -> None:
+        for log in ("browser", "performance"):
+            browser.get_log(log)
+        browser.get(page.as_uri())
+        faults: list[str] = browser.execute_script(FAULTS)
+        for width in (PHONE, SCREEN):
+            window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == PHONE}
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+            reach = browser.execute_script("return document.documentElement.scrollWidth")
+            faults += [f"{reach} pixels wide in a window of {width}"] * (reach > width)
+        links: list[str] = browser.execute_script("return [...document.links].map(each => each.getAttribute('href'))")
+        files = [link for link in links if not re.match("#|[a-z]+:", link)]
+        faults += [f"no file for the link {file}" for file in files if not (page.parent / file).is_file()]
+        faults += [f"console: {entry['message']}" for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        events = (json.loads(entry["message"])["message"] for entry in browser.get_log("performance"))
+        sent = [each["params"] for each in events if each["method"] == "Network.requestWillBeSent"]
+        # The page that a browser opens with may still be loading
+        asked = [each["request"]["url"] for each in sent if not each["documentURL"].startswith("chrome:")]
+        assert page.as_uri() in asked
+        faults += [f"request: {url}" for url in asked if not url.startswith(("file:", "data:"))]
+        assert not faults, "\n".join([f"{page.name}:", *faults])
+
+    return check

@@ -1,0 +1,86 @@
+"""A report as files."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from commonlaw.errors import CommonlawError
+from commonlaw.files import write_all
+from commonlaw.plots import render
+from commonlaw.report.blocks import Picture, Table
+from commonlaw.report.document import Report
+from commonlaw.report.html import to_html
+from commonlaw.report.values import to_json
+
+PAGE = "report.html"
+RESULTS = "results.json"
+
+
+def write_report(
+    report: Report, folder: str | os.PathLike[str], drawn: Callable[[str], None] | None = None
+) -> tuple[Path, ...]:
+    """Write a report into a folder, which is made if it is not there: all files, or none of them.
+
+    Parameters
+    ----------
+    report
+        What to write.
+    folder
+        Receives ``report.html``, ``results.json``, ``tables/NAME.csv``, and ``figures/NAME.svg`` and ``.png``. Other
+        files in it are left alone.
+    drawn
+        Called with the name of each picture when it is drawn.
+
+    Raises
+    ------
+    CommonlawError
+        If two parts have the same name, a formula cannot be read, or the folder cannot be written to.
+    """
+    # Before the pictures are drawn, as that takes long
+    _make(Path(folder))
+    files = {Path(folder) / name: content for name, content in contents(report, drawn).items()}
+    for parent in dict.fromkeys(path.parent for path in files):
+        _make(parent)
+    write_all(files)
+    return tuple(files)
+
+
+def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict[str, bytes]:
+    """Return the report's files by their path in its folder, the page first; see `write_report`."""
+    _check_names(report)
+    drawings: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
+    for block in _blocks(report):
+        if isinstance(block, Picture):
+            figure = block.draw()
+            drawings[block.name] = files[f"figures/{block.name}.svg"] = render(figure, ".svg")
+            files[f"figures/{block.name}.png"] = render(figure, ".png")
+            if drawn is not None:
+                drawn(block.name)
+        else:
+            files[f"tables/{block.name}.csv"] = block.frame.to_csv(index=False, lineterminator="\n").encode()
+    return {PAGE: to_html(report, drawings), RESULTS: to_json(report.results), **files}
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CommonlawError(
+            f"cannot make the folder {str(folder)!r}: {error.strerror}; choose one that you may write to"
+        ) from error
+
+
+def _blocks(report: Report) -> Iterator[Picture | Table]:
+    for section in report.sections:
+        yield from (block for block in section.blocks if isinstance(block, Picture | Table))
+
+
+def _check_names(report: Report) -> None:
+    for what, names in (
+        ("parts", [part.name for part in (*report.sections, *_blocks(report))]),
+        ("results", [key for section in report.sections for key in section.results]),
+    ):
+        repeated = [name for name in names if names.count(name) > 1]
+        if repeated:
+            raise CommonlawError(f"two {what} of the report are called {repeated[0]!r}; name each its own way")

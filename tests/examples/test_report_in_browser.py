@@ -1,0 +1,69 @@
+"""A report opens in a browser, from disk and without a network; and the check of that sees what is wrong."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from commonlaw import datasets
+from commonlaw.plots import plot_trials
+from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, write_report
+from commonlaw.report.verdict import KINDS
+
+CheckPage = Callable[[Path], None]
+
+EQUATION = " + ".join(f"0.00{i} x^{i} v^{i}" for i in range(1, 10))
+
+
+def test_a_report_with_every_kind_of_block_is_whole_by_itself(check_page: CheckPage, tmp_path: Path) -> None:
+    wide = pd.DataFrame(np.geomspace(-1e-9, -1e9, 60).reshape(3, 20)).assign(note="a remark that has many words " * 3)
+    report = Report(
+        "Falls",
+        "The law is $\\ddot{x} = -g$:\n\n- *first*\n- `second`",
+        (
+            Section(
+                "data",
+                "Data",
+                (
+                    Text(f"A formula wider than a phone, ${EQUATION}$, and one by itself: $$\\frac{{1}}{{2}} v^2$$"),
+                    Picture("heights", "**Heights** over time", lambda: plot_trials(datasets.linear_drag())),
+                    Table("wide", "More columns than fit, $x_0$", wide),
+                ),
+                tuple(Verdict(kind, "a word-without-an-end-" * 5) for kind in KINDS),
+            ),
+            Section("rest", "The rest", ()),
+        ),
+    )
+    page, *_ = write_report(report, tmp_path)
+    check_page(page)
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("<img src='absent.png' alt='none'>", "image not drawn: .*absent.png"),
+        ("<img src='data:image/svg+xml,<svg' alt='none'>", "image not drawn: data:"),
+        ("<img src='data:image/svg+xml,<svg xmlns=\"http://www.w3.org/2000/svg\"/>'>", "image without words"),
+        ("<script src='http://127.0.0.1:9/script.js'></script>", "request: http://127.0.0.1:9/script.js"),
+        ("<style>@import url(http://127.0.0.1:9/font.css)</style>", "request: http://127.0.0.1:9/font.css"),
+        ("<script>absent()</script>", "console: .*absent is not defined"),
+        ("<a href='#nowhere'>there</a>", "no target for the link #nowhere"),
+        ("<a href='absent.csv'>there</a>", "no file for the link absent.csv"),
+        ("<p id='one'></p><p id='one'></p>", "anchor one is there twice"),
+        ("<table id='bare'><thead><tr><th>x</th></tr></thead></table>", "table without rows: bare"),
+        ("<table id='thin'><tbody><tr><td>1</td></tr><tr><td> </td></tr></tbody></table>", "an empty row: thin"),
+        ("<math></math>", "formula not drawn"),
+        ("<h3>Deep</h3>", "heading out of order: Deep"),
+        ("<p style='width: 500px'>wide</p>", "pixels wide in a window of 390"),
+    ],
+)
+def test_the_check_sees_what_is_wrong(check_page: CheckPage, tmp_path: Path, body: str, fault: str) -> None:
+    page = tmp_path / "page.html"
+    page.write_text(
+        "<!DOCTYPE html><meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
+        f"<h1>Page</h1>{body}"
+    )
+    with pytest.raises(AssertionError, match=fault):
+        check_page(page)
