@@ -1,0 +1,154 @@
+"""The noise estimated from the data against the noise that was put in."""
+
+from math import comb
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.differentiation.noise import _covariance, _differences, noise_level
+
+RNG_SEED = 0
+LEVELS = (0.001, 0.01, 0.1)
+"""Of the noise, in standard deviations of the signal."""
+
+
+def _sine(samples_a_period, count=150):
+    times = np.arange(count) / samples_a_period
+    return times, np.sin(2 * np.pi * times + 0.3)
+
+
+def _lorenz(count=150):
+    # A turn takes about 0.75 units of time: a hundred samples
+    trial = cl.datasets.lorenz(samples=count, rate=133.0, trials=1)[0]
+    return trial.times, trial.states[:, 0]
+
+
+def _found(times, signal, level, draws=200, outliers=0.0, size=20.0):
+    """Return estimates over many draws in units of the true noise, shape (draws,)."""
+    generator = np.random.default_rng(RNG_SEED)
+    noise = generator.standard_normal((len(times), draws))
+    spoiled = generator.random(noise.shape) < outliers
+    noise += size * spoiled * generator.choice([-1, 1], noise.shape)
+    scale = level * (signal.std() or 1)
+    return noise_level(times, signal[:, np.newaxis] + scale * noise) / scale
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize(
+    "signal", [_sine(20), _sine(50), _lorenz(), (np.arange(150.0), np.zeros(150))], ids=["20", "50", "chaos", "none"]
+)
+def test_the_noise_of_150_samples_is_found_without_bias_and_to_a_tenth(signal, level):
+    found = _found(*signal, level)
+    assert found.mean() == pytest.approx(1, abs=0.03)
+    assert found.std() < 0.125
+
+
+def test_the_error_falls_with_the_number_of_samples():
+    found = _found(*_sine(50, 2400), 0.01, 60)
+    assert found.mean() == pytest.approx(1, abs=0.01)
+    assert found.std() < 0.03
+
+
+def test_the_noise_of_a_fall_of_49_samples_is_found():
+    times = np.arange(49) / 15
+    found = _found(times, 40 - 19.6 * times + 39.2 * (1 - np.exp(-0.5 * times)), 0.005, 400)
+    assert np.median(found) == pytest.approx(1, abs=0.05)
+    assert found.std() < 0.22
+
+
+@pytest.mark.parametrize("size", [15.0, 100.0, 1e6])
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("signal", [_sine(40), _lorenz()], ids=["sine", "chaos"])
+def test_outliers_in_one_sample_of_twenty_do_not_count(signal, level, size):
+    found = _found(*signal, level, 100, outliers=0.05, size=size)
+    assert np.median(found) == pytest.approx(1, abs=0.08)
+    assert np.quantile(found, 0.9) < 1.35
+
+
+STEPS = {
+    "jitter": np.random.default_rng(1).uniform(0.5, 1.5, 150),
+    "two rates": np.repeat([0.3, 1.7], 75),
+    "at random": np.random.default_rng(1).exponential(1, 150),
+}
+
+
+@pytest.mark.parametrize("steps", STEPS.values(), ids=STEPS)
+@pytest.mark.parametrize("level", LEVELS)
+def test_irregular_sampling_does_not_bias_it(steps, level):
+    times = np.cumsum(steps)
+    found = _found(times, np.sin(2 * np.pi * times / 40), level)
+    assert found.mean() == pytest.approx(1, abs=0.05)
+    assert found.std() < 0.16
+
+
+@pytest.mark.parametrize("count", range(8, 13))
+def test_differences_of_the_highest_order_take_lower_polynomials_away_on_any_grid(count):
+    times = np.cumsum(np.random.default_rng(2).uniform(0.1, 3, count))
+    degree = min(10, count // 4) - 1
+    found = noise_level(times, np.column_stack([5 - 3 * times**degree, times ** (degree + 3)]))
+    assert found[0] < 1e-12
+    assert found[1] > 0.1
+
+
+def test_differences_are_the_leading_coefficients_of_polynomials_with_weights_of_unit_length():
+    generator = np.random.default_rng(3)
+    times, states = np.cumsum(generator.uniform(0.1, 3, 9)), generator.standard_normal((9, 2))
+    for order, found in enumerate(_differences(times, states, 4), start=1):
+        weights = [np.linalg.inv(np.vander(times[i : i + order + 1]))[0] for i in range(9 - order)]
+        expected = [w / np.linalg.norm(w) @ states[i : i + order + 1] for i, w in enumerate(weights)]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("j", "k"), [(1, 1), (2, 5), (4, 4), (3, 10)])
+def test_the_covariance_of_two_orders_is_the_sum_of_squared_correlations(j, k):
+    first, second = (
+        np.array([(-1) ** i * comb(order, i) for i in range(order + 1)]) / np.sqrt(comb(2 * order, order))
+        for order in (j, k)
+    )
+    assert _covariance(j, k) == pytest.approx(np.sum(np.correlate(first, second, "full") ** 2))
+
+
+@pytest.mark.parametrize("signal", [_sine(100), _lorenz(1000)], ids=["sine", "chaos"])
+def test_a_smooth_state_without_noise_has_next_to_none(signal):
+    times, states = signal
+    assert noise_level(times, states[:, np.newaxis])[0] < 1e-11 * states.std()
+
+
+def test_a_constant_has_none_whatever_its_size():
+    np.testing.assert_array_equal(noise_level(np.arange(30) / 7, np.full((30, 2), [1e9, -0.1])), 0)
+
+
+def test_units_of_states_and_times_and_offsets_only_scale_it():
+    times, states = _sine(30)
+    noisy = states[:, np.newaxis] + 0.05 * np.random.default_rng(4).standard_normal((150, 1))
+    found = noise_level(times, noisy)
+    for scale, unit in ((1e-6, 1e9), (1e8, 1e-12)):
+        np.testing.assert_allclose(noise_level(unit * (times + 3), scale * (noisy + 10)), scale * found, rtol=1e-6)
+
+
+def test_states_are_judged_one_by_one():
+    times, states = _sine(30)
+    noisy = states[:, np.newaxis] + np.array([0.001, 0.3]) * np.random.default_rng(5).standard_normal((150, 2))
+    alone = [noise_level(times, noisy[:, [j]])[0] for j in range(2)]
+    np.testing.assert_array_equal(noise_level(times, noisy), alone)
+
+
+def test_rounding_of_a_slow_state_to_coarse_steps_is_not_lost():
+    times = np.arange(200.0)
+    assert 0.1 < noise_level(times, np.round(times[:, np.newaxis] / 6.3))[0] < 0.5
+
+
+@pytest.mark.parametrize(
+    ("times", "states", "message"),
+    [
+        (np.arange(7.0), np.zeros((7, 1)), r"7 samples are fewer than the 8 that estimates of the noise take"),
+        (np.arange(9.0), np.zeros(9), r"shape \(9,\) and states of shape \(9,\) do not fit; give"),
+        (np.arange(9.0), np.zeros((8, 1)), r"states of shape \(8, 1\) do not fit"),
+        (np.arange(9.0), np.where(np.arange(9) == 4, np.nan, 0)[:, np.newaxis], "sample 5 has a value that is not fin"),
+        (np.array([0, 1, 2, 2, 3, 4, 5, 6.0]), np.zeros((8, 1)), "time of sample 4 does not come after the one before"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused_with_the_reason(times, states, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        noise_level(times, states)
