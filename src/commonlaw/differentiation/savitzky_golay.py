@@ -1,6 +1,9 @@
 """Savitzky-Golay smoothing."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
 
 from commonlaw.differentiation.base import AbstractSmoother, Floats
 from commonlaw.differentiation.checks import check_uniform, check_whole, check_window, fit_window
@@ -47,9 +50,20 @@ class SavitzkyGolay(AbstractSmoother):
         return self.window // 2
 
     def smooth(self, times: Floats, states: Floats) -> Floats:
-        from scipy.signal import savgol_filter
+        from scipy.ndimage import correlate1d
 
         fit_window(len(times), self.window)
         check_uniform(times, 0.5, "Savitzky-Golay smoothing")
-        smoothed: Floats = savgol_filter(states, self.window, self.polynomial, axis=0)
+        fitted, half = _projection(self.window, self.polynomial), self.window // 2
+        smoothed: Floats = correlate1d(states, fitted[half], axis=0)
+        smoothed[:half] = fitted[:half] @ states[: self.window]
+        smoothed[len(states) - half :] = fitted[half + 1 :] @ states[-self.window :]
         return smoothed
+
+
+@lru_cache(maxsize=32)
+def _projection(window: int, polynomial: int) -> Floats:
+    """Return what takes the samples of a window to the polynomial fitted to them, shape (window, window)."""
+    columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, window), polynomial)
+    basis = np.linalg.qr(columns)[0]
+    return np.asarray(basis @ basis.T)
