@@ -43,6 +43,39 @@ def test_drops_with_linear_drag_solve_their_equation_and_start_at_rest(drag):
     np.testing.assert_array_equal(trial.times, np.arange(49) / 15)
 
 
+def test_drops_with_a_squared_velocity_solve_their_equation_and_come_from_their_law():
+    options = {"drag": (-0.1, -0.7, 0.0), "quadratic": (0.1, 0.0, 0.02)}
+    drops, law = datasets.linear_drag(**options, trials=1, noise=0.0), datasets.linear_drag.truth(**options)
+    assert law.terms.names == ("1", "v", "v^2")
+    for trial, drag, square in zip(drops, *options.values(), strict=True):
+        expected = integrated(lambda _, y, d=drag, q=square: [y[1], -9.8 + d * y[1] + q * y[1] ** 2], [47.33, 0.0],
+                              trial.times)  # fmt: skip
+        np.testing.assert_allclose(trial.states, expected[:, :1], atol=1e-8)
+        np.testing.assert_array_equal(law.of(trial.object), [[-9.8, drag, square]])
+
+
+def test_without_a_squared_velocity_drops_are_the_same_bits_and_their_law_has_no_such_term():
+    plain, given = datasets.linear_drag(seed=3), datasets.linear_drag(seed=3, quadratic=0.0)
+    assert all(a.states.tobytes() == b.states.tobytes() for a, b in zip(plain, given, strict=True))
+    assert datasets.linear_drag.truth(quadratic=0.0).terms.names == ("1", "v")
+    with pytest.raises(CommonlawError, match=r"cannot simulate Ball 1: the forecast ran away .* choose other coeff"):
+        datasets.linear_drag(quadratic=-0.1)
+
+
+@pytest.mark.parametrize("density", [0.6, 5.0])
+def test_drag_grows_with_the_density_of_the_fluid_in_drops_and_law(density):
+    radius, mass, v = 0.03, 0.05, np.array([-20.0, -3.0])
+    law = datasets.reynolds_drag.truth(radius, mass, gravity=0.0, density=density)
+    found = law.evaluate("Ball 1", np.column_stack([0 * v, v, 0 * v]))[:, 0]
+    np.testing.assert_allclose(found, sphere_drag.drag_force(abs(v), 2 * radius, density) / mass, rtol=1e-12)
+    law = datasets.reynolds_drag.truth(radius, mass, density=density)
+    trial = datasets.reynolds_drag(radius, mass, trials=1, noise=0.0, density=density)[0]
+    expected = law.simulate(trial.times, [47.33, 0.0])["Ball 1"].states[:, :1]
+    np.testing.assert_allclose(trial.states, expected, atol=1e-5)
+    with pytest.raises(CommonlawError, match="density is 0: it must be finite and positive"):
+        datasets.reynolds_drag(density=0.0)
+
+
 @pytest.mark.parametrize("viscosity", [sphere_drag.AIR_VISCOSITY, PRINTED_VISCOSITY])
 def test_drops_with_reynolds_drag_solve_the_force_balance(viscosity):
     drops = datasets.reynolds_drag(viscosity=viscosity, trials=1, noise=0.0)

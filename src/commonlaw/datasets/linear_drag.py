@@ -1,4 +1,4 @@
-"""Simulated drops of balls whose drag is proportional to their velocity."""
+"""Simulated drops of balls whose drag is proportional to their velocity, perhaps with a term in its square."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -7,7 +7,16 @@ import numpy as np
 
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import Floats, Measurement, Seed, ball_names, fixed, numbers, sample_times
+from commonlaw.datasets.measurement import (
+    Floats,
+    Measurement,
+    Seed,
+    ball_names,
+    fixed,
+    numbers,
+    sample_times,
+    together,
+)
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -27,10 +36,12 @@ def _load(
     height: float = 47.33,
     noise: float = 0.01,
     seed: Seed = 0,
+    quadratic: float | Sequence[float] = 0.0,
 ) -> Trials:
     """Return drops of balls that obey ``x'' = gravity + drag x'`` from rest (de Silva et al. 2020, section 2.2).
 
     The heights are exact, but for the noise: ``height + gravity t^2 M(1, 3, drag t) / 2`` with Kummer's function M.
+    With `quadratic` the balls obey ``x'' = gravity + drag x' + quadratic x'^2``, which is integrated.
 
     Parameters
     ----------
@@ -50,31 +61,45 @@ def _load(
         Standard deviation of the white noise on the heights, m.
     seed
         A whole number; or a NumPy generator of random numbers, which is drawn from ball by ball, drop by drop.
+    quadratic
+        Coefficient of the squared velocity for each ball, 1/m; positive slows a falling ball down.
 
     Raises
     ------
     CommonlawError
-        If an option cannot be, such as a negative noise.
+        If an option cannot be, such as a negative noise, or a negative `quadratic` with which a ball runs away.
     """
-    coefficients = numbers("drag", drag)
+    balls = _balls(drag, quadratic)
     times = sample_times(samples, rate)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
-    names = ball_names(len(coefficients))
     return Measurement(times, trials, noise, seed).of(
-        {
-            name: fixed(start + _fall(times, acceleration, each)[:, np.newaxis])
-            for name, each in zip(names, coefficients, strict=True)
-        },
+        {name: fixed(_drop(name, *ball, acceleration, start, times)) for name, ball in balls.items()},
         _SCHEMA,
-        {name: {"drag": each} for name, each in zip(names, coefficients, strict=True)},
+        {name: {"drag": slope} for name, (slope, _) in balls.items()},
     )
 
 
-def _truth(drag: float | Sequence[float] = _DRAG, gravity: float = _GRAVITY) -> "Law":
-    """Return the law ``x'' = gravity + drag v`` of these balls."""
-    coefficients = numbers("drag", drag)
-    rows = {name: [[gravity, each]] for name, each in zip(ball_names(len(coefficients)), coefficients, strict=True)}
-    return exact.law(_SCHEMA, ["1", "v"], rows, rates=["v"])
+def _truth(
+    drag: float | Sequence[float] = _DRAG,
+    gravity: float = _GRAVITY,
+    quadratic: float | Sequence[float] = 0.0,
+) -> "Law":
+    """Return the law of these balls: ``x'' = gravity + drag v``, and ``+ quadratic v^2`` where a ball has that."""
+    balls = _balls(drag, quadratic)
+    terms = ["1", "v", "v**2"] if any(square for _, square in balls.values()) else ["1", "v"]
+    rows = {name: [[gravity, *ball][: len(terms)]] for name, ball in balls.items()}
+    return exact.law(_SCHEMA, terms, rows, rates=["v"])
+
+
+def _drop(name: str, drag: float, quadratic: float, gravity: float, height: float, times: Floats) -> Floats:
+    """Return the heights of a drop without noise, m, shape (n, 1)."""
+    if not quadratic:
+        return height + _fall(times, gravity, drag)[:, np.newaxis]
+
+    def field(_: float, y: Floats) -> Floats:
+        return np.array([y[1], gravity + drag * y[1] + quadratic * y[1] ** 2])
+
+    return exact.trajectory(field, (height, 0.0), times, name)[:, :1]
 
 
 def _fall(times: Floats, gravity: float, drag: float) -> Floats:
@@ -82,6 +107,12 @@ def _fall(times: Floats, gravity: float, drag: float) -> Floats:
     from scipy.special import hyp1f1
 
     return np.asarray(gravity * times**2 / 2 * hyp1f1(1.0, 3.0, drag * times))
+
+
+def _balls(drag: float | Sequence[float], quadratic: float | Sequence[float]) -> dict[str, tuple[float, float]]:
+    """Return the coefficients of each ball by name."""
+    rows = together(drag=numbers("drag", drag), quadratic=numbers("quadratic", quadratic))
+    return {name: (slope, square) for name, (slope, square) in zip(ball_names(len(rows)), rows, strict=True)}
 
 
 linear_drag = Dataset(

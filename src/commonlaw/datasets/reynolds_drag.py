@@ -49,6 +49,7 @@ def _load(
     height: float = 47.33,
     noise: float = 0.01,
     seed: Seed = 0,
+    density: float = AIR_DENSITY,
 ) -> Trials:
     """Return drops of smooth spheres in air from rest (de Silva et al. 2020, appendix on realistic simulations).
 
@@ -63,7 +64,7 @@ def _load(
     mass
         Of each ball, kg.
     viscosity
-        Kinematic viscosity of the air, m^2/s. `PRINTED_VISCOSITY` gives what the paper printed.
+        Kinematic viscosity of the air or another fluid, m^2/s. `PRINTED_VISCOSITY` gives what the paper printed.
     gravity
         m/s^2, negative is down.
     trials
@@ -78,6 +79,8 @@ def _load(
         Standard deviation of the white noise on the heights, m.
     seed
         A whole number; or a NumPy generator of random numbers, which is drawn from ball by ball, drop by drop.
+    density
+        Of the air or another fluid, kg/m^3. Its buoyancy is left out, as in the paper.
 
     Raises
     ------
@@ -85,10 +88,13 @@ def _load(
         If an option cannot be, such as a negative mass.
     """
     balls, times = _balls(radius, mass), sample_times(samples, rate)
-    numbers("viscosity", viscosity, positive=True)
+    _check_fluid(viscosity, density)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
     return Measurement(times, trials, noise, seed).of(
-        {name: fixed(_drop(name, *ball, viscosity, acceleration, start, times)) for name, ball in balls.items()},
+        {
+            name: fixed(_drop(name, *ball, (viscosity, density), acceleration, start, times))
+            for name, ball in balls.items()
+        },
         _SCHEMA,
         {name: dict(zip(("radius", "mass"), ball, strict=True)) for name, ball in balls.items()},
     )
@@ -99,6 +105,7 @@ def _truth(
     mass: float | Sequence[float] = _MASS,
     viscosity: float = AIR_VISCOSITY,
     gravity: float = _GRAVITY,
+    density: float = AIR_DENSITY,
 ) -> "Law":
     """Return the exact law of these balls.
 
@@ -107,7 +114,7 @@ def _truth(
     of that radius only. All are odd in v, as drag is, and smooth enough at rest for exact derivatives.
     """
     balls = _balls(radius, mass)
-    numbers("viscosity", viscosity, positive=True)
+    _check_fluid(viscosity, density)
     radii = list(dict.fromkeys(each for each, _ in balls.values()))
     bends = [sphere_drag.TRANSITION * viscosity / (2 * each) for each in radii]
     terms = [
@@ -118,26 +125,27 @@ def _truth(
     ]
     rows = {}
     for name, (size, weight) in balls.items():
-        viscous, inertial, pressure = _coefficients(size, weight, viscosity)
+        viscous, inertial, pressure = _coefficients(size, weight, viscosity, density)
         rows[name] = [[gravity, viscous, inertial, *(pressure if each == size else 0.0 for each in radii)]]
     return exact.law(_SCHEMA, terms, rows, rates=["v"])
 
 
-def _coefficients(radius: float, mass: float, viscosity: float) -> tuple[float, float, float]:
+def _coefficients(radius: float, mass: float, viscosity: float, density: float) -> tuple[float, float, float]:
     """Return what multiplies ``v``, ``sign(v) |v|^1.681`` and ``v^3 / (|v| + c)`` in a ball's acceleration."""
     slope = 2 * radius / viscosity  # of the Reynolds number over the speed
-    scale = -np.pi / 4 * AIR_DENSITY * radius * viscosity / mass
+    scale = -np.pi / 4 * density * radius * viscosity / mass
     viscous = scale * sphere_drag.STOKES
     return viscous, viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT, scale * sphere_drag.PRESSURE * slope
 
 
 def _drop(
-    name: str, radius: float, mass: float, viscosity: float, gravity: float, height: float, times: Floats
+    name: str, radius: float, mass: float, fluid: tuple[float, float], gravity: float, height: float, times: Floats
 ) -> Floats:
-    """Return the heights of a drop without noise, m, shape (n, 1)."""
+    """Return the heights of a drop without noise, m, shape (n, 1), in a fluid of some viscosity and density."""
+    viscosity, density = fluid
 
     def field(_: float, y: Floats) -> Floats:
-        force = sphere_drag.drag_force(abs(y[1]), 2 * radius, AIR_DENSITY, viscosity)
+        force = sphere_drag.drag_force(abs(y[1]), 2 * radius, density, viscosity)
         return np.array([y[1], gravity - np.sign(y[1]) * force / mass])
 
     return exact.trajectory(field, (height, 0.0), times, name)[:, :1]
@@ -147,6 +155,11 @@ def _balls(radius: float | Sequence[float], mass: float | Sequence[float]) -> di
     """Return radius and mass of each ball by name."""
     rows = together(radius=numbers("radius", radius, positive=True), mass=numbers("mass", mass, positive=True))
     return {name: (size, weight) for name, (size, weight) in zip(ball_names(len(rows)), rows, strict=True)}
+
+
+def _check_fluid(viscosity: float, density: float) -> None:
+    numbers("viscosity", viscosity, positive=True)
+    numbers("density", density, positive=True)
 
 
 reynolds_drag = Dataset(
