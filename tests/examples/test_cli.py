@@ -1,6 +1,7 @@
 """The command line as a user meets it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.cli import main
+from commonlaw.law import Step
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
 SETTINGS = [
@@ -72,6 +74,49 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     code, out, err = run("data", "check", "drops.csv", *DROPS)
     assert (code, err) == (0, "")
     assert "drops.csv: 10 trials of 5 objects, states height" in out
+
+
+@pytest.mark.usefixtures("table")
+def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
+    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
+    law = cl.Law.load(tmp_path / "law.json")
+    steps = (Step("noise", "height: 0.01", "given"),)
+    replace(law, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01], history=steps).save("law.json")
+
+    code, out, _ = run("show", "law.json")
+    assert (code, "Ball 3" in out, "± 0.10" in out, "standard error" in out) == (0, True, True, True)
+    assert "from" not in out
+    code, out, _ = run("show", "law.json", "--history")
+    assert "height: 0.01" in out
+    code, out, _ = run("predict", "law.json", "drops.csv", "--save", "forecast.csv", "--plot", "bands.svg")
+    assert code == 0
+    forecast = pd.read_csv(tmp_path / "forecast.csv")
+    assert np.all(forecast["height low"] < forecast["height forecast"])
+    assert np.all(forecast["height high"] > forecast["height forecast"])
+    assert "95 % band" in (tmp_path / "bands.svg").read_text()
+
+
+def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
+    def certain(*given, **settings):
+        law = discover(*given, **settings)
+        steps = (Step("support", "1, v", "the evidence is largest"),)
+        return replace(law, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01], history=steps)
+
+    discover = cl.discover
+    monkeypatch.setattr(cl, "discover", certain)
+    arguments = ("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS)
+    code, out, _ = run(*arguments, "--history", "--plot", "law.svg")
+    assert code == 0
+    row = next(line for line in out.splitlines() if "Ball 3" in line)
+    assert row.count("±") == 2
+    assert "the evidence is largest" in out
+    found = json.loads(run(*arguments, "--json")[1])
+    assert found["history"] == [{"stage": "support", "choice": "1, v", "reason": "the evidence is largest"}]
+    assert {row["standard error"] for row in found["intervals"]} == {0.1, 0.02}
+    monkeypatch.setattr(cl, "discover", discover)
+    code, out, _ = run(*arguments, "--history")
+    assert "There is no record of how the law was found." in out
+    assert json.loads(run(*arguments, "--json")[1])["intervals"] is None
 
 
 @pytest.mark.usefixtures("table")

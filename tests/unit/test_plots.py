@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 from matplotlib.figure import Figure
 
 from commonlaw import datasets
@@ -57,6 +57,15 @@ def xy(panel: Axes, i: int) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
 
 
+def unsure(law: Law) -> Law:
+    """The law with standard errors of 4 %, neighbours correlated by a half, and noise."""
+    values = 0.04 * np.abs(law.coefficients[:, law.support])
+    size = values.shape[1]
+    links = np.eye(size) + 0.5 * (np.eye(size, k=1) + np.eye(size, k=-1))
+    covariance = values[:, :, np.newaxis] * links * values[:, np.newaxis]
+    return replace(law, covariance=covariance, noise=np.full(len(law.states), 0.05))
+
+
 def diverging() -> tuple[Law, Trials]:
     trials = drops(1, trials=1)
     law = law_of(trials)
@@ -77,6 +86,10 @@ EVERY: dict[str, Callable[[], Figure]] = {
     "law": lambda: plot_law(law_of(drops()), drops(), datasets.linear_drag.truth(drag=DRAG)),
     "two states": lambda: plot_law(datasets.lotka_volterra.truth(), datasets.lotka_volterra()),
     "diverged": lambda: plot_forecast(diverging()[0].predict(diverging()[1])),
+    "one unsure law": lambda: plot_law(unsure(law_of(drops(1))), drops(1)),
+    "unsure law": lambda: plot_law(unsure(law_of(drops())), drops(), datasets.linear_drag.truth(drag=DRAG)),
+    "unsure about chaos": lambda: plot_law(unsure(datasets.lorenz.truth()), datasets.lorenz()),
+    "unsure and diverged": lambda: plot_forecast(unsure(diverging()[0]).predict(diverging()[1], spread=True)),
 }
 
 
@@ -259,6 +272,47 @@ def test_the_law_of_one_object_shows_its_numbers() -> None:
     assert figure.get_suptitle().startswith(r"$\ddot{x}$ $=$ $-$9.5 $-$ 0.09 $v$")
     assert [text.get_text() for text in figure.axes[0].texts] == ["−9.5 m/s²", "−0.09 1/s"]
     assert "true" not in legend_of(figure)
+
+
+def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None:
+    trials = drops()
+    law = unsure(law_of(trials))
+    figure = plot_law(law, trials)
+    for k, panel in enumerate(figure.axes[:2]):
+        (bars,) = [each for each in panel.collections if isinstance(each, LineCollection)]
+        frame = law.intervals()[k::2]
+        for ends, low, high in zip(bars.get_segments(), frame["low"], frame["high"], strict=True):
+            np.testing.assert_allclose(ends[:, 0], [low, high])
+    assert legend_of(figure)[:2] == ["learned", "95 % interval"]
+    one = plot_law(unsure(law_of(drops(1))), drops(1))
+    assert [text.get_text() for text in one.axes[0].texts] == ["−9.50 ± 0.38 m/s²", "−0.0900 ± 0.0036 1/s"]
+    assert one.get_suptitle().startswith(r"$\ddot{x}$ $=$ $-$9.5 $-$ 0.09 $v$")
+
+
+def test_forecasts_with_a_spread_have_bands_of_measurements_and_around_no_error() -> None:
+    trials = drops(1)
+    forecast = unsure(law_of(trials)).predict(trials, spread=True)
+    figure = plot_forecast(forecast)
+    assert legend_of(figure)[:3] == ["measured", "forecast", "95 % band"]
+    margins = forecast.margins(measured=True)
+    for panel, middles in zip(
+        figure.axes, ([each.states[:, 0] for each in forecast.trajectories], [0, 0]), strict=True
+    ):
+        bands = [each for each in panel.collections if isinstance(each, PolyCollection)]
+        for band, middle, margin in zip(bands, middles, margins, strict=True):
+            low, high = middle - margin[:, 0], middle + margin[:, 0]
+            drawn = band.get_paths()[0].get_extents()
+            np.testing.assert_allclose([drawn.y0, drawn.y1], [low.min(), high.max()])
+    chosen = plot_forecast(unsure(law_of(drops(2))).predict(drops(2), spread=True), objects=["Ball 2"])
+    assert "95 % band" in legend_of(chosen)
+
+
+def test_bands_of_chaos_do_not_stretch_the_axes() -> None:
+    trials = datasets.lorenz()
+    figure = plot_forecast(unsure(datasets.lorenz.truth()).predict(trials, spread=True))
+    for j, panel in enumerate(figure.axes[::2]):
+        low, high = panel.get_ylim()
+        assert high - low < 2.3 * np.ptp([trial.states[:, j] for trial in trials])
 
 
 def test_many_coefficients_are_drawn_as_a_heat_map_with_the_true_terms_framed() -> None:

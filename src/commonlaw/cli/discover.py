@@ -1,12 +1,14 @@
 """`commonlaw discover`: from a table to a law."""
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
-from commonlaw.cli.output import print_json, print_notes, print_table, working
+from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
 from commonlaw.cli.source import Source, pairs, with_source
 from commonlaw.files import write_all
 
@@ -85,6 +87,7 @@ _MORE_TERMS = 2
 )
 @click.option("--save", metavar="LAW.json", help="Write the law.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
+@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def discover(
     source: Source,
@@ -99,6 +102,7 @@ def discover(
     trim: int,
     save: str | None,
     plot: str | None,
+    history: bool,
     as_json: bool,
 ) -> None:
     """Find the law that the objects in FILE share.
@@ -129,7 +133,7 @@ def discover(
             library_states=library_states,
             trim=trim,
         )
-        forecast = law.predict(_known(law, held_out) or training)
+        forecast = law.predict(_known(law, held_out) or training, spread=bool(plot) and law.has_spread)
         truth = _truth(source)
         outputs = _rendered(law, forecast, truth, save, plot)
     write_all(outputs)
@@ -138,6 +142,8 @@ def discover(
         print_json(_document(law, forecast, checked, truth, training))
     else:
         _show(law, forecast, checked, truth, training)
+        if history:
+            print_history(law)
         for path in outputs:
             click.echo(f"Wrote {path}")
     print_notes([*training.notes, *law.outcomes, *forecast.outcomes])
@@ -206,18 +212,24 @@ def _show(law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", t
 def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> tuple[list[str], list[list[object]]]:
     """Return head and rows of the table of coefficients and forecast errors, true coefficients beside the learned."""
     units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
+    errors = np.nan_to_num(law.standard_errors)
     for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
         equation, term = law.left_sides[j], law.terms.names[k]
-        columns[_with_unit(letter, units.get((equation, term)))] = [float(c) for c in law.coefficients[:, j, k]]
+        columns[_with_unit(letter, units.get((equation, term)))] = _cells(law.coefficients[:, j, k], errors[:, j, k])
         if truth is not None:
             columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
-    errors = forecast.errors().pivot_table(
+    missed = forecast.errors().pivot_table(
         index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
     )
     for state in law.states:
         head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
-        columns[head] = [float(errors[state].get(name, np.nan)) for name in law.objects]
+        columns[head] = [float(missed[state].get(name, np.nan)) for name in law.objects]
     return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
+
+
+def _cells(coefficients: NDArray[np.float64], errors: NDArray[np.float64]) -> list[object]:
+    """Return numbers, with their standard errors where they are known."""
+    return [(float(c), float(e)) if e else float(c) for c, e in zip(coefficients, errors, strict=True)]
 
 
 def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
@@ -253,6 +265,8 @@ def _document(
     return {
         "law": json.loads(law.to_json()),
         "equations": {name: list(law.equations(name)) for name in law.objects},
+        "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
+        "history": [asdict(step) for step in law.history],
         "truth": None if truth is None else json.loads(truth.to_json()),
         "forecast": {
             "of": checked,

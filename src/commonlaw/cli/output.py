@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,14 @@ import click
 if TYPE_CHECKING:
     import pandas as pd
 
+    from commonlaw.law import Law
+
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table, text to the left and numbers to the right, as wide as the terminal."""
+    """Print a table, text to the left and numbers to the right, as wide as the terminal.
+
+    A cell is a number, a pair of a number and its standard error, or text.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -22,7 +27,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     rows = [list(row) for row in rows]
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for j, name in enumerate(head):
-        numeric = all(isinstance(row[j], int | float) for row in rows)
+        numeric = all(isinstance(row[j], int | float | tuple) for row in rows)
         table.add_column(name, justify="right" if numeric else "left")
     for row in rows:
         table.add_row(*(shown(cell) for cell in row))
@@ -36,10 +41,21 @@ def print_frame(frame: "pd.DataFrame") -> None:
 
 
 def shown(value: object) -> str:
-    """Return a cell's text: numbers to four significant digits, nothing for a missing one."""
+    """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one."""
+    if isinstance(value, tuple):
+        from commonlaw.law.numbers import with_error
+
+        return with_error(*value)
     if isinstance(value, float):
         return "" if value != value else f"{value:.4g}"
     return str(value)
+
+
+def print_history(law: "Law") -> None:
+    """Print every choice on the way to a law."""
+    click.echo("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
+    if law.history:
+        print_table(["stage", "choice", "reason"], [[each.stage, each.choice, each.reason] for each in law.history])
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -63,6 +79,18 @@ def working(text: str) -> Iterator[None]:
 
     with Console(stderr=True).status(text):
         yield
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Show on stderr how far long work has come; yields what takes the text of each step."""
+    if not sys.stderr.isatty():
+        yield lambda text: click.echo(text, err=True)
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("") as status:
+        yield status.update
 
 
 def _finite(value: Any) -> Any:

@@ -16,7 +16,8 @@ from commonlaw.files import write_all
 def predict(law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool) -> None:
     """Forecast every trial in FILE with LAW.json, each from its own initial state.
 
-    Columns are found by the names that the law was learned with; options name others.
+    Columns are found by the names that the law was learned with; options name others. Where the law knows how accurate
+    it is, the table that is written has the ends of 95 % bands (low and high), and the figure shows the bands.
 
     \b
     Example:
@@ -27,7 +28,7 @@ def predict(law_path: str, source: Source, save: str | None, plot: str | None, a
     law = Law.load(law_path)
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
-        forecast = law.predict(trials)
+        forecast = law.predict(trials, spread=bool(save or plot) and law.has_spread)
         errors = forecast.errors()
         outputs = {}
         if save:

@@ -2,14 +2,17 @@
 
 import click
 
+from commonlaw.cli.output import print_frame, print_history
+
 
 @click.command()
 @click.argument("law_path", metavar="LAW.json")
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
 @click.option("--object", "name", metavar="NAME", help="Only this object.")
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")
-def show(law_path: str, latex: bool, name: str | None, average: bool) -> None:
-    """Print the law in LAW.json."""
+@click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
+def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
+    """Print the law in LAW.json, and the 95 % intervals of its coefficients where they are known."""
     from commonlaw.law import Law
 
     if name and average:
@@ -18,6 +21,11 @@ def show(law_path: str, latex: bool, name: str | None, average: bool) -> None:
     law = law.select([name]) if name else law.average() if average else law
     if not latex:
         click.echo(str(law))
+        if law.covariance is not None:
+            click.echo("\nIntervals that hold the coefficients with a probability of 95 %:\n")
+            print_frame(law.intervals())
+        if history:
+            print_history(law)
         return
     for each in law.objects:
         click.echo(f"% {each}\n{law.to_latex(each)}")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast.spread import normal_quantile
 from commonlaw.forecast.trajectory import Trajectory
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
@@ -27,10 +29,17 @@ class Forecast:
         What was measured.
     trajectories
         One for each trial, at its sample times.
+    spread
+        For each trial the standard deviation of every state of its trajectory, due to the coefficients and the initial
+        state, of the shape of ``trajectory.states``; None if it was not asked for.
+    noise
+        Standard deviation of the measurement noise of each state, shape (states,); None if it is not known.
     """
 
     trials: Trials
     trajectories: tuple[Trajectory, ...]
+    spread: tuple[Floats, ...] | None = None
+    noise: Floats | None = None
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -42,18 +51,61 @@ class Forecast:
         return tuple(each.outcome for each in self.trajectories if each.outcome is not None)
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference."""
+        """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
+
+        With a spread, the ends of the band that holds the state with a probability of 95 % follow each state.
+        """
         import pandas as pd
 
         schema, parts = self.trials.schema, []
-        for trial, forecast in zip(self.trials, self._states(), strict=True):
+        margins = self.margins() if self.spread is not None else None
+        for i, (trial, forecast) in enumerate(zip(self.trials, self._states(), strict=True)):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
                 part[name] = trial.states[:, j]
                 part[f"{name} forecast"] = forecast[:, j]
                 part[f"{name} error"] = forecast[:, j] - trial.states[:, j]
+                if margins is not None:
+                    part[f"{name} low"] = forecast[:, j] - margins[i][:, j]
+                    part[f"{name} high"] = forecast[:, j] + margins[i][:, j]
             parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
+
+    def bands(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
+        """Return a long table: object, trial, time, state, its forecast, and the ends of the band around it.
+
+        Parameters
+        ----------
+        level
+            The probability that the state lies in the band.
+        measured
+            Whether the band is for a measurement of the state, with its noise, instead of the state itself.
+
+        Raises
+        ------
+        CommonlawError
+            If the forecast has no spread, the level is not between 0 and 1, or the noise is not known.
+        """
+        import pandas as pd
+
+        schema, parts = self.trials.schema, []
+        for trial, forecast, margin in zip(self.trials, self._states(), self.margins(level, measured), strict=True):
+            for j, name in enumerate(schema.states):
+                part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times, "state": name}
+                part |= {"forecast": forecast[:, j]}
+                part |= {"low": forecast[:, j] - margin[:, j], "high": forecast[:, j] + margin[:, j]}
+                parts.append(pd.DataFrame(part))
+        return pd.concat(parts, ignore_index=True)
+
+    def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
+        """Return half the widths of the bands of each trial, each of shape (n, states); see `bands`."""
+        if self.spread is None:
+            raise CommonlawError("this forecast does not know how far off it may be: use law.predict(..., spread=True)")
+        if measured and self.noise is None:
+            raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
+        width, factor = len(self.trials.schema.states), normal_quantile(level)
+        noise = self.noise if measured and self.noise is not None else 0.0
+        return tuple(factor * np.hypot(each[:, :width], noise) for each in self.spread)
 
     def errors(self) -> "pd.DataFrame":
         """Return a table of errors, one row for each trial and state.

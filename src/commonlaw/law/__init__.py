@@ -1,6 +1,7 @@
 """Laws: equations with shared terms and each object's own coefficients."""
 
 from commonlaw.law.alternative import Alternative
+from commonlaw.law.history import History, Step
 from commonlaw.law.law import Law
 
-__all__ = ["Alternative", "Law"]
+__all__ = ["Alternative", "History", "Law", "Step"]

@@ -1,6 +1,7 @@
 """What else an equation might have been."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -21,6 +22,9 @@ class Alternative:
         Whether no other support of its size fits better.
     chosen
         Whether it is the law.
+    settings
+        The settings of the solver (threshold, penalty, number of terms) at which its stretches of the path begin; none
+        if candidates of several solvers were compared.
     """
 
     equation: str
@@ -28,3 +32,24 @@ class Alternative:
     measures: Mapping[str, float | None]
     proven: bool
     chosen: bool
+    settings: tuple[float, ...] = ()
+
+
+def stretches(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
+    """Yield the stretches of a solver's setting and what each gives, from the smallest setting.
+
+    Parameters
+    ----------
+    alternatives
+        Those of one equation.
+
+    Yields
+    ------
+    tuple
+        Where the stretch begins, where it ends (the last has no end), and the candidate.
+    """
+    begins = sorted((setting, i) for i, each in enumerate(alternatives) for setting in each.settings)
+    turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
+    ends = [*(begin for begin, _ in turns[1:]), math.inf]
+    for (begin, i), end in zip(turns, ends, strict=False):
+        yield begin, end, alternatives[i]

@@ -6,16 +6,20 @@ from typing import Literal, cast
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.law.alternative import Alternative
+from commonlaw.law.history import Step
 from commonlaw.law.law import Law
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
 
-VERSION = 1
+Floats = NDArray[np.float64]
+
+VERSION = 2
 
 
 class _Header(msgspec.Struct):
@@ -24,10 +28,10 @@ class _Header(msgspec.Struct):
 
 
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Version 1 of the schema."""
+    """Version 2 of the schema; version 1 ended with the alternatives."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 2
     order: Literal[0, 1, 2]
     schema: Schema
     rates: list[str]
@@ -36,10 +40,20 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     coefficients: dict[str, list[list[float]]]
     outcomes: list[Outcome] = []
     alternatives: list[Alternative] = []
+    covariance: dict[str, list[float]] | None = None
+    noise: list[float] | None = None
+    inclusion: list[list[float]] | None = None
+    history: list[Step] = []
 
 
 def encode(law: Law) -> bytes:
-    """Return the law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by equation and term."""
+    """Return the law as JSON.
+
+    Terms are expressions such as ``x**2*v``, coefficients lists by equation and term, and the covariance of each
+    object's coefficients the rows of its lower triangle, one after the other.
+    """
+    triangle = np.tril_indices(int(law.support.sum()))
+    covariance = None if law.covariance is None else [matrix[triangle].tolist() for matrix in law.covariance]
     document = _Law(
         order=cast(Literal[0, 1, 2], law.order),
         schema=law.schema,
@@ -49,6 +63,10 @@ def encode(law: Law) -> bytes:
         coefficients={name: law.of(name).tolist() for name in law.objects},
         outcomes=list(law.outcomes),
         alternatives=list(law.alternatives),
+        covariance=None if covariance is None else dict(zip(law.objects, covariance, strict=True)),
+        noise=None if law.noise is None else law.noise.tolist(),
+        inclusion=None if law.inclusion is None else law.inclusion.tolist(),
+        history=list(law.history),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
@@ -63,9 +81,9 @@ def decode(content: bytes) -> Law:
     """
     try:
         version = msgspec.json.decode(content, type=_Header).version
-        if version != VERSION:
+        if not 1 <= version <= VERSION:
             raise CommonlawError(
-                f"the law is of version {version} of the format, this commonlaw reads version {VERSION}; "
+                f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
                 "read it with the release that wrote it, or discover the law again"
             )
         document = msgspec.json.decode(content, type=_Law)
@@ -79,16 +97,40 @@ def decode(content: bytes) -> Law:
         if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
             expected = f"{shape[0]} x {shape[1]} numbers"
             raise CommonlawError(f"the law is damaged: the coefficients of {name!r} are not {expected}")
+    coefficients = np.array(list(document.coefficients.values())).reshape(-1, *shape)
     return Law(
         terms,
         schema,
         document.order,
         tuple(document.coefficients),
-        np.array(list(document.coefficients.values())).reshape(-1, *shape),
+        coefficients,
         None if document.differentiation is None else parse_differentiation(document.differentiation),
         tuple(document.outcomes),
         tuple(document.alternatives),
+        None if document.covariance is None else _covariance(document, int(np.any(coefficients, axis=0).sum())),
+        None if document.noise is None else np.array(document.noise),
+        None if document.inclusion is None else _matrix(document.inclusion, shape),
+        tuple(document.history),
     )
+
+
+def _covariance(document: _Law, parameters: int) -> Floats:
+    """Return the covariance of each object's coefficients from its lower triangle, in the order of the coefficients."""
+    rows, columns = np.tril_indices(parameters)
+    found = np.zeros((len(document.coefficients), parameters, parameters))
+    covariance = document.covariance or {}
+    for matrix, name in zip(found, document.coefficients, strict=True):
+        own = covariance.get(name, [])
+        if len(own) != len(rows):
+            raise CommonlawError(f"the law is damaged: the covariance of {name!r} is not {len(rows)} numbers")
+        matrix[rows, columns] = matrix[columns, rows] = own
+    return found
+
+
+def _matrix(rows: list[list[float]], shape: tuple[int, int]) -> Floats:
+    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
+        raise CommonlawError(f"the law is damaged: its inclusion is not {shape[0]} x {shape[1]} numbers")
+    return np.array(rows)
 
 
 def read(path: str | os.PathLike[str]) -> Law:

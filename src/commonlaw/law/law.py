@@ -1,7 +1,7 @@
 """The law that objects share."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,9 +14,11 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.files import write_whole
 from commonlaw.forecast import Event, Forecast, Run, Trajectory, VectorField, simulate
 from commonlaw.law.alternative import Alternative
+from commonlaw.law.check import checked, checked_covariance
+from commonlaw.law.history import History, Step
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
-from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,6 +50,16 @@ class Law:
         What a user should know about how the law was found.
     alternatives
         The candidates that it was chosen from, if it was chosen.
+    covariance
+        Of each object's coefficients in `support`, in the order of ``numpy.argwhere(law.support)``, shape (objects,
+        parameters, parameters); zero for those that are known or that the object does not have. None if it is not
+        known how accurate the coefficients are.
+    noise
+        Standard deviation of the measurement noise of each state, shape (states,); None if it is not known.
+    inclusion
+        Probability that a term is in the law, shape (equations, terms); None if it is not known.
+    history
+        Every choice on the way to the law, in order.
     """
 
     terms: Terms
@@ -58,18 +70,26 @@ class Law:
     differentiation: AbstractDifferentiator | None = None
     outcomes: tuple[Outcome, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    covariance: Floats | None = None
+    noise: Floats | None = None
+    inclusion: Floats | None = None
+    history: tuple[Step, ...] = ()
 
     def __post_init__(self) -> None:
-        expected = (len(self.objects), len(self.states), len(self.terms))
-        coefficients = np.array(self.coefficients, dtype=np.float64)
-        if coefficients.shape != expected:
-            raise CommonlawError(
-                f"coefficients have shape {coefficients.shape}, expected (objects, equations, terms) = {expected}"
-            )
-        if not np.all(np.isfinite(coefficients)):
-            raise CommonlawError("a coefficient is not finite")
-        coefficients.flags.writeable = False
-        object.__setattr__(self, "coefficients", coefficients)
+        shape = (len(self.objects), len(self.states), len(self.terms))
+        self._set(
+            "coefficients", checked(self.coefficients, "array of coefficients", "objects, equations, terms", shape)
+        )
+        if self.covariance is not None:
+            self._set("covariance", checked_covariance(self.covariance, self.objects, int(self.support.sum())))
+        if self.noise is not None:
+            self._set("noise", checked(self.noise, "noise", "states", shape[1:2], low=0))
+        if self.inclusion is not None:
+            self._set("inclusion", checked(self.inclusion, "inclusion", "equations, terms", shape[1:], 0, 1))
+        self._set("history", History(self.history))
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -97,38 +117,99 @@ class Law:
         return np.asarray(self.coefficients[self._place(name)])
 
     def average(self) -> "Law":
-        """Return the law of one object, "average", whose coefficients are the mean over all objects."""
-        return replace(self, objects=("average",), coefficients=self.coefficients.mean(axis=0, keepdims=True))
+        """Return the law of one object, "average", whose coefficients are the mean over all objects.
+
+        Their covariance is that of a mean of independent objects.
+        """
+        mean = self.coefficients.mean(axis=0, keepdims=True)
+        covariance = self.covariance
+        if covariance is not None:
+            covariance = covariance.sum(axis=0, keepdims=True) / len(self.objects) ** 2
+        return self._of_others(("average",), mean, covariance)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only."""
         places = [self._place(name) for name in objects]
-        return replace(self, objects=tuple(objects), coefficients=self.coefficients[places])
+        covariance = None if self.covariance is None else self.covariance[places]
+        return self._of_others(tuple(objects), self.coefficients[places], covariance)
+
+    def _of_others(self, objects: tuple[str, ...], coefficients: Floats, covariance: Floats | None) -> "Law":
+        """Return this law of other objects, their covariance still for the terms that are in this law."""
+        if covariance is not None:
+            left = np.any(coefficients != 0, axis=0)[self.support]
+            covariance = covariance[:, left][:, :, left]
+        return replace(self, objects=objects, coefficients=coefficients, covariance=covariance)
+
+    # How accurate it is
+
+    @cached_property
+    def standard_errors(self) -> Floats:
+        """Standard errors of the coefficients, shape (objects, equations, terms).
+
+        Zero for coefficients that are known, NaN for terms that are not in the law, and everywhere if the covariance is
+        not known.
+        """
+        from commonlaw.law.uncertainty import standard_errors
+
+        return standard_errors(self)
+
+    def intervals(self, level: float = 0.95) -> "pd.DataFrame":
+        """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
+
+        Parameters
+        ----------
+        level
+            The probability that the coefficient lies between low and high, if its error is normally distributed.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        from commonlaw.law.tables import intervals
+
+        return intervals(self, level)
+
+    @property
+    def has_spread(self) -> bool:
+        """Whether `predict` can tell how far off forecasts may be: covariance and noise are known."""
+        return self.covariance is not None and self.noise is not None
 
     # What the law says
 
-    def equations(self, name: str | None = None, digits: int = 4) -> tuple[str, ...]:
+    def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 + 0.0466 v``.
+
+        With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits.
 
         Parameters
         ----------
         name
             The object; may be left out when there is only one.
         digits
-            Significant digits of the coefficients.
+            Significant digits of the coefficients that have no error.
+        errors
+            Whether to show standard errors; None shows them when they are known.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
         """
         from commonlaw.law.text import equation
+        from commonlaw.law.uncertainty import shown_errors
 
-        return tuple(
-            equation(left, row, self.terms.names, digits)
-            for left, row in zip(self.left_sides, self.of(self._only(name)), strict=True)
-        )
+        name = self._only(name)
+        parts = zip(self.left_sides, self.of(name), shown_errors(self, name, errors), strict=True)
+        return tuple(equation(left, row, doubts, self.terms.names, digits) for left, row, doubts in parts)
 
-    def to_latex(self, name: str | None = None, digits: int = 4) -> str:
-        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs."""
+    def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
+        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`."""
         from commonlaw.law.text import latex
+        from commonlaw.law.uncertainty import shown_errors
 
-        return latex(self, self.of(self._only(name)), digits)
+        name = self._only(name)
+        return latex(self, self.of(name), shown_errors(self, name, errors), digits)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side."""
@@ -143,37 +224,45 @@ class Law:
             for left, row in zip(self.left_sides, self.of(self._only(name)), strict=True)
         }
 
-    def to_frame(self) -> "pd.DataFrame":
+    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.
 
         With several equations the columns have two levels, the equation and the term.
-        """
-        import pandas as pd
 
-        keys = [(self.left_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
-        values = self.coefficients[:, self.support]
-        if len(self.states) == 1:
-            columns = pd.Index([term for _, term in keys], dtype=object, name="term")
-        else:
-            columns = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
-        return pd.DataFrame(values, index=pd.Index(self.objects, name="object"), columns=columns)
+        Parameters
+        ----------
+        errors
+            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
+        """
+        from commonlaw.law.tables import coefficients
+
+        return coefficients(self, errors)
 
     def candidates(self) -> "pd.DataFrame":
         """Return the candidates that the law was chosen from, what speaks for each, and which was chosen."""
-        import pandas as pd
+        from commonlaw.law.tables import candidates
 
-        rows = [
-            {
-                "equation": each.equation,
-                "terms": ", ".join(each.terms),
-                "size": len(each.terms),
-                **each.measures,
-                "proven": each.proven,
-                "chosen": each.chosen,
-            }
-            for each in self.alternatives
-        ]
-        return pd.DataFrame(rows)
+        return candidates(self)
+
+    def path(self) -> "pd.DataFrame":
+        """Return the equations that all settings of the solver give, in stretches from the smallest setting.
+
+        Each row holds from its threshold, penalty or number of terms to the next row's, with the measures of
+        `candidates`; a candidate may come more than once.
+
+        Raises
+        ------
+        CommonlawError
+            If the law was not chosen from the path of one solver.
+        """
+        from commonlaw.law.tables import path
+
+        return path(self)
 
     def coefficient_units(self) -> "dict[tuple[str, str], str]":
         """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
@@ -278,52 +367,35 @@ class Law:
         )
         return dict(zip(runs, found, strict=True))
 
-    def predict(self, trials: Trials, *, method: str = "auto", tolerance: float = 1e-8) -> Forecast:
+    def predict(
+        self, trials: Trials, *, spread: bool = False, method: str = "auto", tolerance: float = 1e-8
+    ) -> Forecast:
         """Forecast each trial from its own initial state: its first measured states and its estimated first rates.
 
         Parameters
         ----------
         trials
             What to forecast.
+        spread
+            Whether `Forecast.bands` is to say how far off the forecasts may be. To first order the covariance of the
+            coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
+            are carried along each trajectory; the two count as independent.
         method, tolerance
             How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
 
         Raises
         ------
         CommonlawError
-            If a trial's object is not in the law, or its variables are not those of the law.
+            If a trial's object is not in the law, its variables are not those of the law, or a spread is asked for and
+            the law's covariance or noise is not known.
         """
-        self._check_variables(trials)
-        runs = [self._run(trial) for trial in trials]
-        return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
+        from commonlaw.law.prediction import predict
+
+        return predict(self, trials, method, tolerance, spread)
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""
         return self.predict(trials).score()
-
-    def _run(self, trial: Trial) -> Run:
-        start = [trial.states[0]]
-        if self.order == 2:
-            if self.differentiation is None:
-                raise CommonlawError("this law does not know how to estimate initial rates; use simulate and give them")
-            try:
-                rates = self.differentiation.differentiate(trial.times, trial.states, 1)
-            except CommonlawError as error:
-                raise CommonlawError(f"{trial.label}: {error}") from None
-            start.append(rates.derivatives[0][0])
-        field = replace(self.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
-        return Run(field, np.concatenate(start), trial.times, trial.label)
-
-    def _check_variables(self, trials: Trials) -> None:
-        for kind, wanted, given in (
-            ("states", self.schema.states, trials.schema.states),
-            ("inputs", self.schema.inputs, trials.schema.inputs),
-        ):
-            if wanted != given:
-                raise CommonlawError(
-                    f"the law has the {kind} {', '.join(wanted) or 'none'}, "
-                    f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
-                )
 
     # Keeping it
 
@@ -367,12 +439,3 @@ class Law:
             names = ", ".join(self.objects)
             raise CommonlawError(f"the law has several objects: name one of {names}, or take average()")
         return self.objects[0] if name is None else name
-
-
-def _interpolated(trial: Trial) -> Callable[[float], Floats]:
-    """Return the inputs of a trial as a function of time, linear between samples."""
-
-    def inputs(t: float) -> Floats:
-        return np.array([np.interp(t, trial.times, column) for column in trial.inputs.T])
-
-    return inputs

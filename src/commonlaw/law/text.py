@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library.naming import latex_name
 
 if TYPE_CHECKING:
@@ -15,31 +16,33 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def equation(left: str, coefficients: Floats, names: Sequence[str], digits: int) -> str:
+def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int) -> str:
     """Return ``left = sum of coefficients times names``, terms with coefficient zero left out.
 
-    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), ["1", "x", "v"], 4)
+    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.zeros(3), ["1", "x", "v"], 4)
     "x'' = -9.34 + 0.0466 v"
+    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.array([0.12, np.nan, 0.0051]), ["1", "x", "v"], 4)
+    "x'' = -9.34 ± 0.12 + (0.0466 ± 0.0051) v"
     """
-    parts = [
-        _signed(f"{abs(c):.{digits}g}", "" if name == "1" else f" {name}", c < 0)
-        for c, name in zip(coefficients, names, strict=True)
-        if c
-    ]
+    parts: list[tuple[bool, str]] = []
+    for c, error, name in zip(coefficients, errors, names, strict=True):
+        if c:
+            number = with_error(abs(c), error, digits, bracket=bool(parts) or name != "1")
+            parts.append((c < 0, number if name == "1" else f"{number} {name}"))
     return f"{left} = {_joined(parts)}"
 
 
-def latex(law: "Law", coefficients: Floats, digits: int) -> str:
-    """Return equations, coefficients of shape (equations, terms), as an ``aligned`` block."""
+def latex(law: "Law", coefficients: Floats, errors: Floats, digits: int) -> str:
+    """Return equations, coefficients and errors of shape (equations, terms), as an ``aligned`` block."""
     names = law.terms.variables.names
     forms = [term.latex(names) for term in law.terms.terms]
     lines = []
-    for left, row in zip(latex_left_sides(law), coefficients, strict=True):
-        parts = [
-            _signed(_latex_number(abs(c), digits), "" if form == "1" else rf"\, {form}", c < 0)
-            for c, form in zip(row, forms, strict=True)
-            if c
-        ]
+    for left, row, doubts in zip(latex_left_sides(law), coefficients, errors, strict=True):
+        parts: list[tuple[bool, str]] = []
+        for c, error, form in zip(row, doubts, forms, strict=True):
+            if c:
+                number = latex_with_error(abs(c), error, digits, bracket=bool(parts) or form != "1")
+                parts.append((c < 0, number if form == "1" else rf"{number}\, {form}"))
         lines.append(f"{left} &= {_joined(parts)}")
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
@@ -86,7 +89,9 @@ def letters(law: "Law") -> tuple[str, ...]:
 def _table(law: "Law") -> str:
     """Return each object's coefficients under their letters."""
     head = letters(law)
-    cells = [[f"{value:.4g}" for value in row] for row in law.coefficients[:, law.support]]
+    errors = np.nan_to_num(law.standard_errors[:, law.support])
+    pairs = zip(law.coefficients[:, law.support], errors, strict=True)
+    cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
     first = max(map(len, law.objects))
     rows = zip(["", *law.objects], [head, *cells], strict=True)
@@ -96,17 +101,8 @@ def _table(law: "Law") -> str:
     )
 
 
-def _signed(number: str, rest: str, negative: bool) -> tuple[bool, str]:
-    return negative, number + rest
-
-
 def _joined(parts: Sequence[tuple[bool, str]]) -> str:
     if not parts:
         return "0"
     first, *others = parts
     return ("-" if first[0] else "") + first[1] + "".join(f" {'-' if neg else '+'} {text}" for neg, text in others)
-
-
-def _latex_number(value: float, digits: int) -> str:
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    return mantissa if not exponent else rf"{mantissa} \times 10^{{{int(exponent)}}}"

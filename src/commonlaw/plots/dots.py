@@ -11,9 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from commonlaw.forecast import normal_quantile
 from commonlaw.law import Law
+from commonlaw.law.numbers import with_error
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
@@ -47,6 +49,8 @@ class Coefficient:
         Its unit as a label; empty if not known.
     learned, true
         Values, shape (objects,); NaN where the term is absent or the truth is not known.
+    errors
+        Standard errors, shape (objects,); zero where they are not known.
     """
 
     equation: int
@@ -55,6 +59,7 @@ class Coefficient:
     unit: str
     learned: Floats
     true: Floats
+    errors: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,8 @@ class DotPlot:
             true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
             if np.any(np.isfinite([learned, true])):
                 unit = unit_text(units.get((law.left_sides[j], name), ""))
-                found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true))
+                errors = np.nan_to_num(law.standard_errors[:, j, k])
+                found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true, errors))
         return found
 
     @property
@@ -99,7 +105,7 @@ class DotPlot:
     @property
     def width(self) -> float:
         """Width in inches."""
-        return 1.6 + 1.9 * self.columns if self.several else 4.5
+        return 1.6 + 1.9 * self.columns if self.several else 4.5 if self.law.covariance is None else 5.5
 
     @property
     def height(self) -> float:
@@ -117,7 +123,8 @@ class DotPlot:
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
         learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
-        return [learned, key("true", **_OPEN)] if known else []
+        bars = [] if self.law.covariance is None else [key("95 % interval", color=COLORS[0])]
+        return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
     def _draw_panels(self, figure: Figure, place: SubplotSpec) -> None:
         grid = place.subgridspec(self.lines, self.columns)
@@ -126,6 +133,7 @@ class DotPlot:
             panel = figure.add_subplot(grid[i])
             panel.plot(each.learned, heights, **_DOT)
             panel.plot(each.true, heights, **_OPEN)
+            _draw_bars(panel, heights, each.learned, each.errors)
             panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
             panel.tick_params(labelleft=i % self.columns == 0)
             panel.set_ylim(len(heights) - 0.5, -0.5)
@@ -143,12 +151,13 @@ class DotPlot:
             heights = np.arange(len(group))
             panel.plot([each.learned[0] for each in group], heights, **_DOT)
             panel.plot([each.true[0] for each in group], heights, **_OPEN)
+            _draw_bars(panel, heights, *np.array([(each.learned[0], each.errors[0]) for each in group]).T)
             for height, each in enumerate(group):
                 _print_value(panel, height, each)
             panel.set_yticks(heights, [each.term for each in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
             panel.set_title(f"terms of {left}", loc="left")
-            panel.margins(x=0.4)  # room for the printed values
+            panel.margins(x=0.4 if self.law.covariance is None else 0.7)  # room for the printed values
         self._scale(panels[-1])
         panels[-1].set_xlabel("coefficient")
 
@@ -165,7 +174,18 @@ class DotPlot:
             panel.xaxis.set_minor_locator(NullLocator())
 
 
+def _draw_bars(panel: Axes, heights: ArrayLike, values: Floats, errors: Floats) -> None:
+    """Draw the 95 % intervals of coefficients whose errors are known."""
+    if errors.any():
+        half = normal_quantile(0.95) * errors
+        panel.hlines(heights, values - half, values + half, color=COLORS[0], linewidth=1.4)
+
+
 def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
-    if np.isfinite(each.learned[0]):
-        text = f"{number_text(each.learned[0], 4)} {each.unit}".rstrip()
-        panel.annotate(text, (each.learned[0], height), (8, 0), textcoords="offset points", va="center", fontsize=9)
+    """Print a coefficient right of its dot and interval."""
+    value, error = each.learned[0], each.errors[0]
+    if np.isfinite(value):
+        number = with_error(value, error).replace("-", "−") if error else number_text(value, 4)
+        place = (value + normal_quantile(0.95) * error, height)
+        text = f"{number} {each.unit}".rstrip()
+        panel.annotate(text, place, (8, 0), textcoords="offset points", va="center", fontsize=9)

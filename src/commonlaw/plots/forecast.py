@@ -31,13 +31,17 @@ Floats = NDArray[np.float64]
 _MOST_POINTS = 150
 """Measured points that are drawn of one trial; more would hide the forecast."""
 
+_LIGHT = 0.18
+"""Opacity of a band."""
+
 
 @styled()
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
     """Plot measured points and forecast lines, and below them the error, one pair of panels for each object and state.
 
     A forecast that diverged ends at a cross; values that are not finite are not drawn, and axes are set by what was
-    measured.
+    measured. A forecast with a spread has a band that a measurement lies in with a probability of 95 %, its noise
+    included if that is known; around the errors it is a band around zero.
 
     Parameters
     ----------
@@ -75,16 +79,17 @@ def draw_forecast(figure: Figure, place: SubplotSpec, forecast: Forecast, column
     states = len(schema.states)
     lines = -(-len(forecast.trials.objects) * states // columns)
     grid = place.subgridspec(2 * lines, columns, height_ratios=[2, 1] * lines)
-    first: dict[int, tuple[Axes, Axes]] = {}
+    pairs: dict[int, list[_Pair]] = {}
     lower = []
     for i, (name, j) in enumerate(product(forecast.trials.objects, range(states))):
         line, column = divmod(i, columns)
-        like = first.get(j, (None, None))
-        above = figure.add_subplot(grid[2 * line, column], sharex=like[0], sharey=like[0])
-        below = figure.add_subplot(grid[2 * line + 1, column], sharex=above, sharey=like[1])
-        first.setdefault(j, (above, below))
+        like = pairs[j][0] if j in pairs else None
+        above = figure.add_subplot(grid[2 * line, column], sharex=like and like.above, sharey=like and like.above)
+        below = figure.add_subplot(grid[2 * line + 1, column], sharex=above, sharey=like and like.below)
+        pair = _Pair(above, below, _curves(forecast, name, j, colors))
+        pairs.setdefault(j, []).append(pair)
         lower.append(below)
-        _draw_pair(above, below, _curves(forecast, name, j, colors))
+        _draw_pair(pair)
         above.set_title(plain(name, 24))
         above.tick_params(labelbottom=False)
         # Panels of one state share their axes, so those of the first object speak for the others in the line
@@ -92,8 +97,10 @@ def draw_forecast(figure: Figure, place: SubplotSpec, forecast: Forecast, column
             panel.tick_params(labelleft=column < states)
             if column < states:
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
-    for j, pair in first.items():
-        _set_limits(*pair, [each for name in forecast.trials.objects for each in _curves(forecast, name, j, colors)])
+    for alike in pairs.values():
+        _set_limits(alike[0], [curve for pair in alike for curve in pair.curves])
+        for pair in alike:
+            _draw_bands(pair)
     show_lowest_ticks(lower, columns, axis_label(schema.time, schema.units.get(schema.time, "")))
 
 
@@ -106,6 +113,8 @@ class _Curve:
     forecast: Floats
     diverged: bool
     color: str
+    margin: Floats
+    """Half the width of the band, as far as the forecast; zero without a spread."""
 
     @property
     def error(self) -> Floats:
@@ -113,20 +122,38 @@ class _Curve:
         return np.asarray(self.forecast - self.measured[: len(self.forecast)])
 
 
+@dataclass(frozen=True)
+class _Pair:
+    """The panels of one state of one object, the errors below, and what is drawn in them."""
+
+    above: Axes
+    below: Axes
+    curves: Sequence[_Curve]
+
+
 def _curves(forecast: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
     """Return the curves of state `j` of one object."""
     curves = []
-    for trial, trajectory in zip(forecast.trials, forecast.trajectories, strict=True):
+    margins = _margins(forecast)
+    for trial, trajectory, margin in zip(forecast.trials, forecast.trajectories, margins, strict=True):
         if trial.object == name:
             states = trajectory.states[:, j]
             reached = states[: int(np.argmin(np.isfinite(np.append(states, np.nan))))]
             diverged = trajectory.outcome is not None
-            curves.append(_Curve(trial.times, trial.states[:, j], reached, diverged, colors[trial.name]))
+            own = np.nan_to_num(margin[: len(reached), j], nan=np.inf)
+            curves.append(_Curve(trial.times, trial.states[:, j], reached, diverged, colors[trial.name], own))
     return curves
 
 
-def _draw_pair(state: Axes, error: Axes, curves: Sequence[_Curve]) -> None:
+def _margins(forecast: Forecast) -> tuple[Floats, ...]:
+    if forecast.spread is None:
+        return tuple(np.zeros(trial.states.shape) for trial in forecast.trials)
+    return forecast.margins(measured=forecast.noise is not None)
+
+
+def _draw_pair(pair: _Pair) -> None:
     """Draw measurements and forecasts above, errors below, and where a forecast diverged in both."""
+    state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)
     for curve in curves:
         every = -(-len(curve.times) // _MOST_POINTS)
@@ -152,15 +179,28 @@ def _draw_pair(state: Axes, error: Axes, curves: Sequence[_Curve]) -> None:
                 )
 
 
-def _set_limits(state: Axes, error: Axes, curves: Sequence[_Curve]) -> None:
-    """Show all that was measured, and of forecasts what lies within half of its span from it."""
+def _draw_bands(pair: _Pair) -> None:
+    """Draw the bands of forecasts with a spread, behind all else, no farther than a panel's height outside of it."""
+    for curve in pair.curves:
+        if curve.margin.any():
+            for panel, middle in ((pair.above, curve.forecast), (pair.below, 0 * curve.forecast)):
+                low, high = panel.get_ylim()
+                bounds = 2 * low - high, 2 * high - low
+                ends = np.clip([middle - curve.margin, middle + curve.margin], *bounds)
+                times = curve.times[: len(middle)]
+                panel.fill_between(times, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
+
+
+def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
+    """Show all that was measured, and of forecasts and bands what lies within half of its span from it."""
+    state, error = pair.above, pair.below
     measured = np.concatenate([curve.measured for curve in curves])
-    forecasts = np.concatenate([curve.forecast for curve in curves])
+    forecasts = np.concatenate([each for c in curves for each in (c.forecast - c.margin, c.forecast + c.margin)])
     low, high = measured.min(), measured.max()
     span = (high - low) or abs(high) or 1.0
     low, high = max(min(low, forecasts.min()), low - span / 2), min(max(high, forecasts.max()), high + span / 2)
     state.set_ylim(low - span / 20, high + span / 20)
-    largest = np.max(np.abs(np.concatenate([curve.error for curve in curves])))
+    largest = np.max(np.concatenate([np.maximum(np.abs(curve.error), curve.margin) for curve in curves]))
     bound = 1.1 * (min(largest, span) or span / 100)
     error.set_ylim(-bound, bound)
 
@@ -178,6 +218,8 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
         key("measured", color=GREY, marker="o", markersize=4, linestyle=""),
         key("forecast", color=GREY),
     ]
+    if forecast.spread is not None:
+        keys.append(key("95 % band", color=GREY, linewidth=8, alpha=_LIGHT))
     if forecast.outcomes:
         keys.append(key("forecast diverged", color=GREY, marker="X", linestyle=":"))
     if 1 < len(colors) <= len(COLORS):
@@ -188,9 +230,6 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
 
 def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
-    kept = [
-        trajectory
-        for trial, trajectory in zip(forecast.trials, forecast.trajectories, strict=True)
-        if trial.object in trials.objects
-    ]
-    return Forecast(trials, tuple(kept))
+    kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
+    spread = None if forecast.spread is None else tuple(forecast.spread[i] for i in kept)
+    return Forecast(trials, tuple(forecast.trajectories[i] for i in kept), spread, forecast.noise)

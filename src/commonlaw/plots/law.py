@@ -20,6 +20,8 @@ _MOST_DOTS = 12
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
     """Plot a law: above its equations, at the left its coefficients, at the right its forecasts of trials.
 
+    Where the law knows how accurate it is, coefficients have 95 % intervals and forecasts 95 % bands.
+
     Parameters
     ----------
     law
@@ -34,7 +36,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     CommonlawError
         If the trials cannot be forecast, see `Law.predict`.
     """
-    forecast = trials if isinstance(trials, Forecast) else law.predict(trials)
+    forecast = trials if isinstance(trials, Forecast) else law.predict(trials, spread=law.has_spread)
     coefficients = _coefficients(law, truth)
     columns, lines = forecast_grid(forecast, most=3)
     widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))

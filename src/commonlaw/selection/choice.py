@@ -38,12 +38,15 @@ class Scored:
         Its errors on held-out data.
     stability
         How often the least certain of its terms is chosen again on resampled data; NaN if that was not asked for.
+    settings
+        The settings at which it comes along the solver's path, ascending.
     """
 
     candidate: Candidate
     criteria: Mapping[str, float]
     held_out: HeldOut
     stability: float
+    settings: tuple[float, ...] = ()
 
     @property
     def terms(self) -> int:
@@ -106,7 +109,7 @@ def choose(
     Parameters
     ----------
     candidates
-        From one or several solvers' paths.
+        From one or several solvers' paths; settings that cannot be compared are NaN.
     parts
         The systems of each object's trials and of their blocks in time.
     target
@@ -154,8 +157,15 @@ def choose(
     blur = ROUNDING * sizes + (0.0 if resolution is None else resolution(best.coefficients))
     effective = np.array([system.rows for system in systems], dtype=float) if rows is None else rows
     criteria = _criteria([each for each, _ in scored], systems, target, int(allowed.sum()), effective, blur)
+    settings = _settings(candidates)
     table = [
-        Scored(each, values, errors, np.nan if stability is None else stability.certainty(each.support))
+        Scored(
+            each,
+            values,
+            errors,
+            np.nan if stability is None else stability.certainty(each.support),
+            settings[each.support.tobytes()],
+        )
         for (each, errors), values in zip(scored, criteria, strict=True)
     ]
     share = float(np.mean(blur / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `RateError`
@@ -221,3 +231,11 @@ def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
         if key not in found or (each.proven and not found[key].proven):
             found[key] = each
     return list(found.values())
+
+
+def _settings(candidates: Sequence[Candidate]) -> dict[bytes, tuple[float, ...]]:
+    """Return the settings at which each support comes, ascending."""
+    found: dict[bytes, list[float]] = {}
+    for each in candidates:
+        found.setdefault(each.support.tobytes(), []).extend([each.setting] if np.isfinite(each.setting) else [])
+    return {key: tuple(sorted(settings)) for key, settings in found.items()}

@@ -1,7 +1,7 @@
 """From compressed trials to the choice of every equation."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -99,9 +99,9 @@ def select(
         def blur(own: Floats) -> Floats:
             return accuracy.blur(target, own + given[:, target])
 
-        others = [solver.path(rest.systems, target, free[target]) for solver in solvers[1:]]
+        listed = list(chain.from_iterable(solver.path(rest.systems, target, free[target]) for solver in solvers))
         return choose(
-            [*path(rest.systems), *chain.from_iterable(others)],
+            listed if len(solvers) == 1 else [replace(each, setting=np.nan) for each in listed],
             rest.groups,
             target,
             free[target],

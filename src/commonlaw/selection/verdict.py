@@ -25,7 +25,9 @@ def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
             used = np.flatnonzero(each.candidate.support.any(axis=0))
             names = tuple(law.terms.names[k] for k in used)
             chosen = i == choice.place
-            alternatives.append(Alternative(equation, names, each.measures(), each.candidate.proven, chosen))
+            alternatives.append(
+                Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.settings)
+            )
     return replace(law, coefficients=coefficients, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
 
 

@@ -1,0 +1,57 @@
+"""How far off a forecast may be."""
+
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+
+def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
+    """Return the standard deviation of every state of a trajectory, to first order, shape (n, states).
+
+    Parameters
+    ----------
+    trajectory
+        With sensitivities; where it has diverged the spread is NaN.
+    parameters, initial
+        Covariances of the parameters and of the initial states, which are independent of each other; shapes
+        (parameters, parameters) and (states, states).
+
+    Raises
+    ------
+    CommonlawError
+        If the trajectory has no sensitivities.
+    """
+    if trajectory.sensitivities is None:
+        raise CommonlawError("this trajectory has no derivatives: simulate with sensitivities=True")
+    width, variances = len(initial), np.zeros(trajectory.states.shape)
+    with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+        for slopes, covariance in (
+            (trajectory.sensitivities[:, :, :-width], parameters),
+            (trajectory.sensitivities[:, :, -width:], initial),
+        ):
+            variances += np.sum((slopes @ covariance) * slopes, axis=2)
+        return np.sqrt(np.maximum(variances, 0))
+
+
+def normal_quantile(level: float) -> float:
+    """Return how many standard deviations on both sides of the mean hold this share of a normal distribution.
+
+    Raises
+    ------
+    CommonlawError
+        If the share is not between 0 and 1.
+
+    Examples
+    --------
+    >>> round(normal_quantile(0.95), 2)
+    1.96
+    """
+    if not 0 < level < 1:
+        raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
+    return NormalDist().inv_cdf((1 + level) / 2)

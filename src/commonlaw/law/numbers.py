@@ -1,0 +1,73 @@
+"""Numbers with their standard errors, as people write them."""
+
+_DIGITS = 2
+"""Significant digits of an error."""
+
+_MOST = 9
+"""Significant digits of a number; where its error would ask for more, the two are written apart."""
+
+
+def with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
+    """Return ``value ± error``: the error to two significant digits, the value to the same decimal place.
+
+    Parameters
+    ----------
+    value
+        The number.
+    error
+        Its standard error; zero for a number that is known, which stands alone.
+    digits
+        Significant digits of a number that stands alone.
+    bracket
+        Whether something is to follow that both are multiplied with. A common power of ten always does.
+
+    Examples
+    --------
+    >>> with_error(-9.4412, 0.1234), with_error(0.48, 0.02, bracket=True), with_error(-9.8, 0)
+    ('-9.44 ± 0.12', '(0.480 ± 0.020)', '-9.8')
+    >>> with_error(1.2e-5, 3.4e-7), with_error(0.012, 0.34), with_error(12345, 678)
+    ('(1.200 ± 0.034)e-05', '0.01 ± 0.34', '12340 ± 680')
+    """
+    number, doubt, exponent = _rounded(value, error, digits)
+    pair = f"{number} ± {doubt}" if doubt else number
+    power = f"e{exponent:+03d}" if exponent else ""
+    return f"({pair}){power}" if doubt and (bracket or power) else pair + power
+
+
+def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
+    r"""Return the same as LaTeX.
+
+    >>> print(latex_with_error(1.2e-5, 3.4e-7), latex_with_error(9.44, 0.12), latex_with_error(2e7, 0))
+    \left(1.200 \pm 0.034\right) \times 10^{-5} 9.44 \pm 0.12 2 \times 10^{7}
+    """
+    number, doubt, exponent = _rounded(value, error, digits)
+    pair = rf"{_powers(number)} \pm {_powers(doubt)}" if doubt else number
+    power = rf" \times 10^{{{exponent}}}" if exponent else ""
+    return rf"\left({pair}\right){power}" if doubt and (bracket or power) else pair + power
+
+
+def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
+    """Return a number, its error (nothing for a known number) and the power of ten that both are multiplied with."""
+    if error == 0:
+        mantissa, _, power = f"{value:.{digits}g}".partition("e")
+        return mantissa, "", int(power or 0)
+    last, size = _place(error, _DIGITS) - _DIGITS + 1, _place(max(abs(value), error), _MOST)
+    if size - last >= _MOST:
+        return f"{value:.{_MOST}g}", f"{error:.{_DIGITS}g}", 0
+    exponent = 0 if -4 <= size < 6 else size
+    places = exponent - last
+
+    def text(number: float) -> str:
+        return f"{round(number / 10.0**exponent, places):z.{max(places, 0)}f}"
+
+    return text(value), text(error), exponent
+
+
+def _place(number: float, digits: int) -> int:
+    """Return the decimal place of the first digit of a number that is rounded to so many digits."""
+    return int(f"{number:.{digits - 1}e}".partition("e")[2])
+
+
+def _powers(text: str) -> str:
+    mantissa, _, power = text.partition("e")
+    return rf"{mantissa} \times 10^{{{int(power)}}}" if power else mantissa

@@ -1,0 +1,200 @@
+"""Bands of forecasts are as wide as forecasts with other noise and other coefficients differ."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.stats import norm
+
+from commonlaw import datasets
+from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFilter, parse_differentiation
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast import Forecast, Trajectory, spread_of
+from commonlaw.law import Law
+from commonlaw.library import parse_library
+from commonlaw.library.base import Variables
+from commonlaw.trials import Schema, Trial, Trials
+
+DRAWS = 400
+TOLERANCE = 0.12
+"""Relative error of a standard deviation of so many draws, three and a half times its standard error."""
+
+
+def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
+    """The law with coefficients of this relative standard error, correlated, and this noise."""
+    size = int(law.support.sum())
+    mixed = np.random.default_rng(seed).standard_normal((len(law.objects), size, 2 * size)) / np.sqrt(2 * size)
+    mixed *= relative * law.coefficients[:, law.support][:, :, np.newaxis]
+    return replace(law, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.states), noise))
+
+
+def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise():
+    drops = datasets.linear_drag(drag=[-0.3, -0.5], noise=0.0, trials=1)
+    rule = parse_differentiation("savgol:11:3")
+    law = replace(unsure(datasets.linear_drag.truth(drag=[-0.3, -0.5]), 0.03, 0.05), differentiation=rule)
+    forecast = law.predict(drops, spread=True)
+    rng = np.random.default_rng(1)
+    for i, trial in enumerate(drops):
+        noisy = trial.states + 0.05 * rng.standard_normal((len(trial), DRAWS))
+        starts = np.array([noisy[0], rule.differentiate(trial.times, noisy, 1).derivatives[0][0]])
+        own = rng.multivariate_normal(law.coefficients[i, law.support], law.covariance[i], DRAWS).T
+        times = trial.times[:, np.newaxis] - trial.times[0]
+        growth, limit = np.exp(own[1] * times), -own[0] / own[1]
+        rates = limit + (starts[1] - limit) * growth
+        heights = starts[0] + limit * times + (starts[1] - limit) * (growth - 1) / own[1]
+        np.testing.assert_allclose(forecast.spread[i][:, 0], heights.std(axis=1), rtol=TOLERANCE)
+        np.testing.assert_allclose(forecast.spread[i][:, 1], rates.std(axis=1), rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("method", ["scipy", "auto"])
+def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_states(method):
+    trials = datasets.lotka_volterra(noise=0.0)[[0, 3]]
+    trials = trials.keep([trial.cut(80) for trial in trials])
+    law = unsure(datasets.lotka_volterra.truth(), 0.005, 0.05).select(trials.objects)
+    forecast = law.predict(trials, spread=True, method=method)
+    rng = np.random.default_rng(1)
+    for i, trial in enumerate(trials):
+        own = rng.multivariate_normal(law.coefficients[i, law.support], law.covariance[i], DRAWS).T
+        a, b, c, d = own
+        starts = trial.states[0][:, np.newaxis] + 0.05 * rng.standard_normal((2, DRAWS))
+
+        def rates(_, flat, a=a, b=b, c=c, d=d):
+            x, y = flat.reshape(2, -1)
+            return np.concatenate([a * x + b * x * y, c * y + d * x * y])
+
+        span = (trial.times[0], trial.times[-1])
+        found = solve_ivp(rates, span, starts.ravel(), "DOP853", trial.times, rtol=1e-8).y.reshape(2, DRAWS, -1)
+        np.testing.assert_allclose(forecast.spread[i], found.std(axis=1).T, rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("rule", ["forward", "centered", "finite:6", "savgol:15:3", "savgol:5:2:finite:4", "spectral"])
+def test_the_spread_of_an_initial_rate_is_exact_for_linear_differentiators(rule):
+    """Var(w x) = noise^2 w w', and the initial height is one of the samples that the rate is made from."""
+    times = np.linspace(0, 2, 40)
+    trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
+    terms = parse_library("terms:1,v").bind(Variables(("x", "v")))
+    method = parse_differentiation(rule)
+    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8, 0.0]]]), method, covariance=[[[0.0]]], noise=[0.2])
+    weights = method.differentiate(times, np.eye(40), 1).derivatives[0][0]
+    (spread,) = law.predict(Trials((trial,), law.schema), spread=True).spread
+    np.testing.assert_allclose(spread[:, 1], 0.2 * np.linalg.norm(weights), rtol=1e-6)
+    by_sample = np.eye(40)[0] + (times - times[0])[:, np.newaxis] * weights
+    np.testing.assert_allclose(spread[:, 0], 0.2 * np.linalg.norm(by_sample, axis=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("method", "excess"), [(SmoothedDifference(WienerFilter(15)), 0.1), (SmoothedDifference(MedianFilter(5)), 0.3)]
+)
+def test_the_spread_of_an_initial_rate_is_not_too_small_for_other_differentiators(method, excess):
+    times, rng = np.linspace(0, 2, 40), np.random.default_rng(3)
+    noisy = (20 - 4.9 * times**2)[:, np.newaxis] + 0.2 * rng.standard_normal((40, 2000))
+    expected = method.differentiate(times, noisy, 1).derivatives[0][0].std()
+    terms = parse_library("terms:1").bind(Variables(("x", "v")))
+    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8]]]), method, covariance=[[[0.0]]], noise=[0.2])
+    trials = Trials(tuple(Trial("ball", f"{i}", times, noisy[:, i]) for i in range(20)), law.schema)
+    found = [each[0, 1] for each in law.predict(trials, spread=True).spread]
+    assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
+
+
+def test_a_law_that_is_known_exactly_has_bands_from_the_initial_state_alone():
+    """x' = -x shrinks the error of the start as the state itself."""
+    terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
+    times = np.linspace(0, 3, 31)
+    law = Law(terms, Schema(("x",)), 1, ("tank",), np.array([[[-1.0, 0.0]]]), covariance=[[[0.0]]], noise=[0.1])
+    trials = Trials((Trial("tank", "1", times, np.exp(-times)),), law.schema)
+    np.testing.assert_allclose(law.predict(trials, spread=True).spread[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
+
+
+def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
+    terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
+    coefficients, variances = np.array([[[-1.0, 0.0]], [[-1.0, -0.5]]]), [[0.01, 0.0], [0.01, 0.04]]
+    times = np.linspace(0, 1, 11)
+    law = Law(
+        terms, Schema(("x",)), 1, ("a", "b"), coefficients, covariance=[np.diag(each) for each in variances], noise=[0]
+    )
+    trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
+    found = law.predict(trials, spread=True).spread[0][:, 0]
+    np.testing.assert_allclose(found, 0.1 * times * np.exp(-times), rtol=1e-6, atol=1e-12)
+
+
+def test_discrete_laws_have_bands():
+    terms = parse_library("terms:x").bind(Variables(("x",)))
+    law = Law(terms, Schema(("x",)), 0, ("a",), np.array([[[0.9]]]), covariance=[[[1e-4]]], noise=[0.1])
+    k = np.arange(5.0)
+    trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)
+    expected = np.hypot(0.1 * 0.9**k, 0.01 * k * 0.9 ** (k - 1))
+    np.testing.assert_allclose(law.predict(trials, spread=True).spread[0][:, 0], expected)
+
+
+@pytest.fixture
+def forecast():
+    law = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05)
+    return law.predict(datasets.lotka_volterra(), spread=True)
+
+
+def test_bands_are_tables_of_normal_quantiles(forecast):
+    frame = forecast.bands(0.8)
+    schema = forecast.trials.schema
+    assert list(frame.columns) == [schema.object, schema.trial, schema.time, "state", "forecast", "low", "high"]
+    assert len(frame) == 2 * sum(len(trial) for trial in forecast.trials)
+    first = frame[: len(forecast.trials[0])]
+    assert set(first["state"]) == {"x"}
+    np.testing.assert_array_equal(first["forecast"], forecast.trajectories[0].states[:, 0])
+    half = norm.ppf(0.9) * forecast.spread[0][:, 0]
+    np.testing.assert_allclose(first["high"] - first["forecast"], half)
+    np.testing.assert_allclose(first["forecast"] - first["low"], half)
+    noisy = forecast.bands(0.8, measured=True)[: len(first)]
+    np.testing.assert_allclose(
+        noisy["high"] - noisy["forecast"], norm.ppf(0.9) * np.hypot(forecast.spread[0][:, 0], 0.05)
+    )
+
+
+def test_the_table_of_a_forecast_with_a_spread_has_the_ends_of_its_bands(forecast):
+    frame, bands = forecast.to_frame(), forecast.bands()
+    assert list(frame.columns)[3:8] == ["x", "x forecast", "x error", "x low", "x high"]
+    for state in ("x", "y"):
+        own = bands[bands["state"] == state]
+        np.testing.assert_allclose(frame[f"{state} low"], own["low"])
+        np.testing.assert_allclose(frame[f"{state} high"], own["high"])
+
+
+def test_forecasts_with_and_without_a_spread_are_the_same(forecast):
+    law, trials = datasets.lotka_volterra.truth(), forecast.trials
+    plain = law.predict(trials)
+    assert plain.spread is None
+    for one, other in zip(plain.trajectories, forecast.trajectories, strict=True):
+        np.testing.assert_allclose(one.states, other.states, rtol=1e-5)
+    assert "x low" not in plain.to_frame()
+
+
+def test_a_diverged_forecast_has_no_band_after_its_end():
+    terms = parse_library("terms:x**2").bind(Variables(("x",)))
+    times = np.array([0.0, 0.5, 0.9, 1.5, 2.0])
+    law = Law(terms, Schema(("x",)), 1, ("a",), np.array([[[1.0]]]), covariance=[[[1e-6]]], noise=[0.01])
+    trials = Trials((Trial("a", "1", times, np.ones(5)),), law.schema)
+    (spread,) = law.predict(trials, spread=True).spread
+    assert np.isfinite(spread[:3]).all()
+    assert np.isnan(spread[3:]).all()
+
+
+def test_what_is_missing_for_bands_is_named():
+    law, trials = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), datasets.lotka_volterra()
+    assert law.has_spread
+    for missing, message in (
+        ({"covariance": None}, "this law does not know how accurate its coefficients are"),
+        ({"noise": None}, "this law does not know the noise of the measurements"),
+    ):
+        poorer = replace(law, **missing)
+        assert not poorer.has_spread
+        with pytest.raises(CommonlawError, match=message):
+            poorer.predict(trials, spread=True)
+    with pytest.raises(CommonlawError, match=r"use law\.predict\(\.\.\., spread=True\)"):
+        law.predict(trials).bands()
+    good = law.predict(trials, spread=True)
+    with pytest.raises(CommonlawError, match="the level is 95"):
+        good.bands(95)
+    with pytest.raises(CommonlawError, match="leave measured=True out"):
+        Forecast(trials, good.trajectories, good.spread).bands(measured=True)
+    with pytest.raises(CommonlawError, match="simulate with sensitivities=True"):
+        spread_of(Trajectory(np.arange(2.0), np.zeros((2, 1))), np.eye(1), np.eye(1))

@@ -1,0 +1,254 @@
+"""A law says how accurate it is: in numbers, text, frames and JSON."""
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law import History, Law, Step
+from commonlaw.law.numbers import latex_with_error, with_error
+from commonlaw.library import PolynomialLibrary, Variables
+from commonlaw.trials import Schema
+
+HEIGHT = Schema(("x",), object="ball", trial="drop", units={"x": "m", "t": "s"})
+STEPS = (Step("noise", "x: 0.05 m", "from differences of order 4"), Step("support", "1, v", "evidence " * 12))
+
+
+@pytest.fixture
+def drag():
+    """``x'' = a + b v`` with a known for the light ball."""
+    terms = PolynomialLibrary(2).bind(Variables(("x", "v")))
+    coefficients = np.zeros((2, 1, len(terms)))
+    coefficients[:, 0, terms.index("1")] = [-9.4412, -9.8]
+    coefficients[:, 0, terms.index("v")] = [-0.48, 0.0466]
+    covariance = [[[0.1234**2, 1e-3], [1e-3, 0.02**2]], [[0, 0], [0, 0.0051**2]]]
+    inclusion = np.linspace(0, 1, len(terms))[np.newaxis]
+    given = {"covariance": covariance, "noise": [0.05], "inclusion": inclusion, "history": STEPS}
+    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, **given)
+
+
+@pytest.fixture
+def predators():
+    """Two equations, the hare's without the second term of the fox's."""
+    terms = PolynomialLibrary(2).bind(Variables(("x", "y")))
+    coefficients = np.zeros((2, 2, len(terms)))
+    coefficients[:, 0, terms.index("x")] = [1.0, 2.0]
+    coefficients[1, 0, terms.index("x y")] = -0.5
+    coefficients[:, 1, terms.index("y")] = [-3.0, -4.0]
+    covariance = np.array([np.diag([0.1, 0.0, 0.3]) ** 2, np.diag([0.2, 0.05, 0.4]) ** 2])
+    return Law(terms, Schema(("x", "y")), 1, ("hare", "fox"), coefficients, covariance=covariance)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (-9.4412, 0.1234, "-9.44 ± 0.12"),
+        (0.48, 0.02, "0.480 ± 0.020"),
+        (9.87, 0.0996, "9.87 ± 0.10"),
+        (0.012, 0.34, "0.01 ± 0.34"),
+        (-0.0001, 0.34, "0.00 ± 0.34"),
+        (3.0, 21.4, "3 ± 21"),
+        (1234.5, 678.9, "1230 ± 680"),
+        (999999.0, 12.0, "999999 ± 12"),
+        (2.5e7, 1.5e6, "(2.50 ± 0.15)e+07"),
+        (1.2e-5, 3.4e-7, "(1.200 ± 0.034)e-05"),
+        (-1.2e-5, 3.4e-3, "0.0000 ± 0.0034"),
+        (1.2e-7, 3.4e-5, "(0.0 ± 3.4)e-05"),
+        (-9.8, 1.2e-9, "-9.8 ± 1.2e-09"),
+        (-9.8, 0.0, "-9.8"),
+        (1.23456e-7, 0.0, "1.235e-07"),
+    ],
+)
+def test_numbers_are_written_as_far_as_their_error_lets_them_be(value, error, text):
+    assert with_error(value, error) == text
+
+
+def test_latex_numbers_have_powers_and_brackets():
+    assert latex_with_error(1.2e-5, 3.4e-7) == r"\left(1.200 \pm 0.034\right) \times 10^{-5}"
+    assert latex_with_error(0.48, 0.02, bracket=True) == r"\left(0.480 \pm 0.020\right)"
+    assert latex_with_error(9.8, 1.2e-9) == r"9.8 \pm 1.2 \times 10^{-9}"
+    assert latex_with_error(1.23456e-7, 0.0) == r"1.235 \times 10^{-7}"
+
+
+@given(
+    st.floats(1e-12, 1e12), st.floats(1e-7, 1e5), st.sampled_from([1, -1]), st.booleans(),
+)  # fmt: skip
+def test_a_written_number_is_within_half_a_unit_of_the_errors_second_digit(size, ratio, sign, bracket):
+    value, error = sign * size, size * ratio
+    text = with_error(value, error, bracket=bracket)
+    mantissas, _, power = text.partition(")")
+    scale = 10.0 ** int(power[1:] or 0) if power else 1.0
+    number, doubt = (float(part) * scale for part in mantissas.strip("(").split(" ± "))
+    unit = 10.0 ** (math.floor(math.log10(error)) - 1)
+    assert abs(number - value) <= 0.51 * 10 * unit
+    assert abs(doubt - error) <= 0.51 * unit * 1.001
+    assert bracket <= text.startswith("(")
+
+
+def test_equations_show_errors_where_they_are_known_and_not_if_not_wanted(drag):
+    assert drag.equations("heavy") == ("x'' = -9.44 ± 0.12 - (0.480 ± 0.020) v",)
+    assert drag.equations("light") == ("x'' = -9.8 + (0.0466 ± 0.0051) v",)
+    assert drag.equations("heavy", errors=False) == ("x'' = -9.441 - 0.48 v",)
+    assert replace(drag, covariance=None).equations("heavy") == ("x'' = -9.441 - 0.48 v",)
+
+
+def test_a_constant_that_follows_another_term_is_in_brackets():
+    terms = PolynomialLibrary(1).bind(Variables(("x",))).take([1, 0])
+    law = Law(terms, Schema(("x",)), 1, ("one",), np.array([[[-2.0, -1.0]]]), covariance=[np.diag([0.01, 0.01])])
+    assert law.equations() == ("x' = -(2.00 ± 0.10) x - (1.00 ± 0.10)",)
+
+
+def test_print_shows_errors_of_one_object_and_in_the_table_of_several(drag, predators):
+    assert str(drag.select(["heavy"])).startswith("x'' = -9.44 ± 0.12 - (0.480 ± 0.020) v\n")
+    assert str(drag).split("\n")[2:5] == [
+        "                  a                b",
+        "heavy  -9.44 ± 0.12   -0.480 ± 0.020",
+        "light          -9.8  0.0466 ± 0.0051",
+    ]
+    assert "fox:\n  x' = (2.00 ± 0.20) x - (0.500 ± 0.050) x y" in str(predators)
+
+
+def test_latex_shows_errors(drag):
+    text = drag.to_latex("heavy")
+    assert r"\ddot{x} &= -9.44 \pm 0.12 - \left(0.480 \pm 0.020\right)\, v" in text
+    assert r"\pm" not in drag.to_latex("heavy", errors=False)
+
+
+def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(drag):
+    errors = drag.standard_errors[:, 0, [drag.terms.index("1"), drag.terms.index("v")]]
+    np.testing.assert_allclose(errors, [[0.1234, 0.02], [0, 0.0051]])
+    assert np.isnan(drag.standard_errors).sum() == 2 * (len(drag.terms) - 2)
+    assert np.isnan(replace(drag, covariance=None).standard_errors).all()
+
+
+def test_intervals_are_those_of_the_normal_distribution(drag):
+    frame = drag.intervals(0.9)
+    assert list(frame.columns) == ["object", "equation", "term", "coefficient", "standard error", "low", "high"]
+    assert frame["object"].tolist() == ["heavy", "heavy", "light", "light"]
+    for end, share in (("low", 0.05), ("high", 0.95)):
+        np.testing.assert_allclose(frame[end], frame["coefficient"] + norm.ppf(share) * frame["standard error"])
+    assert frame.loc[2, ["low", "high"]].tolist() == [-9.8, -9.8]
+    with pytest.raises(CommonlawError, match=r"the level is 95: give a share between 0 and 1"):
+        drag.intervals(95)
+
+
+def test_the_frame_has_a_column_of_errors_after_each_term(drag, predators):
+    assert drag.to_frame().equals(replace(drag, covariance=None).to_frame())
+    frame = drag.to_frame(errors=True)
+    assert frame.columns.tolist() == ["1", "1 ±", "v", "v ±"]
+    np.testing.assert_allclose(frame.loc["heavy"], [-9.4412, 0.1234, -0.48, 0.02])
+    assert predators.to_frame(errors=True)["x'", "x y ±"].tolist() == [0.0, pytest.approx(0.05)]
+
+
+def test_what_is_not_known_is_not_made_up(drag):
+    bare = replace(drag, covariance=None)
+    for ask in (
+        bare.intervals,
+        lambda: bare.equations("heavy", errors=True),
+        lambda: bare.to_latex("heavy", errors=True),
+        lambda: bare.to_frame(errors=True),
+    ):
+        with pytest.raises(CommonlawError, match="this law does not know how accurate its coefficients are"):
+            ask()
+
+
+def test_the_covariance_of_an_average_is_that_of_a_mean_of_independent_objects(drag):
+    draws = np.stack(
+        [
+            np.random.default_rng(i).multivariate_normal(
+                drag.coefficients[i, drag.support], drag.covariance[i], 200_000
+            )
+            for i in range(2)
+        ]
+    ).mean(axis=0)
+    average = drag.average()
+    np.testing.assert_allclose(average.covariance[0], np.cov(draws.T), rtol=0.02)
+    assert average.noise.tolist() == [0.05]
+
+
+def test_selected_objects_keep_their_covariance_for_the_terms_that_are_left(drag, predators):
+    np.testing.assert_array_equal(drag.select(["light"]).covariance, drag.covariance[1:])
+    hare = predators.select(["hare"])
+    np.testing.assert_allclose(hare.covariance, [np.diag([0.1, 0.3]) ** 2])
+    assert hare.equations() == ("x' = (1.00 ± 0.10) x", "y' = -(3.00 ± 0.30) y")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("covariance", np.eye(2), r"covariance of a law has shape \(2, 2\), expected .* = \(2, 2, 2\)"),
+        ("covariance", np.full((2, 2, 2), np.nan), "covariance of a law has a value that is not finite"),
+        ("covariance", np.array([[[1, 0.5], [0.4, 1]]] * 2), "coefficients of heavy is not symmetric"),
+        ("covariance", np.array([np.eye(2), -np.eye(2)]), "coefficients of light has a variance below zero"),
+        ("noise", [0.1, 0.2], r"noise of a law has shape \(2,\), expected \(states\) = \(1,\)"),
+        ("noise", [-0.1], "noise of a law has the value -0.1, expected 0 to inf"),
+        ("inclusion", [[0, 0, 2, 0, 0, 0]], "inclusion of a law has the value 2, expected 0 to 1"),
+    ],
+)
+def test_what_is_no_covariance_noise_or_probability_is_refused(drag, field, value, message):
+    with pytest.raises(CommonlawError, match=message):
+        replace(drag, **{field: value})
+
+
+def test_the_covariance_cannot_be_changed_and_is_symmetric_to_the_last_digit(drag):
+    matrix = np.array([[[1.0, 0.5], [0.5 + 1e-12, 1.0]]] * 2)
+    law = replace(drag, covariance=matrix)
+    np.testing.assert_array_equal(law.covariance, law.covariance.transpose(0, 2, 1))
+    for array in (law.covariance, law.noise, law.inclusion, law.standard_errors):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_the_history_prints_as_a_table(drag):
+    assert isinstance(drag.history, tuple)
+    assert drag.history == STEPS
+    assert str(drag.history).split("\n") == [
+        "stage    choice     reason",
+        "noise    x: 0.05 m  from differences of order 4",
+        "support  1, v       " + " ".join(["evidence"] * 6),
+        "                    " + " ".join(["evidence"] * 6),
+    ]
+    assert str(History()) == "no choices are on record"
+
+
+def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
+    for law in (drag, predators, replace(drag, covariance=None, noise=None, inclusion=None, history=())):
+        again = Law.from_json(law.to_json())
+        for name in ("covariance", "noise", "inclusion"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(law, name))
+        assert again.history == law.history
+        assert again.to_json() == law.to_json()
+
+
+def test_a_law_that_was_saved_in_version_1_is_still_read(drag):
+    document = json.loads(drag.to_json())
+    for name in ("covariance", "noise", "inclusion", "history"):
+        del document[name]
+    law = Law.from_json(json.dumps(document | {"version": 1}))
+    np.testing.assert_array_equal(law.coefficients, drag.coefficients)
+    assert (law.covariance, law.noise, law.inclusion, law.history) == (None, None, None, ())
+
+
+@pytest.mark.parametrize(
+    ("pattern", "change", "message"),
+    [
+        (r'("covariance": \{\s*"heavy": \[)[^,]*', r"\1null", "this is not a law or it is damaged"),
+        (r'("covariance": \{\s*"heavy": \[)[^,]*', r"\1NaN", "this is not a law or it is damaged"),
+        (r'("covariance": \{\s*"heavy": \[)[^,]*,', r"\1", "the covariance of 'heavy' is not 3 numbers"),
+        (r'"covariance": \{\s*"heavy"', '"covariance": {"hevy"', "the covariance of 'heavy' is not 3 numbers"),
+        (r'("inclusion": \[\s*\[)[^,]*,', r"\1", "its inclusion is not 1 x 6 numbers"),
+    ],
+)
+def test_damaged_uncertainty_is_refused(drag, pattern, change, message):
+    text = drag.to_json()
+    damaged = re.sub(pattern, change, text)
+    assert damaged != text
+    with pytest.raises(CommonlawError, match=message):
+        Law.from_json(damaged)
