@@ -1,5 +1,6 @@
 """Coefficients of a law: heat maps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -103,11 +104,11 @@ class HeatMaps:
     def draw(self, figure: Figure, place: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         panels = place.subgridspec(len(self.law.states), 1).subplots(squeeze=False)[:, 0]
-        low, high = _limits(np.abs(self.law.coefficients))
+        norm = scale(self.law.coefficients)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
         for j, (panel, left) in enumerate(zip(panels, left_sides(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
-            mesh = _heat_map(panel, values, LogNorm(low, high))
+            mesh = heat_map(panel, values, norm)
             panel.set_title(f"terms of {left}" + ("" if values.any() else ": none is there"), loc="left")
             panel.set_xticks(np.arange(len(labels)) + 0.5, labels, rotation=0 if self.fits else 90)
             panel.set_yticks(np.arange(len(self.names)) + 0.5, self.names)
@@ -116,12 +117,7 @@ class HeatMaps:
             if self.truth is not None:
                 self._frame_truth(panel, self.truth, j)
         if self.law.support.any():
-            ticks = LogLocator(subs=(1, 3) if high < 1e3 * low else (1,))
-            bar = figure.colorbar(
-                mesh, ax=list(panels), location="bottom", aspect=4 * self.width, ticks=ticks, format="%g"
-            )
-            bar.minorticks_off()
-            bar.set_label("magnitude of coefficient (grey: term absent)")
+            add_color_bar(figure, mesh, list(panels), self.width)
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
@@ -151,15 +147,15 @@ def absent_as_nan(values: Floats) -> Floats:
     return np.where(values == 0, np.nan, values)
 
 
-def _limits(magnitudes: Floats) -> tuple[float, float]:
-    """Return the ends of a scale over all magnitudes, at least a decade wide."""
-    present = magnitudes[magnitudes > 0]
+def scale(coefficients: Floats) -> LogNorm:
+    """Return a scale of colours over all magnitudes, at least a decade wide."""
+    present = np.abs(coefficients[coefficients != 0])
     low, high = (present.min(), present.max()) if present.size else (1.0, 1.0)
     middle = np.sqrt(low) * np.sqrt(high)
-    return float(min(low, middle / np.sqrt(10))), float(max(high, middle * np.sqrt(10)))
+    return LogNorm(float(min(low, middle / np.sqrt(10))), float(max(high, middle * np.sqrt(10))))
 
 
-def _heat_map(panel: Axes, values: Floats, norm: LogNorm) -> QuadMesh:
+def heat_map(panel: Axes, values: Floats, norm: LogNorm) -> QuadMesh:
     """Draw cells of shape (objects, terms), the first object at the top."""
     colors = colormaps["cividis"].with_extremes(bad=ABSENT)
     mesh = panel.pcolormesh(_magnitudes(values), norm=norm, cmap=colors, edgecolors="white", linewidth=1)
@@ -168,6 +164,15 @@ def _heat_map(panel: Axes, values: Floats, norm: LogNorm) -> QuadMesh:
     panel.tick_params(length=0)
     panel.spines[:].set_visible(False)
     return mesh
+
+
+def add_color_bar(figure: Figure, mesh: QuadMesh, panels: Sequence[Axes], width: float) -> None:
+    """Put the scale of colours below panels that are so many inches wide."""
+    low, high = mesh.get_clim()
+    ticks = LogLocator(subs=(1, 3) if high < 1e3 * low else (1,))
+    bar = figure.colorbar(mesh, ax=list(panels), location="bottom", aspect=4 * width, ticks=ticks, format="%g")
+    bar.minorticks_off()
+    bar.set_label("magnitude of coefficient (grey: term absent)")
 
 
 def _print_values(panel: Axes, values: Floats, mesh: QuadMesh) -> None:

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.formulation import StrongForm
-from commonlaw.library import Terms
+from commonlaw.library import Terms, Variables, term_unit
 from commonlaw.plots.style import COLORS, axis_label, columns_for, math, plain, settled, show_lowest_ticks, styled
 from commonlaw.trials import Trial
+from commonlaw.trials.units import parse_unit
 
 _NO_UNITS: Mapping[str, str] = MappingProxyType({})
 
@@ -27,7 +28,8 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     terms
         The candidate functions.
     units
-        Units of the variables by name: ``trials.schema.units``.
+        Units of the states, inputs and time by name: ``trials.schema.units``. Terms whose unit follows from them have
+        it beside their axis.
 
     Raises
     ------
@@ -37,15 +39,30 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
     names, columns = terms.variables.names, columns_for(len(terms))
+    known = _with_rates(units, terms.variables, form.order)
     lines = -(-len(terms) // columns)
-    figure = Figure(figsize=(1 + 2.1 * columns, 0.9 + 1.6 * lines), layout="constrained")
+    figure = Figure(figsize=(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
     figure.suptitle(plain(trial.label, 60))
     panels: list[Axes] = []
     for i, term in enumerate(terms.terms):
         panel = figure.add_subplot(lines, columns, i + 1, sharex=panels[0] if panels else None)
         panel.plot(values[:, -1], rows[:, i], color=COLORS[0])
         panel.set_title(math(term.latex(names), terms.names[i]))
+        unit = term_unit(term, terms.variables, known)
+        panel.set_ylabel("" if unit is None else f"{unit:~P}")
         panels.append(panel)
     time = terms.variables.time
     show_lowest_ticks(panels, columns, axis_label(time, units.get(time, "")))
     return settled(figure)
+
+
+def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> dict[str, str]:
+    """Return the units with those of the states' rates, where both the state and time have one."""
+    states = variables.states[: len(variables.states) // order]
+    rates = variables.states[len(states) :]
+    pairs = [
+        (state, rate) for state, rate in zip(states, rates, strict=False) if {state, variables.time} <= units.keys()
+    ]
+    return dict(units) | {
+        rate: f"{parse_unit(units[state]) / parse_unit(units[variables.time])}" for state, rate in pairs
+    }

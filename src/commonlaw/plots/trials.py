@@ -1,6 +1,7 @@
 """Measured states against time."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,6 +10,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from commonlaw.errors import unknown
+from commonlaw.plots.curves import Curve
 from commonlaw.plots.style import DASHES, GREY, add_legend, axis_label, key, looks, plain, settled, styled
 from commonlaw.trials import Trial, Trials
 
@@ -17,7 +19,11 @@ Floats = NDArray[np.float64]
 
 @styled()
 def plot_trials(
-    trials: Trials, state: str | None = None, objects: Sequence[str] | None = None, displacement: bool = False
+    trials: Trials,
+    state: str | None = None,
+    objects: Sequence[str] | None = None,
+    displacement: bool = False,
+    references: Sequence[Curve] = (),
 ) -> Figure:
     """Plot measured states against time: a colour and marker for each object, a line style for each trial.
 
@@ -32,6 +38,8 @@ def plot_trials(
     displacement
         Plot the distance from the first sample on logarithmic axes, with guide lines of constant rate (slope one)
         and constant acceleration (slope two), as in the founding paper's figure of the ball drops.
+    references
+        Curves to compare with, such as a simulated fall: black, in their own line styles, in every panel.
 
     Raises
     ------
@@ -58,6 +66,8 @@ def plot_trials(
                 marker=look[trial.object].marker,
                 markevery=max(1, len(trial) // 12),
             )
+        for curve in references:
+            panel.plot(np.asarray(curve.x), np.asarray(curve.y), **_reference(curve))
         panel.set_ylabel(axis_label(f"|{name} − {name}(start)|" if displacement else name, unit))
         if displacement:
             _guide(panel, name)
@@ -65,8 +75,14 @@ def plot_trials(
     panels[-1].set_xlabel(axis_label(time, schema.units.get(schema.time, "")))
     keys = [key(plain(name), color=look[name].color, marker=look[name].marker) for name in chosen.objects]
     keys += [key(plain(f"{schema.trial} {name}"), color=GREY, linestyle=dash) for name, dash in dashes.items()]
+    keys += [key(plain(curve.label), **_reference(curve)) for curve in references]
     add_legend(figure, keys)
     return settled(figure)
+
+
+def _reference(curve: Curve) -> dict[str, Any]:
+    """Return how a curve to compare with looks: wider than those of the trials, and above them."""
+    return {"color": "black", "linestyle": curve.line, "linewidth": 2.4, "zorder": 3}
 
 
 def _dashes(trials: Trials) -> dict[str, str]:

@@ -1,0 +1,86 @@
+"""The path of a solver: every stretch of thresholds has its row, its step in the figure, and comes back from JSON."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.law.alternative import Alternative, stretches
+from commonlaw.plots import plot_path
+
+SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8, "resamples": 0}
+DROPS = cl.datasets.linear_drag()
+
+
+@pytest.fixture(scope="module")
+def law() -> Law:
+    return cl.discover(DROPS, solver=cl.GroupSTLSQ(), **SETTINGS)
+
+
+def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
+    path = law.path()
+    np.testing.assert_array_equal(path["to"].to_numpy()[:-1], path["from"].to_numpy()[1:])
+    assert path["from"].iloc[0] == 0
+    assert path["to"].iloc[-1] == np.inf
+    assert path["chosen"].sum() == 1
+    for row in path.to_dict("records"):
+        for threshold in (row["from"] * (1 + 1e-9), min(row["to"], 1e300) * (1 - 1e-9)):
+            at = cl.discover(DROPS, solver=cl.GroupSTLSQ(threshold), **SETTINGS)
+            assert (
+                ", ".join(name for name, used in zip(at.terms.names, at.support[0], strict=True) if used)
+                == row["terms"]
+            )
+
+
+def test_the_path_is_saved_with_the_law(law: Law) -> None:
+    assert cl.Law.from_json(law.to_json()).path().equals(law.path())
+
+
+def test_a_law_without_settings_in_its_alternatives_can_still_be_read(law: Law) -> None:
+    import json
+
+    document = json.loads(law.to_json())
+    for each in document["alternatives"]:
+        del each["settings"]
+    assert cl.Law.from_json(json.dumps(document)).candidates().equals(law.candidates())
+
+
+def test_settings_of_several_solvers_are_not_mixed_into_one_path() -> None:
+    for several in (cl.discover(DROPS, **SETTINGS), cl.discover(DROPS, solver="group-stlsq:1.5", **SETTINGS)):
+        with pytest.raises(CommonlawError, match="not chosen from the path of one solver; discover it with a solver"):
+            several.path()
+
+
+def test_a_candidate_that_comes_twice_has_two_stretches_and_neighbours_are_joined() -> None:
+    def one(*settings: float) -> Alternative:
+        return Alternative("x'", ("x",), {}, False, False, settings)
+
+    often, between = one(0.0, 1.0, 3.0), one(2.0)
+    assert list(stretches([between, often])) == [(0.0, 2.0, often), (2.0, 3.0, between), (3.0, np.inf, often)]
+    assert list(stretches([one()])) == []
+
+
+def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law: Law) -> None:
+    figure = plot_path(law, marks={"mine": 1.5})
+    above, below = figure.axes
+    path = law.path()
+    chosen = path[path["chosen"]].iloc[0]
+    for panel, column in ((above, "size"), (below, "held-out error")):
+        x, y = panel.get_lines()[0].get_data()
+        np.testing.assert_array_equal(x[1:-1], path["from"].to_numpy()[1:])
+        np.testing.assert_array_equal(y, [*path[column], path[column].iloc[-1]])
+        (span,) = panel.patches
+        assert (span.get_x(), span.get_x() + span.get_width()) == pytest.approx((chosen["from"], chosen["to"]))
+        assert panel.get_lines()[1].get_xdata() == [1.5, 1.5]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["chosen", "mine"]
+    assert below.get_xlabel() == "threshold"
+
+
+def test_each_equation_has_its_own_column() -> None:
+    pairs = cl.datasets.lotka_volterra(trials=2)
+    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(), resamples=0)
+    figure = plot_path(law, "smallest coefficient")
+    assert len(figure.axes) == 4
+    assert all(figure.axes[i].get_title().startswith("equation of") for i in (0, 1))
+    assert figure.axes[-1].get_xlabel() == "smallest coefficient"
