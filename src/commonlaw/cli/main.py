@@ -7,7 +7,7 @@ import click
 
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = {"discover": "discover", "predict": "predict", "show": "show", "data": "data"}
+_COMMANDS = {"discover": "discover", "predict": "predict", "show": "show", "data": "data", "study": "study"}
 
 
 class _Commands(click.Group):

@@ -1,0 +1,116 @@
+"""The study of the falling balls from the command line: every file, every printed number, the same bytes again."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+COMMAND = Path(sys.executable).with_name("commonlaw")
+
+# One worker does it all, so that the study runs no more often than it must
+pytestmark = pytest.mark.xdist_group("study")
+
+
+def study(out, *options):
+    run = subprocess.run(
+        [COMMAND, "study", "falling-balls", "--out", out, *options],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    return run
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, ball_drops_folder):
+    folder = tmp_path_factory.mktemp("study")
+    run = study(folder / "report", "--data", ball_drops_folder, "--json", folder / "all.json")
+    return folder, run
+
+
+@pytest.fixture(scope="module")
+def results(finished):
+    return json.loads((finished[0] / "report" / "results.json").read_text())
+
+
+def test_it_says_how_far_it_is_and_what_came_out(finished):
+    folder, run = finished
+    assert "Part 11 of 11: Findings" in run.stderr
+    assert "Learned terms: reproduced" in run.stdout
+    assert f"Wrote {folder / 'report' / 'report.html'}" in run.stdout
+    assert (folder / "all.json").read_bytes() == (folder / "report" / "results.json").read_bytes()
+
+
+def test_the_page_opens_in_a_browser_without_a_fault(finished, check_page):
+    check_page(finished[0] / "report" / "report.html")
+
+
+def test_every_part_has_a_verdict(finished):
+    page = (finished[0] / "report" / "report.html").read_text()
+    sections = page.split("<section")[1:]
+    assert len(sections) == 11
+    assert all('class="verdict"' in section for section in sections)
+    assert 'class="left-out"' not in page
+
+
+def test_no_printed_number_moves(finished):
+    # The verdicts that are not "reproduced" are known; a number that moves changes one of these counts
+    stdout = finished[1].stdout
+    assert stdout.count(": differs") == 3
+    assert stdout.count(": reproduced with correction") == 9
+    assert stdout.count(": reproduced\n") == 15
+
+
+def test_there_are_eighty_prediction_errors_and_model_four_has_one_for_each_ball(results):
+    errors = results["prediction_error"]
+    assert {model: {drop: len(balls) for drop, balls in drops.items()} for model, drops in errors.items()} == {
+        model: {"1": 10, "2": 10} for model in "1234"
+    }
+    assert all(value > 0 for drops in errors.values() for balls in drops.values() for value in balls.values())
+    assert len(set(errors["4"]["1"].values())) == 10
+
+
+def test_figures_come_as_svg_and_png_and_tables_with_all_digits(finished):
+    folder = finished[0] / "report"
+    vectors = sorted(path.stem for path in (folder / "figures").glob("*.svg"))
+    assert vectors == sorted(path.stem for path in (folder / "figures").glob("*.png"))
+    assert len(vectors) > 20
+    with (folder / "tables" / "learned-models.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert len(rows) == 20
+    assert {row["agrees"] for row in rows} == {"True"}
+
+
+def test_the_same_seed_gives_the_same_bytes(finished, ball_drops_folder, tmp_path):
+    study(tmp_path / "report", "--data", ball_drops_folder)
+    first = finished[0] / "report"
+    names = sorted(path.relative_to(first) for path in first.rglob("*.*"))
+    assert names == sorted(path.relative_to(tmp_path / "report") for path in (tmp_path / "report").rglob("*.*"))
+    different = [name for name in names if (first / name).read_bytes() != (tmp_path / "report" / name).read_bytes()]
+    assert different == []
+
+
+def test_without_the_measured_drops_the_simulated_parts_are_done(tmp_path, check_page):
+    run = study(tmp_path / "report", "--only", "simulated")
+    assert run.stdout.count("left out") >= 6
+    assert "Simulated drops with linear drag: reproduced" in run.stdout
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "they were left out as asked" in page
+    results = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert "linear_drag_averages" in results
+    assert "prediction_error" not in results
+    check_page(tmp_path / "report" / "report.html")
+
+
+def test_a_folder_without_the_drops_is_an_error(tmp_path):
+    run = subprocess.run(
+        [COMMAND, "study", "falling-balls", "--out", tmp_path / "out", "--data", tmp_path],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 1
+    assert "Ball_drops_data.xls" in run.stderr
+    assert not (tmp_path / "out").exists()
