@@ -5,8 +5,10 @@ from commonlaw.formulation.compress import MOST_GROUPS, Compressed, compress
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.independence import effective_rows, independent_share
 from commonlaw.formulation.resolution import resolution
+from commonlaw.formulation.reweighting import reweighted
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.system import System, leave_one_out, merge
+from commonlaw.formulation.weak import WeakForm
 
 __all__ = [
     "MOST_GROUPS",
@@ -15,10 +17,12 @@ __all__ = [
     "DiscreteForm",
     "StrongForm",
     "System",
+    "WeakForm",
     "compress",
     "effective_rows",
     "independent_share",
     "leave_one_out",
     "merge",
     "resolution",
+    "reweighted",
 ]

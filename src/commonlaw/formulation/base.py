@@ -29,6 +29,24 @@ class AbstractFormulation(ABC):
         """Return the variables of a law over trials of this schema."""
 
     @abstractmethod
+    def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
+        """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
+
+        Raises
+        ------
+        CommonlawError
+            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
+        """
+
+    @abstractmethod
+    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time."""
+
+
+class AbstractSampledForm(AbstractFormulation):
+    """A formulation whose rows are the terms at single samples."""
+
+    @abstractmethod
     def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
         """Yield the rows of a trial in stretches of which none goes across a cut (a number of samples).
 
@@ -54,13 +72,6 @@ class AbstractFormulation(ABC):
         return np.concatenate(values), np.concatenate(targets)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
-        """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
-        """
         values, targets = self.samples(trial)
         library = terms.evaluate(values)
         terms.check_finite(library, values, trial.label, self.span(trial)[0])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.base import AbstractFormulation, Piece
+from commonlaw.formulation.base import AbstractSampledForm, Piece
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
@@ -16,7 +16,7 @@ _UNEVEN = 0.01
 
 
 @dataclass(frozen=True)
-class DiscreteForm(AbstractFormulation):
+class DiscreteForm(AbstractSampledForm):
     """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last."""
 
     def variables(self, schema: Schema) -> Variables:

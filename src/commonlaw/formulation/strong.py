@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.base import AbstractFormulation, Piece
+from commonlaw.formulation.base import AbstractSampledForm, Piece
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
@@ -21,7 +21,7 @@ _PIECE = 8192
 
 
 @dataclass(frozen=True)
-class StrongForm(AbstractFormulation):
+class StrongForm(AbstractSampledForm):
     """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, one for each sample of a trial.
 
     Parameters

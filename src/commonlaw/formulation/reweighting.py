@@ -1,0 +1,70 @@
+"""The weak form's coefficients and weights, each by the other."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation.system import System, merge
+from commonlaw.formulation.weak import WeakForm
+from commonlaw.formulation.weak_rows import WeakRows
+from commonlaw.library import Terms
+from commonlaw.trials import Trials
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_SETTLED = 1e-6
+"""Relative change of a fit below which reweighting ends; the steps after it would change no digit that noise leaves."""
+
+
+def reweighted(
+    trials: Trials, terms: Terms, form: WeakForm, support: Bools | None = None, sweeps: int = 30
+) -> tuple[WeakForm, dict[str, Floats]]:
+    """Return the form with coefficients that fit the rows that these same coefficients whiten, and the coefficients.
+
+    Each sweep is generalised least squares with the covariance at the coefficients before it, for each equation its
+    own; the first is ordinary least squares. Iteratively reweighted least squares so settles in a handful of sweeps.
+
+    Parameters
+    ----------
+    trials
+        Their objects have coefficients of their own.
+    terms
+        The library.
+    form
+        How rows are made; its own coefficients are not used.
+    support
+        Which terms may be used, shape (equations, terms); None is all.
+    sweeps
+        How many at most.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial cannot be used; the message names it.
+    """
+    shape = len(trials.schema.states), len(terms)
+    used = np.ones(shape, dtype=np.bool_) if support is None else np.asarray(support, dtype=np.bool_)
+    if used.shape != shape:
+        raise CommonlawError(f"a support of shape {used.shape} does not fit; give one of shape {shape}")
+    found = {
+        name: _settled([form.tested(trial, terms) for trial in trials.of(name)], used, sweeps)
+        for name in trials.objects
+    }
+    return replace(form, coefficients=found), found
+
+
+def _settled(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
+    """Return the coefficients of one object, shape (equations, terms)."""
+    plain = merge(System.of(each.library, each.targets) for each in tested)
+    found = np.array([plain.least_squares(own, j) for j, own in enumerate(support)])
+    for j, own in enumerate(support):
+        for _ in range(sweeps):
+            system = merge(each.system(found, (j,)) for each in tested)
+            before, found[j] = found[j].copy(), system.least_squares(own, j)
+            if np.linalg.norm(system.norms * (found[j] - before)) <= _SETTLED * np.linalg.norm(system.norms * found[j]):
+                break
+    return found

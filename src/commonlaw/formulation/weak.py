@@ -1,0 +1,183 @@
+"""The weak form: integrals against bumps in place of derivatives."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, SmoothingSpline, noise_level
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation.base import AbstractFormulation
+from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
+from commonlaw.formulation.strong import rate_names
+from commonlaw.formulation.system import System
+from commonlaw.formulation.weak_rows import WeakRows
+from commonlaw.library import Terms, Variables
+from commonlaw.trials import Schema, Trial
+
+Floats = NDArray[np.float64]
+
+_EXACT = 1e-7
+"""Noise below this share of a state's range is none: the state is taken as measured."""
+
+_LOUD, _NARROWEST = 1e-4, 3
+"""Share of a state's range from which on noise is worse than the errors of integration of bumps of this radius, by
+which the ends of a trial are used."""
+
+_FLOOR = 1e-9
+"""Share of a state's range that its noise is at least taken for; errors of integration are about that."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeakForm(AbstractFormulation):
+    """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, each tested against a smooth bump phi of compact support.
+
+    By parts, ``-int phi' x dt = sum_k c_k int phi theta_k dt``, and ``int phi'' x dt`` for a law of second order: no
+    derivative is estimated, and noise is averaged over the bump (Messenger and Bortz 2021, "Weak SINDy"). In laws of
+    second order terms that are a rate times a power of its state are integrated by parts too, exactly:
+    ``int phi x^m v dt = -int phi' x^(m+1) / (m+1) dt``. All others take the rates of the smoothed states.
+
+    The noise of rows is correlated and differs in size, as bumps overlap and terms amplify noise differently along the
+    trial. For given coefficients its covariance is known to first order, and rows are whitened with it, so that least
+    squares on them is generalised least squares (Bortz, Messenger and Dukic 2023); `reweighted` finds the
+    coefficients. With it bumps that are too narrow do no harm: rows weigh what they are worth, wide bumps are sums of
+    narrow ones, and the coefficients hardly depend on the radius. So one radius is enough. It is that of the corner of
+    the spectrum, see `corner_radius`. Toward the ends of a trial it shrinks, to 14 samples if there is hardly any noise
+    and else to 3: the error of integration stays below the noise, and the ends, which tell most about a curvature, are
+    used. What first order leaves out, noise in the library rows themselves, is felt from some 5 % of noise on: there
+    rows of equal weight can be as good for a law whose terms are known.
+
+    Parameters
+    ----------
+    order
+        Order of the law: 1 or 2.
+    radii
+        Radii of bumps in samples; bumps of all of them are used. None chooses one for each trial.
+    noise
+        Standard deviations of the noise on each state, if they are known. None estimates them from each trial.
+    differentiation
+        How states are smoothed before terms are evaluated on them, which keeps noise from bending nonlinear terms, and
+        where rates of a law of second order come from if not by parts. None takes a cross-validated `SmoothingSpline`,
+        and where there is no noise the states as measured with rates of `FiniteDifference` of accuracy 8. A smoother
+        should follow what is slower than the bumps: then the covariance, which knows nothing of it, stays right.
+    coefficients
+        By object, coefficients of which the covariance is taken, shape (equations, terms). None leaves rows unweighted.
+    equation
+        The equation whose covariance whitens the rows. None takes the mean of all: rows of several equations share one
+        library, and so one weighting.
+    """
+
+    order: int = 1
+    radii: tuple[float, ...] | None = None
+    noise: tuple[float, ...] | None = None
+    differentiation: AbstractDifferentiator | None = None
+    coefficients: Mapping[str, Floats] | None = None
+    equation: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.order not in (1, 2):
+            raise CommonlawError(
+                f"order {self.order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)"
+            )
+        if self.radii is not None and not (self.radii and all(np.isfinite(each) and each >= 2 for each in self.radii)):
+            raise CommonlawError(f"radii {self.radii}: give one or more numbers of samples, each at least 2")
+        if self.noise is not None and not all(np.isfinite(each) and each >= 0 for each in self.noise):
+            raise CommonlawError(f"noise {self.noise}: give a standard deviation for each state, 0 or positive")
+
+    def variables(self, schema: Schema) -> Variables:
+        rates = rate_names(schema) if self.order == 2 else ()
+        return Variables((*schema.states, *rates), schema.inputs, schema.time)
+
+    def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
+        tested = self.tested(trial, terms)
+        if self.coefficients is None:
+            return tested.library, tested.targets
+        return tested.whitened(self._known(trial, tested), self._equations(trial))
+
+    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+        library, targets = self.rows(trial, terms)
+        if len(library) < parts:
+            raise CommonlawError(
+                f"{trial.label}: {len(trial)} samples make {len(library)} rows, too few for {parts} parts; "
+                "give smaller radii or a longer trial"
+            )
+        stretches = zip(np.array_split(library, parts), np.array_split(targets, parts), strict=True)
+        return [System.of(*each) for each in stretches]
+
+    def tested(self, trial: Trial, terms: Terms) -> WeakRows:
+        """Return the rows of a trial as they are, before they are whitened, with what makes their covariance.
+
+        Raises
+        ------
+        CommonlawError
+            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
+        """
+        noise = self._noise(trial)
+        bumps = self._bumps(trial, noise)
+        states, rates = self._smoothed(trial, noise)
+        columns = [states, *rates, trial.inputs, trial.times[:, np.newaxis]]
+        values = np.concatenate(columns, axis=1)
+        terms.check_finite(terms.evaluate(values), values, trial.label)
+        return WeakRows.of(bumps, trial, terms, values, noise, self.order)
+
+    def _noise(self, trial: Trial) -> Floats:
+        """Return the standard deviation of the noise on each state, shape (states,)."""
+        if self.noise is not None and len(self.noise) != trial.states.shape[1]:
+            raise CommonlawError(
+                f"{trial.label}: noise is given for {len(self.noise)} of {trial.states.shape[1]} states; give all"
+            )
+        least = 2 * LEAST_RADIUS + 1
+        if len(trial) < least:
+            raise CommonlawError(
+                f"{trial.label}: {len(trial)} samples are fewer than the {least} of a bump; leave the trial out, or "
+                "take the strong form"
+            )
+        noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
+        return np.asarray(np.maximum(noise, _FLOOR * np.ptp(trial.states, axis=0)))
+
+    def _narrowest(self, trial: Trial, noise: Floats) -> float:
+        """Return the radius of the bumps at the ends of a trial, in samples."""
+        return _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else LEAST_RADIUS
+
+    def _bumps(self, trial: Trial, noise: Floats) -> Bumps:
+        radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
+        bumps = reduce(Bumps.joined, [Bumps.over(trial.times, each, self._narrowest(trial, noise)) for each in radii])
+        if not len(bumps.centres):
+            raise CommonlawError(
+                f"{trial.label}: {len(trial)} samples leave gaps in every bump of a radius of "
+                f"{', '.join(f'{each:g}' for each in radii)} mean steps; give larger radii"
+            )
+        return bumps
+
+    def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
+        """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
+        methods: list[AbstractDifferentiator] = [self.differentiation or SmoothingSpline()] * len(noise)
+        if self.differentiation is None:
+            clean = noise <= _EXACT * np.ptp(trial.states, axis=0)
+            methods = [FiniteDifference(8) if exact else SmoothingSpline() for exact in clean]
+        try:
+            each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]
+        except CommonlawError as error:
+            raise CommonlawError(f"{trial.label}: {error}") from None
+        states = np.concatenate([one.states for one in each], axis=1)
+        return states, [np.concatenate([one.derivatives[0] for one in each], axis=1)] * (self.order - 1)
+
+    def _equations(self, trial: Trial) -> Sequence[int]:
+        known = range(trial.states.shape[1])
+        if self.equation is not None and self.equation not in known:
+            raise CommonlawError(f"{trial.label}: there is no equation {self.equation}; the first of {len(known)} is 0")
+        return known if self.equation is None else (self.equation,)
+
+    def _known(self, trial: Trial, tested: WeakRows) -> Floats:
+        """Return the coefficients of a trial's object, shape (equations, terms)."""
+        known = None if self.coefficients is None else self.coefficients.get(trial.object)
+        wanted = tested.targets.shape[1], tested.library.shape[1]
+        if known is None or known.shape != wanted:
+            what = "none" if known is None else f"coefficients of shape {known.shape}"
+            raise CommonlawError(
+                f"{trial.label}: the rows are to be whitened with coefficients of shape {wanted}, but there are {what} "
+                f"of {trial.object}; find them with `reweighted`"
+            )
+        return known

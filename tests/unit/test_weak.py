@@ -1,0 +1,324 @@
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from commonlaw import CommonlawError, FiniteDifference, SavitzkyGolay, SmoothedDifference, SmoothingSpline
+from commonlaw.formulation import StrongForm, System, WeakForm, compress, merge, reweighted
+from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
+from commonlaw.library import PolynomialLibrary, parse_library
+from commonlaw.solvers import BestSubset
+from commonlaw.trials import Schema, Trial, Trials
+
+LORENZ = np.array([[-10.0, 10, 0, 0, 0], [28, -1, 0, 0, -1], [0, 0, -8 / 3, 1, 0]])
+LORENZ_TERMS = "terms:x,y,z,x*y,x*z"
+SWING = np.array([[0, 1.0, 0], [-1, -0.3, -0.8]])
+SWING_TERMS = "terms:x,y,x**3"
+
+
+def regular(samples, length):
+    return np.linspace(0, length, samples)
+
+
+def uneven(samples, length):
+    times = regular(samples, length)
+    return times + 0.3 * times[1] * np.random.default_rng(5).uniform(-1, 1, samples)
+
+
+@cache
+def solution(system):
+    """Return exact trajectories as functions of time."""
+    field, start, length = {
+        "lorenz": (lambda _, y: LORENZ @ [*y, y[0] * y[1], y[0] * y[2]], [-8.0, 8, 27], 5.5),
+        "swing": (lambda _, y: SWING @ [*y, y[0] ** 3], [2.0, 0], 12.5),
+        "drag": (lambda _, y: [y[1], -9.8 - 0.38 * y[1]], [40.0, 0], 4.0),
+        "van der pol": (lambda _, y: [y[1], (1 - y[0] ** 2) * y[1] - y[0]], [1.0, 0.5], 12.5),
+        "v squared": (lambda _, y: [y[1], -0.1 * y[1] - y[0] + 0.2 * y[1] ** 2], [1.0, 0.5], 12.5),
+    }[system]
+    return solve_ivp(field, (-0.1, length), start, method="DOP853", rtol=1e-13, atol=1e-13, dense_output=True).sol
+
+
+def trials_of(system, times, noise=0.0, seed=0, states=2):
+    exact = solution(system)(times).T[:, :states]
+    noisy = exact + noise * exact.std(axis=0) * np.random.default_rng(seed).standard_normal(exact.shape)
+    return Trials((Trial("it", "1", times, noisy),), Schema(("x", "y", "z")[:states]))
+
+
+def bound(library, form, trials):
+    return parse_library(library).bind(form.variables(trials.schema))
+
+
+@pytest.mark.parametrize("grid", [regular, uneven])
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_weights_integrate_what_adaptive_quadrature_integrates(grid, derivative):
+    times = grid(200, 4 * np.pi)
+    bumps = Bumps.over(times, 20, LEAST_RADIUS)
+    weights = bumps.weights(times, 2)[derivative]
+
+    def bump(s):
+        powers = np.polynomial.Polynomial([1, 0, -1]) ** 16
+        return powers.deriv(derivative)(s) if derivative else powers(s)
+
+    for row in (0, len(bumps.centres) // 2):
+        centre, radius = bumps.centres[row], bumps.radii[row]
+        value, _ = quad(
+            lambda s, c=centre, r=radius: bump(s) * np.cos(c + r * s) * r ** (1 - derivative), -1, 1, epsabs=1e-13
+        )
+        scale = quad(lambda s, r=radius: np.abs(bump(s)) * r ** (1 - derivative), -1, 1, limit=200)[0]
+        assert (weights @ np.cos(times))[row] == pytest.approx(value, abs=1e-9 * scale)
+
+
+@pytest.mark.parametrize("grid", [regular, uneven])
+@pytest.mark.parametrize(
+    ("system", "library", "truth", "samples", "length"),
+    [("lorenz", LORENZ_TERMS, LORENZ, 1000, 5.0), ("swing", SWING_TERMS, SWING, 600, 12.0)],
+)
+def test_without_noise_rows_balance_below_1e_8(grid, system, library, truth, samples, length):
+    trials = trials_of(system, grid(samples, length), states=len(truth))
+    form = WeakForm()
+    rows, targets = form.rows(trials[0], bound(library, form, trials))
+    assert np.abs(rows @ truth.T - targets).max() < 1e-8 * np.abs(targets).max()
+    found = np.linalg.lstsq(rows, targets, rcond=None)[0].T
+    np.testing.assert_allclose(found, truth, atol=1e-7)
+
+
+@pytest.mark.parametrize("grid", [regular, uneven])
+@pytest.mark.parametrize(
+    ("system", "library", "truth", "samples", "length"),
+    [
+        ("drag", "terms:1,v", [-9.8, -0.38], 49, 3.0),
+        ("van der pol", "terms:x,v,x**2*v,x*v", [-1, 1, -1, 0], 600, 12.0),
+        ("v squared", "terms:x,v,v**2", [-1, -0.1, 0.2], 600, 12.0),
+    ],
+)
+def test_a_law_of_second_order_comes_from_heights_alone(grid, system, library, truth, samples, length):
+    trials = trials_of(system, grid(samples, length), states=1)
+    form = WeakForm(2)
+    rows, targets = form.rows(trials[0], bound(library, form, trials))
+    assert np.abs(rows @ truth - targets[:, 0]).max() < 1e-8 * np.abs(rows * truth).max()
+
+
+def test_terms_by_parts_need_no_rates():
+    trials = trials_of("van der pol", regular(600, 12.0), noise=0.05, states=1)
+    library = "terms:x,v,x**2*v,v**2,x*v**2"
+    plain, coarse = (
+        WeakForm(2, differentiation=FiniteDifference(accuracy)).rows(trials[0], bound(library, WeakForm(2), trials))[0]
+        for accuracy in (2, 6)
+    )
+    np.testing.assert_array_equal(plain[:, :3], coarse[:, :3])
+    assert not np.allclose(plain[:, 3:], coarse[:, 3:])
+
+
+@pytest.mark.parametrize(
+    ("grid", "order", "library", "truth"),
+    [(regular, 1, SWING_TERMS, SWING), (uneven, 2, "terms:x,v,x**3", SWING[1:])],
+)
+def test_covariance_is_that_of_many_draws(grid, order, library, truth):
+    draws, noise, times = 300, 0.02, grid(150, 10.0)
+    clean = trials_of("swing", times, states=3 - order)
+    deviations = tuple(noise * clean[0].states.std(axis=0))
+    form = WeakForm(order, noise=deviations, radii=(15.0,), differentiation=FiniteDifference(6))
+    terms = bound(library, form, clean)
+    expected = form.tested(clean[0], terms)
+    residuals = []
+    for seed in range(draws):
+        tested = form.tested(trials_of("swing", times, noise, seed, 3 - order)[0], terms)
+        residuals.append(tested.targets - tested.library @ truth.T)
+    for equation, row in enumerate(truth):
+        covariance = expected.covariance(row, equation).toarray()
+        sample = np.array(residuals)[:, :, equation]
+        variances = np.diag(covariance)
+        # The sampling error of a variance is sqrt(2 / draws) = 8 %
+        np.testing.assert_allclose(np.mean(sample**2, axis=0), variances, rtol=0.35)
+        correlation = (sample.T @ sample / draws - covariance) / np.sqrt(np.outer(variances, variances))
+        assert np.abs(correlation).max() < 0.35
+        assert np.sqrt(np.mean(correlation**2)) < 1.5 / np.sqrt(draws)
+
+
+def test_whitened_rows_leave_residuals_of_unit_variance():
+    left = []
+    for seed in range(20):
+        trials = trials_of("swing", regular(300, 12.0), 0.03, seed, 1)
+        form = WeakForm(2, noise=tuple(0.03 * trials_of("swing", regular(300, 12.0), states=1)[0].states.std(axis=0)))
+        terms = bound("terms:x,v,x**3", form, trials)
+        form, coefficients = reweighted(trials, terms, form)
+        rows, targets = form.rows(trials[0], terms)
+        left.append(targets - rows @ coefficients["it"].T)
+    assert np.mean(np.square(left[0].ravel())) < 3
+    everything = np.concatenate([each.ravel() for each in left])
+    assert np.mean(everything**2) == pytest.approx(1, abs=0.15)
+
+
+def test_whitening_is_generalised_least_squares_with_the_dense_covariance():
+    trials = trials_of("swing", regular(150, 10.0), 0.02)
+    terms = bound(SWING_TERMS, WeakForm(), trials)
+    form = WeakForm(coefficients={"it": SWING}, equation=1)
+    tested = form.tested(trials[0], terms)
+    inverse = np.linalg.inv(tested.covariance(SWING[1], 1).toarray())
+    normal = tested.library.T @ inverse @ tested.library
+    expected = np.linalg.solve(normal, tested.library.T @ inverse @ tested.targets[:, 1])
+    found = merge(form.systems(trials[0], terms)).least_squares(np.ones(3, dtype=bool), 1)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def errors(system, library, truth, times, noise, fit, states):
+    """Return the median norm of the error of coefficients over 24 draws of the noise."""
+    found = []
+    for seed in range(24):
+        trials = trials_of(system, times, noise, seed, states)
+        found.append(np.linalg.norm(fit(trials, library) - truth))
+    return np.median(found)
+
+
+def by_weights(order):
+    def fit(trials, library):
+        form = WeakForm(order)
+        terms = bound(library, form, trials)
+        return reweighted(trials, terms, form)[1]["it"]
+
+    return fit
+
+
+def by_rows(form):
+    def fit(trials, library):
+        rows, targets = form.rows(trials[0], bound(library, form, trials))
+        return np.linalg.lstsq(rows, targets, rcond=None)[0].T
+
+    return fit
+
+
+@pytest.mark.parametrize(
+    ("noise", "order", "system", "library", "truth", "samples", "length", "gain", "gain_on_strong"), [
+        (0.01, 1, "lorenz", LORENZ_TERMS, LORENZ, 500, 5.0, 1.02, 1.15),
+        (0.02, 2, "van der pol", "terms:x,v,x**2*v,x**3,1", [[-1, 1, -1, 0, 0]], 300, 12.0, 1.5, 4.0),
+    ]
+)  # fmt: skip
+def test_generalised_least_squares_beats_plain_and_the_strong_form(
+    noise, order, system, library, truth, samples, length, gain, gain_on_strong
+):
+    times, states = regular(samples, length), len(truth)
+    best, plain, spline, windows = (
+        errors(system, library, truth, times, noise, fit, states)
+        for fit in (
+            by_weights(order),
+            by_rows(WeakForm(order)),
+            by_rows(StrongForm(SmoothingSpline(), order)),
+            by_rows(StrongForm(SmoothedDifference(SavitzkyGolay(15)), order)),
+        )
+    )
+    assert plain > gain * best
+    assert min(spline, windows) > gain_on_strong * best
+
+
+def test_weights_make_the_radius_matter_little():
+    times, library = regular(300, 12.0), "poly:3"
+    truth = np.zeros((1, 10))
+
+    def fitted(radius, weighted):
+        found = []
+        for seed in range(20):
+            trials = trials_of("van der pol", times, 0.02, seed, 1)
+            form = WeakForm(2, radii=(radius,))
+            terms = bound(library, form, trials)
+            truth[0, [terms.index("x"), terms.index("v"), terms.index("x^2 v")]] = -1, 1, -1
+            if weighted:
+                found.append(reweighted(trials, terms, form)[1]["it"] - truth)
+            else:
+                rows, targets = form.rows(trials[0], terms)
+                found.append(np.linalg.lstsq(rows, targets, rcond=None)[0].T - truth)
+        return np.median(np.linalg.norm(found, axis=(1, 2)))
+
+    weighted = [fitted(radius, True) for radius in (12, 30)]
+    plain = [fitted(radius, False) for radius in (12, 30)]
+    assert max(weighted) < 1.4 * min(weighted)
+    assert min(plain) > max(weighted)
+
+
+def test_systems_are_the_parts_of_the_rows_and_merge():
+    trials = trials_of("swing", uneven(400, 12.0), 0.02)
+    terms = bound(SWING_TERMS, WeakForm(), trials)
+    form, _ = reweighted(trials, terms, WeakForm())
+    rows, everything = form.rows(trials[0], terms), np.ones(3, dtype=bool)
+    systems = form.systems(trials[0], terms, 4)
+    assert len(systems) == 4
+    whole = System.of(*rows)
+    np.testing.assert_allclose(
+        merge(systems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
+    )
+
+
+def test_solvers_find_the_law_in_compressed_trials():
+    exact = trials_of("lorenz", regular(1000, 5.0), 0.02, states=3)
+    trials = Trials((exact[0], Trial("it", "2", *_noisy(7)), Trial("other", "1", *_noisy(8))), exact.schema)
+    terms = PolynomialLibrary(2).bind(WeakForm().variables(trials.schema))
+    form, _ = reweighted(trials, terms, WeakForm())
+    data = compress(trials, trials.schema, form, terms, parts=4)
+    names = [{"x", "y"}, {"x", "y", "x z"}, {"z", "x y"}]
+    for equation, wanted in enumerate(names):
+        path = BestSubset().path(data.systems, equation, np.ones(10, dtype=bool))
+        found = next(each for each in path if each.support[0].sum() == len(wanted))
+        assert {terms.names[i] for i in np.flatnonzero(found.support[0])} == wanted
+
+
+def _noisy(seed):
+    trial = trials_of("lorenz", regular(1000, 5.0), 0.02, seed, 3)[0]
+    return trial.times, trial.states
+
+
+def test_inputs_and_time_are_evaluated_at_the_samples():
+    times = regular(300, 6.0)
+    push = np.cos(3 * times)
+    state = np.sin(3 * times) / 3 + times**2
+    trials = Trials((Trial("it", "1", times, state, push),), Schema(("x",), ("u",)))
+    form = WeakForm()
+    rows, targets = form.rows(trials[0], bound("terms:u,t,x", form, trials))
+    np.testing.assert_allclose(np.linalg.lstsq(rows, targets, rcond=None)[0][:, 0], [1, 2, 0], atol=1e-8)
+
+
+def test_the_radius_follows_the_slowness_of_the_state():
+    times = regular(2000, 20.0)
+    noise = np.random.default_rng(0).standard_normal((2000, 1)) * 0.05
+    slow, fast = (
+        corner_radius(times, np.sin(frequency * times)[:, None] + noise, np.array([0.05])) for frequency in (2, 8)
+    )
+    assert 1.5 < slow / fast < 8
+    assert corner_radius(times, np.sin(times)[:, None], np.array([1e-12])) == LEAST_RADIUS
+
+
+def test_bumps_over_a_gap_are_left_out():
+    times = np.delete(regular(400, 8 * np.pi), slice(150, 200))
+    bumps = Bumps.over(times, 15, LEAST_RADIUS)
+    inside = np.abs(bumps.centres - times[149:151].mean()) < bumps.radii
+    assert len(bumps.centres) > 20
+    assert not inside.any()
+
+
+def test_several_radii_give_the_bumps_of_each():
+    trials = trials_of("swing", regular(400, 12.0), 0.02)
+    terms = bound(SWING_TERMS, WeakForm(), trials)
+    counts = [len(WeakForm(radii=radii).rows(trials[0], terms)[0]) for radii in ((15.0,), (40.0,), (15.0, 40.0))]
+    assert counts[2] == counts[0] + counts[1]
+
+
+def test_what_cannot_be_is_said():
+    short = trials_of("swing", regular(20, 1.0))
+    with pytest.raises(CommonlawError, match="it, trial 1: 20 samples are fewer than the 29 of a bump"):
+        WeakForm().rows(short[0], bound(SWING_TERMS, WeakForm(), short))
+    trials = trials_of("swing", regular(60, 3.0), 0.01)
+    terms = bound(SWING_TERMS, WeakForm(), trials)
+    with pytest.raises(CommonlawError, match="noise is given for 1 of 2 states"):
+        WeakForm(noise=(0.1,)).rows(trials[0], terms)
+    with pytest.raises(CommonlawError, match=r"coefficients of shape \(2, 3\), but there are none of it"):
+        WeakForm(coefficients={}).rows(trials[0], terms)
+    with pytest.raises(CommonlawError, match="no equation 2; the first of 2 is 0"):
+        WeakForm(coefficients={"it": SWING}, equation=2).rows(trials[0], terms)
+    with pytest.raises(CommonlawError, match="too few for 500 parts"):
+        WeakForm().systems(trials[0], terms, 500)
+    with pytest.raises(CommonlawError, match="order 3"):
+        WeakForm(3)
+    with pytest.raises(CommonlawError, match="each at least 2"):
+        WeakForm(radii=(1.0,))
+    line = Trials((Trial("it", "1", regular(60, 3.0), np.linspace(0, 1, 60)),), Schema(("x",)))
+    with pytest.raises(CommonlawError, match="it, trial 1: term 1/x is infinite at sample 1"):
+        WeakForm().rows(line[0], bound("terms:1/x", WeakForm(), line))
