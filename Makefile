@@ -17,11 +17,11 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test lint types contracts unit bench clean
+.PHONY: help demo test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(STAMP) ## Find a law in simulated drops: equations beside the truth, and a picture in demo/
 	mkdir -p $(DEMO)
@@ -40,10 +40,22 @@ contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
 
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 bench: $(BENCH_STAMP) ## Measure commonlaw beside PySINDy: about ten minutes
 	$(BIN)/python -m benchmarks
+
+bench-discovery: $(STAMP) ## Laws of a collection of problems, beside baselines: hours; less with ARGS="--noise 0.01"
+	$(BIN)/python -m benchmarks.discovery $(ARGS)
+
+bench-bound: $(STAMP) ## Errors of coefficients over the Cramer-Rao bound: hours; less with ARGS="--draws 5"
+	$(BIN)/python -m benchmarks.cramer_rao $(ARGS)
+
+bench-coverage: $(STAMP) ## How often stated intervals hold the truth: an hour; less with ARGS="--draws 20"
+	$(BIN)/python -m benchmarks.coverage $(ARGS)
+
+bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
+	$(BIN)/python -m benchmarks.cost $(ARGS)
 
 clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

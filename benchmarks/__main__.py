@@ -2,19 +2,16 @@
 
 import argparse
 import importlib.util
-import os
-import platform
 import statistics
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks import accuracy
 from benchmarks.cases import BOUND, CASES, DEGREES, ROWS, Case
+from benchmarks.machine import machine
 from benchmarks.measure import Measurement, measure
 
 Runs = Mapping[str, Sequence[Measurement]]
@@ -27,7 +24,7 @@ def main() -> None:
     parser.add_argument("--case", choices=[*CASES, "growth", "accuracy"], help="this part only")
     parser.add_argument("--most-rows", type=float, default=1e6, help="in the table of growth with rows, up to 1e7")
     chosen = parser.parse_args()
-    print(f"{_machine()}\n")
+    print(f"{machine()}\n")
     parts = [chosen.case] if chosen.case else [*CASES, "growth", "accuracy"]
     cases = [name for name in parts if name in CASES]
     if cases:
@@ -114,15 +111,6 @@ def _median(measured: Sequence[Measurement]) -> float:
 
 def _is_here(contestant: str) -> bool:
     return not contestant.startswith("PySINDy") or importlib.util.find_spec("pysindy") is not None
-
-
-def _machine() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
-    packages = [name for name in ("numpy", "scipy", "pysindy", "heyoka") if importlib.util.find_spec(name)]
-    versions = ", ".join(f"{name} {version(name)}" for name in ("commonlaw", *packages))
-    return f"{model}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,75 @@
+"""What comes out of many draws of the noise on the same experiment."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+import commonlaw as cl
+from benchmarks.families import Experiment, experiment
+from benchmarks.variational import term_values
+from commonlaw.differentiation import AbstractDifferentiator, parse_differentiation
+
+Floats = NDArray[np.float64]
+
+SMOOTHINGS = ("spline", "savgol:7:3", "savgol:15:3", "savgol:35:3")
+"""Ways of estimating rates for plain regression: the smoothing spline chooses its strength, the others have windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Coefficients from one draw of the noise, shape (objects, parameters).
+
+    Parameters
+    ----------
+    found
+        By commonlaw's defaults; nothing where the support is not the true one.
+    errors
+        The standard errors that the law states, where there is one.
+    plain
+        By plain regression on the true terms, with each of the `SMOOTHINGS`.
+    """
+
+    found: Floats | None
+    errors: Floats | None
+    plain: tuple[Floats, ...]
+
+
+def draw(name: str, level: float, count: int, jobs: int = 1) -> list[Outcome]:
+    """Return the outcomes of that many draws, the same whatever the number of jobs."""
+    return list(Parallel(n_jobs=jobs)(delayed(_outcome)(name, level, seed) for seed in range(count)))
+
+
+def add_options(parser: argparse.ArgumentParser, families: Sequence[str], count: int) -> None:
+    """Add how much is to be drawn to a command line."""
+    parser.add_argument("--families", nargs="+", choices=families, default=families, metavar="FAMILY")
+    parser.add_argument("--draws", type=int, default=count, help="of the noise (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
+
+
+def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: AbstractDifferentiator) -> Floats:
+    """Return each object's coefficients by least squares of smoothed rates on the true terms of smoothed states."""
+    family = experiment.family
+    coefficients = []
+    for name in trials.objects:
+        rates = [smoothing.differentiate(trial.times, trial.states, family.order) for trial in trials.of(name)]
+        values = np.concatenate([np.hstack([each.states, *each.derivatives[:-1]]) for each in rates])
+        targets = np.concatenate([each.derivatives[-1] for each in rates])
+        own: list[float] = []
+        for equation, target in zip(family.equations, targets.T, strict=True):
+            library = np.stack([term_values(term, family.variables, values) for term in equation], axis=1)
+            own += np.linalg.lstsq(library, target, rcond=None)[0].tolist()
+        coefficients.append(own)
+    return np.array(coefficients)
+
+
+def _outcome(name: str, level: float, seed: int) -> Outcome:
+    known = experiment(name)
+    trials = known.measured(level, seed)
+    law = known.discover(trials)
+    found = known.estimates(law)
+    plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
+    return Outcome(found, None if found is None else known.errors(law), plain)

@@ -1,0 +1,158 @@
+"""What commonlaw's laws are measured by is right: bounds, intervals, and the words of a collection of problems."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from benchmarks import cost, coverage, cramer_rao, discovery
+from benchmarks.draws import Outcome, plain_regression
+from benchmarks.families import FAMILIES, experiment
+from benchmarks.variational import cramer_rao as bounds_of
+from benchmarks.variational import solve
+
+import commonlaw as cl
+from commonlaw.differentiation import parse_differentiation
+from commonlaw.library import Variables
+
+COLLECTION = """
+import argparse, importlib, json, os, sys
+import numpy as np
+parser = argparse.ArgumentParser()
+for name in ("method", "bench", "noise", "seeds", "jobs", "only", "out"):
+    parser.add_argument(f"--{name}")
+given = parser.parse_args()
+sys.path.insert(0, os.getcwd())
+module, function = given.method.split(":")
+times = np.linspace(0, 2, 60)
+objects = [([times], [start * np.exp(-0.5 * times)[:, np.newaxis]]) for start in (1.0, 2.0)]
+models = getattr(importlib.import_module(module), function)(objects, {"names": ["1", "x0"], "degree": 1, "trig": False})
+right = all(abs(model[0]["x0"] + 0.5) < 1e-3 and len(model[0]) == 1 for model in models)
+score = {"bench": given.bench, "name": "decay", "noise": float(given.noise), "trials": 2, "seed": 0}
+measures = {"all_exact": int(right), "f1": 1.0, "coef_err": 0.0, "r2_ok": 1.0, "seconds": 0.1}
+with open(given.out, "w") as file:
+    json.dump([] if given.only == "other" else [score | measures], file)
+"""
+
+
+def test_the_bound_of_a_decay_is_that_of_its_closed_form():
+    times, rate, start, noise = np.linspace(0, 3, 40), -0.7, 2.0, 0.05
+    runs = [solve(("x",), (("x",),), np.array([rate]), np.array([each]), times) for each in (start, 2 * start)]
+    decay, information = np.exp(rate * times), 0.0
+    for begin in (start, 2 * start):
+        by_rate = begin * times * decay
+        information += by_rate @ by_rate - (by_rate @ decay) ** 2 / (decay @ decay)
+    np.testing.assert_allclose(bounds_of(runs, np.array([noise])), [noise / math.sqrt(information)], rtol=1e-7)
+
+
+def test_the_bound_of_a_free_fall_is_that_of_a_quadratic_fit_to_its_heights():
+    times, noise = np.linspace(0, 3, 30), 0.1
+    run = solve(("x", "v"), (("1",),), np.array([-9.8]), np.array([48.0, 0.3]), times)
+    design = np.stack([times**2 / 2, np.ones(30), times], axis=1)
+    expected = noise * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
+    np.testing.assert_allclose(bounds_of([run], np.array([noise])), [expected], rtol=1e-7)
+
+
+def test_derivatives_of_a_trajectory_are_those_of_differences():
+    family = FAMILIES["Lorenz"]
+    coefficients, start = np.array([-10, 10, 28, -1, -1, -8 / 3, 1.0]), np.array([-8.0, 8.0, 27.0])
+    times = np.linspace(0, 0.5, 6)
+
+    def states(change_of_coefficients, change_of_start):
+        changed = coefficients + change_of_coefficients, start + change_of_start
+        return solve(family.variables, family.equations, *changed, times).states
+
+    run, step = solve(family.variables, family.equations, coefficients, start, times), 1e-4
+    for i, change in enumerate(step * np.eye(7)):
+        slope = (states(change, 0) - states(-change, 0)) / (2 * step)
+        np.testing.assert_allclose(run.by_coefficients[:, :, i], slope, rtol=1e-4, atol=1e-4)
+    for i, change in enumerate(step * np.eye(3)):
+        slope = (states(0, change) - states(0, -change)) / (2 * step)
+        np.testing.assert_allclose(run.by_start[:, :, i], slope, rtol=1e-4, atol=1e-4)
+
+
+def test_errors_as_large_as_their_bounds_have_the_ratio_one():
+    truth, bounds = np.array([[1.0, 2.0]]), np.array([[0.1, 0.01]])
+    both = [truth + bounds, truth - bounds]
+    assert cramer_rao.relative_errors(both, truth, bounds) == pytest.approx((1, 1))
+    typical, largest = cramer_rao.relative_errors([truth + bounds * [3, 1]], truth, bounds)
+    assert (typical, largest) == pytest.approx((math.sqrt(5), 3))
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_plain_regression_on_trials_without_noise_finds_the_coefficients(name):
+    known = experiment(name, objects=1)
+    found = plain_regression(known, known.measured(0.0, 0), parse_differentiation("finite:6"))
+    np.testing.assert_allclose(found, known.coefficients, rtol=0.02)
+
+
+def test_normal_errors_of_the_stated_size_are_covered_as_often_as_stated():
+    generator, truth, errors = np.random.default_rng(0), np.zeros((2, 3)), np.array([[1.0, 0.1, 5.0]] * 2)
+    draws = [Outcome(errors * generator.standard_normal((2, 3)), errors, ()) for _ in range(1000)]
+    share = coverage.held([*draws, Outcome(None, None, ())], truth).mean()
+    low, high = coverage.interval(share, 6000)
+    assert low < 0.95 < high < low + 0.02
+
+
+def test_the_library_has_the_names_of_the_collection():
+    library = discovery.library_of({"degree": 2, "trig": True})
+    names = library.bind(Variables(("x0", "x1"), (), "t")).names
+    assert set(names) == {
+        *("1", "x0", "x1", "x0^2", "x0 x1", "x1^2"), "sin(x0)", "cos(x0)", "sin(x1)", "cos(x1)",
+    }  # fmt: skip
+
+
+def test_a_law_of_heights_comes_back_as_a_model_of_heights_and_rates():
+    times = np.linspace(0, 3, 60)
+    objects = []
+    for drag in (0.2, 0.4):
+        fallen = 9.8 / drag * (times - (1 - np.exp(-drag * times)) / drag)
+        objects.append(([times, times], [48 - fallen[:, np.newaxis], 47 - fallen[:, np.newaxis]]))
+    models = discovery.method(objects, {"degree": 2, "trig": False, "observed": [0]})
+    for model, drag in zip(models, (0.2, 0.4), strict=True):
+        assert model[0] == {"x1": 1.0}
+        assert model[1] == pytest.approx({"1": -9.8, "x1": -drag}, rel=1e-2)
+
+
+def test_a_law_of_several_states_comes_back_under_the_names_of_its_terms(monkeypatch):
+    def found(trials, *, order, library):
+        terms = library.bind(Variables(trials.schema.states, (), "t"))
+        coefficients = np.zeros((2, 2, len(terms)))
+        coefficients[:, 0, terms.index("x1")] = 1
+        coefficients[:, 1, terms.index("x0^2*x1")] = [-2, -3]
+        return cl.Law(terms, trials.schema, order, trials.objects, coefficients)
+
+    monkeypatch.setattr(cl, "discover", found)
+    objects = [([np.arange(5.0)], [np.zeros((5, 2))])] * 2
+    models = discovery.method(objects, {"degree": 3, "trig": False, "observed": None})
+    assert models == [[{"x1": 1.0}, {"x0^2 x1": -2.0}], [{"x1": 1.0}, {"x0^2 x1": -3.0}]]
+
+
+def test_a_collection_is_run_and_its_scores_stand_beside_baselines_and_goals(tmp_path, capsys):
+    (tmp_path / "run.py").write_text(COLLECTION)
+    out = tmp_path / "scores.json"
+    common = ["--problems", str(tmp_path), "--bench", "grouped", "--jobs", "1"]
+    discovery.main([*common, "--noise", "0", "0.01", "--out", str(out)])
+    printed = capsys.readouterr().out
+    assert "| grouped, every support right | commonlaw | 1.00 | 1.00 |" in printed
+    assert "|  | best baseline | 1.00 | 0.81 |" in printed
+    assert "Not right at 1 %: none." in printed
+    assert [score["noise"] for score in json.loads(out.read_text())] == [0, 0.01]
+    with pytest.raises(SystemExit):
+        discovery.main([*common, "--noise", "0", "--only", "other"])
+    assert "no problem named other" in capsys.readouterr().err
+
+
+def test_a_missing_collection_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        discovery.main(["--problems", str(tmp_path)])
+    assert "name its folder by --problems or COMMONLAW_BENCHMARKS" in capsys.readouterr().err
+
+
+def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
+    cramer_rao.main(["--families", "heights of balls", "--draws", "1", "--noise", "0.001"])
+    assert "| heights of balls | 0.1 | 1 of 1 |" in capsys.readouterr().out
+    coverage.main(["--families", "heights of balls", "--draws", "1", "--noise", "0.001"])
+    assert "| heights of balls | 0.1 | 1 of 1 | 10 | " in capsys.readouterr().out
+    cost.main(["--objects", "1", "--repeats", "1", "--noise", "0.01"])
+    assert capsys.readouterr().out.endswith("| yes |\n")
