@@ -29,7 +29,7 @@ CASES = {
     "an empty file": ("", [], "drops.csv.*empty"),
     "no rows": ("ball,drop,t,height\n", [], "drops.csv.*no (data )?rows?|header"),
     "text in a numeric column": (rows(r17h="abc"), [], r"height.*row 17.*line 18.*'abc'"),
-    "a missing value": (rows(r9h=""), [], "height.*row 9"),
+    "a missing time": (rows(r9t=""), [], "'t'.*row 9"),
     "an infinite value": (rows(r9h="inf"), [], "height.*row 9"),
     "duplicate times": (rows(r9t=str(7 / 15)), [], "(?i)golf.*(twice|same|duplicate)"),
     "a wrong column": (rows(), ["--state", "hieght"], "'hieght': did you mean 'height'"),

@@ -43,9 +43,16 @@ def collections(draw):
     pairs = draw(st.lists(st.tuples(_LABELS, _LABELS), min_size=1, max_size=4, unique=True))
     trials = []
     for name, run in pairs:
-        times = sorted(draw(st.lists(_FLOATS, min_size=1, max_size=5, unique=True)))
+        times = sorted(draw(st.lists(_FLOATS, min_size=1, max_size=7, unique=True)))
         values = draw(arrays(np.float64, (len(times), len(schema.states) + len(schema.inputs)), elements=_FLOATS))
-        trials.append(Trial(name, run, times, values[:, : len(schema.states)], values[:, len(schema.states) :]))
+        states, inputs = np.split(values, [len(schema.states)], axis=1)
+        for gap in draw(st.lists(st.tuples(*(st.integers(0, size - 1) for size in states.shape)), max_size=4)):
+            measured = ~np.isnan(states)
+            measured[gap] = False
+            # As many as a trial needs, in each sample and of each state
+            if measured.any(axis=1).all() and measured.sum(axis=0).min() >= min(5, len(times)):
+                states[gap] = np.nan
+        trials.append(Trial(name, run, times, states, inputs))
     properties = {}
     for name in dict.fromkeys(name for name, _ in pairs):
         values = {key: draw(_FLOATS) for key in numbers if draw(st.booleans())}

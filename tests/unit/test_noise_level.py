@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.differentiation.noise import _covariance, _differences, noise_level
+from commonlaw.differentiation.noise import _covariance, differences, noise_level
 
 RNG_SEED = 0
 LEVELS = (0.001, 0.01, 0.1)
@@ -94,7 +94,7 @@ def test_differences_of_the_highest_order_take_lower_polynomials_away_on_any_gri
 def test_differences_are_the_leading_coefficients_of_polynomials_with_weights_of_unit_length():
     generator = np.random.default_rng(3)
     times, states = np.cumsum(generator.uniform(0.1, 3, 9)), generator.standard_normal((9, 2))
-    for order, found in enumerate(_differences(times, states, 4), start=1):
+    for order, found in enumerate(differences(times, states, 4), start=1):
         weights = [np.linalg.inv(np.vander(times[i : i + order + 1]))[0] for i in range(9 - order)]
         expected = [w / np.linalg.norm(w) @ states[i : i + order + 1] for i, w in enumerate(weights)]
         np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -240,14 +240,14 @@ BAD_TEXT = {
         {},
         r"row 17 \(line 19\)",
     ),
-    "missing value": (
+    "missing input": (
         changed(9, 3, ""),
-        {},
+        {"states": "mass", "inputs": "height"},
         r"column 'height', row 9 \(line 10\), a, trial 1: the value is missing; repair the rows or remove them",
     ),
-    "missing values": (
+    "missing inputs": (
         changed(9, 3, "NA").replace("a,1,18,32", "a,1,18,nan"),
-        {},
+        {"states": "mass", "inputs": "height"},
         r"row 9 \(line 10\).*is missing \(2 values of the column are missing or infinite\)",
     ),
     "infinite value": (
@@ -316,9 +316,9 @@ def test_workbooks_that_cannot_be_used_are_refused(tmp_path):
         read_trials(path, sheet="B")
     with pytest.raises(CommonlawError, match="there is nothing in the workbook"):
         read_trials(workbook(tmp_path / "b.xlsx", {"A": []}))
-    rows = [["t", "x"], [0, 1], [1, None]]
-    with pytest.raises(CommonlawError, match="column 'x', row 2 of sheet 'B', B, trial 1: the value is missing"):
-        read_trials(workbook(tmp_path / "c.xlsx", {"A": rows[:2], "B": rows}))
+    rows = [["t", "x"], [0, 1], [None, 2]]
+    with pytest.raises(CommonlawError, match="column 't', row 2 of sheet 'B', B, trial 1: the value is missing"):
+        read_trials(workbook(tmp_path / "c.xlsx", {"A": [*rows[:2], [1, 2]], "B": rows}))
 
 
 BAD_FRAMES = {
@@ -335,9 +335,9 @@ BAD_FRAMES = {
         "'t' holds timestamp.*give it as numbers",
     ),
     "a missing number": (
-        pl.DataFrame({"t": [0, 1], "x": [1.0, None]}),
+        pl.DataFrame({"t": [0, None], "x": [1.0, 2.0]}),
         {},
-        "column 'x', row 2, object, trial 1: the value is m",
+        "column 't', row 2, object, trial 1: the value is m",
     ),
     "mixed cells": (
         pd.DataFrame({"t": [0, 1, 2], "x": [1.0, "abc", 2]}),

@@ -7,6 +7,8 @@ from commonlaw.differentiation.centered import CenteredDifference
 from commonlaw.differentiation.finite_difference import FiniteDifference
 from commonlaw.differentiation.forward import ForwardDifference
 from commonlaw.differentiation.median import MedianFilter
+from commonlaw.differentiation.noise import noise_level
+from commonlaw.differentiation.robust import RobustSpline, robust_rates
 from commonlaw.differentiation.savitzky_golay import SavitzkyGolay
 from commonlaw.differentiation.smoothed import SmoothedDifference
 from commonlaw.differentiation.spectral import Spectral
@@ -25,6 +27,7 @@ __all__ = [
     "ForwardDifference",
     "MedianFilter",
     "Rates",
+    "RobustSpline",
     "SavitzkyGolay",
     "SmoothedDifference",
     "SmoothingSpline",
@@ -33,7 +36,9 @@ __all__ = [
     "WienerFilter",
     "default_differentiation",
     "format_differentiation",
+    "noise_level",
     "parse_differentiation",
+    "robust_rates",
 ]
 
 METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] = {
@@ -44,6 +49,7 @@ METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] 
     "median": MedianFilter,
     "wiener": WienerFilter,
     "spline": SmoothingSpline,
+    "robust": RobustSpline,
     "spectral": Spectral,
     "tv": TotalVariation,
 }

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,9 @@ class Rates:
 
 class AbstractDifferentiator(ABC):
     """From the samples of one trial to its smoothed states and rates."""
+
+    takes_missing: ClassVar[bool] = False
+    """Whether measured states may be missing (NaN)."""
 
     @abstractmethod
     def reach(self, order: int) -> int | None:

@@ -69,8 +69,8 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
     _check(t, x)
     highest = min(_HIGHEST, len(t) // 4)
-    differences = enumerate(_differences(t, x, highest), start=1)
-    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in differences])
+    by_order = enumerate(differences(t, x, highest), start=1)
+    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
     return _smallest_that_agrees(estimates, len(t) - highest)
 
 
@@ -92,7 +92,7 @@ def _check(times: Floats, states: Floats) -> None:
         )
 
 
-def _differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:
+def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:
     """Yield the differences of order 1 to `highest`, with weights of unit length; those of order k are (n - k, d)."""
     # In units of the usual step, powers of the steps neither overflow nor vanish
     t = times / np.median(np.diff(times))

@@ -53,13 +53,13 @@ class SmoothingSpline(AbstractDifferentiator):
         steps = np.diff(times) / step
         columns = []
         for column in states.T:
-            strength = _cross_validated(steps, column) if self.strength is None else self.strength / step**3
-            columns.append(_spline(steps, column, strength))
+            strength = cross_validated(steps, column) if self.strength is None else self.strength / step**3
+            columns.append(smoothing_spline(steps, column, strength))
         smoothed, rate, curvature = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
         return Rates(smoothed, (rate / step, curvature / step**2)[:order])
 
 
-def _spline(steps: Floats, state: Floats, strength: float) -> tuple[Floats, Floats, Floats]:
+def smoothing_spline(steps: Floats, state: Floats, strength: float) -> tuple[Floats, Floats, Floats]:
     """Return the spline's values, first and second derivatives at the samples, each of shape (n,)."""
     smoothed, multipliers = solve(_bands(steps, strength), state)
     curvature = multipliers / strength
@@ -76,7 +76,7 @@ def _bands(steps: Floats, strength: float) -> Floats:
     return bands
 
 
-def _cross_validated(steps: Floats, state: Floats) -> float:
+def cross_validated(steps: Floats, state: Floats) -> float:
     """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score."""
     from scipy.optimize import minimize_scalar
 
@@ -91,7 +91,7 @@ def _score(logarithm: float, steps: Floats, state: Floats) -> float:
 
     The trace is n - 2 and the derivative of the system's log determinant by the logarithm of the strength.
     """
-    smoothed, _, _ = _spline(steps, state, np.exp(logarithm))
+    smoothed, _, _ = smoothing_spline(steps, state, np.exp(logarithm))
     low, high = (log_determinant(_bands(steps, np.exp(logarithm + shift))) for shift in (-0.01, 0.01))
     trace = len(state) - 2 + (high - low) / 0.02
     return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)

@@ -111,24 +111,25 @@ class Forecast:
         """Return a table of errors, one row for each trial and state.
 
         Columns: the root of the mean squared error, the largest and the last absolute error, all in the state's unit,
-        and when the forecast diverged (NaN if it did not; its errors are then infinite).
+        and when the forecast diverged (NaN if it did not; its errors are then infinite). Samples in which the state was
+        not measured do not count; a state that never was has no errors (NaN).
         """
         import pandas as pd
 
         schema, rows = self.trials.schema, []
         for trial, forecast, trajectory in zip(self.trials, self._states(), self.trajectories, strict=True):
-            gap = np.abs(forecast - trial.states)
-            gap[np.isnan(gap)] = np.inf
+            gaps = np.abs(np.nan_to_num(forecast, nan=np.inf) - trial.states)
             lost = np.flatnonzero(np.isnan(forecast).any(axis=1))
             for j, name in enumerate(schema.states):
+                gap = gaps[~np.isnan(trial.states[:, j]), j]
                 rows.append(
                     {
                         schema.object: trial.object,
                         schema.trial: trial.name,
                         "state": name,
-                        "rms error": np.sqrt(np.mean(gap[:, j] ** 2)),
-                        "largest error": gap[:, j].max(),
-                        "last error": gap[-1, j],
+                        "rms error": np.sqrt(np.mean(gap**2)) if len(gap) else np.nan,
+                        "largest error": gap.max() if len(gap) else np.nan,
+                        "last error": gap[-1] if len(gap) else np.nan,
                         "diverged after": np.nan if trajectory.outcome is None else trial.times[lost[0] - 1],
                     }
                 )
@@ -138,12 +139,13 @@ class Forecast:
         """Return the mean over states of R^2, the share of the states' variation within trials that is forecast.
 
         1 is perfect, 0 is as good as each trial's mean, and a forecast that diverged makes it minus infinity.
+        Samples in which a state was not measured do not count.
         """
         states = self._states()
         if any(np.isnan(forecast).any() for forecast in states):
             return -np.inf
         missed = _sum_of_squares([f - trial.states for f, trial in zip(states, self.trials, strict=True)])
-        varied = _sum_of_squares([trial.states - trial.states.mean(axis=0) for trial in self.trials])
+        varied = _sum_of_squares([trial.states - _means(trial.states) for trial in self.trials])
         return float(np.mean(1 - missed / varied))
 
     def _states(self) -> list[Floats]:
@@ -152,4 +154,9 @@ class Forecast:
 
 
 def _sum_of_squares(parts: Sequence[Floats]) -> Floats:
-    return np.asarray(sum(np.sum(part**2, axis=0) for part in parts))
+    return np.asarray(sum(np.nansum(part**2, axis=0) for part in parts))
+
+
+def _means(states: Floats) -> Floats:
+    """Return the means of measured states, shape (d,); zero for one that never was."""
+    return np.asarray(np.nansum(states, axis=0) / np.maximum(np.sum(~np.isnan(states), axis=0), 1))

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -71,7 +71,13 @@ class AbstractSampledForm(AbstractFormulation):
         _, values, targets = zip(*self.pieces(trial, []), strict=True)
         return np.concatenate(values), np.concatenate(targets)
 
+    @property
+    @abstractmethod
+    def takes_missing(self) -> bool:
+        """Whether states may be missing (NaN) in a trial."""
+
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
+        self._check(trial, terms)
         values, targets = self.samples(trial)
         library = terms.evaluate(values)
         terms.check_finite(library, values, trial.label, self.span(trial)[0])
@@ -82,6 +88,7 @@ class AbstractSampledForm(AbstractFormulation):
 
         They are the systems of `rows`, but no more than a piece of them is held at a time.
         """
+        self._check(trial, terms)
         first, last = self.span(trial)
         cuts = [first + (last - first) * i // parts for i in range(1, parts)]
         width = len(terms) + trial.states.shape[1]
@@ -91,6 +98,30 @@ class AbstractSampledForm(AbstractFormulation):
             self.rows(trial, terms)  # Its message names the term and the sample
             raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
         return found
+
+    def _check(self, trial: Trial, terms: Terms) -> None:
+        if not self.takes_missing:
+            check_complete(trial, terms.variables.states)
+
+
+def check_complete(trial: Trial, states: Sequence[str]) -> None:
+    """Refuse a trial with missing states, for a formulation that needs them all.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+    states
+        Names of the variables, of which the measured states are the first.
+    """
+    missing = np.argwhere(np.isnan(trial.states))
+    if len(missing):
+        sample, state = missing[0]
+        raise CommonlawError(
+            f"{trial.label}: {states[state]} is missing in sample {sample + 1}, {len(missing)} values in all, and this "
+            "formulation needs every one: leave the solver and differentiation to their defaults, which take missing "
+            "values; or fill or drop them"
+        )
 
 
 def _blocks(pieces: Iterable[Piece], terms: Terms, width: int) -> Iterator[Floats]:

@@ -19,6 +19,10 @@ _UNEVEN = 0.01
 class DiscreteForm(AbstractSampledForm):
     """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last."""
 
+    @property
+    def takes_missing(self) -> bool:
+        return False
+
     def variables(self, schema: Schema) -> Variables:
         return Variables(schema.states, schema.inputs, schema.time)
 

@@ -43,10 +43,12 @@ def _round_trip(form: StrongForm, terms: Terms, trial: Trial, target: int, coeff
     from scipy.interpolate import CubicSpline
 
     whole = StrongForm(form.differentiation, form.order, form.library_states)
-    rates = terms.evaluate(whole.samples(trial)[0]) @ coefficients
+    values, _ = whole.samples(trial)
+    rates = terms.evaluate(values) @ coefficients
     state = CubicSpline(trial.times, rates).antiderivative(form.order)(trial.times)
     # Constants and straight lines are lost on the way; the trial's own ends give them back
-    missing = trial.states[:, target] - state
+    measured = trial.states[:, target]
+    missing = np.where(np.isnan(measured), values[:, target], measured) - state
     elapsed = (trial.times - trial.times[0]) / (trial.times[-1] - trial.times[0])
     state += missing[0] + (missing[-1] - missing[0]) * elapsed * (form.order > 1)
     again = form.differentiation.differentiate(trial.times, state[:, np.newaxis], form.order).derivatives[-1][:, 0]

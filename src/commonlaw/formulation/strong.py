@@ -61,6 +61,10 @@ class StrongForm(AbstractSampledForm):
         rates = rate_names(schema) if self.order == 2 else ()
         return Variables((*schema.states, *rates), schema.inputs, schema.time)
 
+    @property
+    def takes_missing(self) -> bool:
+        return self.differentiation.takes_missing and self.library_states == "smoothed"
+
     def rates(self, trial: Trial) -> Rates:
         """Return smoothed states and derivatives of one trial; errors name the trial."""
         return self._rates(trial, slice(None))

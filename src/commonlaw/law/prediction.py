@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, Run, simulate, spread_of
 from commonlaw.law.uncertainty import covariance_of
@@ -41,6 +41,7 @@ def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: b
 
 
 def _run(law: "Law", trial: Trial) -> Run:
+    _check_start(law, trial)
     start = [trial.states[0]]
     if law.order == 2:
         start.append(_first_rates(law, trial, trial.states))
@@ -48,12 +49,31 @@ def _run(law: "Law", trial: Trial) -> Run:
     return Run(field, np.concatenate(start), trial.times, trial.label)
 
 
-def _first_rates(law: "Law", trial: Trial, states: Floats) -> Floats:
-    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,)."""
+def _check_start(law: "Law", trial: Trial) -> None:
+    """Refuse a trial whose first sample lacks a state."""
+    gaps = np.isnan(trial.states)
+    if gaps[0].any():
+        state = law.states[int(np.argmax(gaps[0]))]
+        whole = np.flatnonzero(~gaps.any(axis=1))
+        remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
+        raise CommonlawError(
+            f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}use simulate and give "
+            "the start"
+        )
+
+
+def _differentiation(law: "Law", trial: Trial) -> AbstractDifferentiator:
+    """Return what estimates the first rates: the law's own method unless states are missing that it cannot take."""
     if law.differentiation is None:
         raise CommonlawError("this law does not know how to estimate initial rates; use simulate and give them")
+    return law.differentiation if trial.complete or law.differentiation.takes_missing else RobustSpline()
+
+
+def _first_rates(law: "Law", trial: Trial, states: Floats) -> Floats:
+    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,)."""
+    method = _differentiation(law, trial)
     try:
-        return np.asarray(law.differentiation.differentiate(trial.times, states, 1).derivatives[0][0])
+        return np.asarray(method.differentiate(trial.times, states, 1).derivatives[0][0])
     except CommonlawError as error:
         raise CommonlawError(f"{trial.label}: {error}") from None
 
@@ -67,8 +87,7 @@ def _start_covariance(law: "Law", trial: Trial, noise: Floats) -> Floats:
     """
     if law.order != 2:
         return np.diag(noise**2)
-    assert law.differentiation is not None
-    states, samples = len(noise), _samples(law.differentiation, len(trial))
+    states, samples = len(noise), _samples(_differentiation(law, trial), len(trial))
     covariance = np.zeros((2 * states, 2 * states))
     for j, level in enumerate(noise):
         draws = level * _white(samples)

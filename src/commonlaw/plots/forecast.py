@@ -196,11 +196,12 @@ def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
     state, error = pair.above, pair.below
     measured = np.concatenate([curve.measured for curve in curves])
     forecasts = np.concatenate([each for c in curves for each in (c.forecast - c.margin, c.forecast + c.margin)])
-    low, high = measured.min(), measured.max()
+    low, high = np.nanmin(measured), np.nanmax(measured)
     span = (high - low) or abs(high) or 1.0
     low, high = max(min(low, forecasts.min()), low - span / 2), min(max(high, forecasts.max()), high + span / 2)
     state.set_ylim(low - span / 20, high + span / 20)
-    largest = np.max(np.concatenate([np.maximum(np.abs(curve.error), curve.margin) for curve in curves]))
+    # An error of NaN, where nothing was measured, has a margin all the same
+    largest = np.max(np.concatenate([np.fmax(np.abs(curve.error), curve.margin) for curve in curves]))
     bound = 1.1 * (min(largest, span) or span / 100)
     error.set_ylim(-bound, bound)
 

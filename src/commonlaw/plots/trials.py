@@ -92,10 +92,12 @@ def _dashes(trials: Trials) -> dict[str, str]:
 
 
 def _displacement(trial: Trial, column: int) -> tuple[Floats, Floats]:
-    """Return time since the start and the distance from it, where both are above zero."""
-    distance = np.abs(trial.states[:, column] - trial.states[0, column])
+    """Return time since the first measured sample and the distance from it, where both are above zero."""
+    values = trial.states[:, column]
+    first = int(np.argmin(np.isnan(values)))
+    distance = np.abs(values - values[first])
     moved = distance > 0
-    return trial.times[moved] - trial.times[0], distance[moved]
+    return trial.times[moved] - trial.times[first], distance[moved]
 
 
 def _guide(panel: Axes, name: str) -> None:

@@ -12,8 +12,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import given_properties
 from commonlaw.trials.roles import PropertyTable
-from commonlaw.trials.trial import Schema, Trial, label
+from commonlaw.trials.trial import Schema, Trial, check_measured, label
 from commonlaw.trials.trials import Trials
+
+_SHOWN = 3
+"""Samples that a note lists."""
 
 
 def trials_from_arrays(
@@ -34,7 +37,8 @@ def trials_from_arrays(
     times
         Sample times, shape (n,); or a list of such arrays.
     states
-        Measured states, shape (n,) or (n, number of states); or a list of such arrays.
+        Measured states, shape (n,) or (n, number of states); or a list of such arrays. NaN is a missing measurement;
+        samples without any measured state are left out, and `Trials.notes` says which.
     object
         The object's name, or a list of one for each trial.
     trial
@@ -52,7 +56,8 @@ def trials_from_arrays(
     Raises
     ------
     CommonlawError
-        If shapes or numbers of trials disagree, or a value cannot be used; the message names trial and sample.
+        If shapes or numbers of trials disagree, a value cannot be used, or a state was measured in too few samples; the
+        message names trial and sample.
 
     Examples
     --------
@@ -67,17 +72,47 @@ def trials_from_arrays(
     labels = _counted(objects) if trial is None else _per_trial("trial labels", trial, count)
     all_states = _per_trial("arrays of states", [states] if single else states, count)
     all_inputs = _per_trial("arrays of inputs", [inputs] if single else inputs, count)
-    made = tuple(
-        Trial(name, run, at, values, np.empty((0, 0)) if driven is None else driven)
-        for name, run, at, values, driven in zip(objects, labels, runs, all_states, all_inputs, strict=True)
-    )
-    if not made:
+    parts = list(zip(objects, labels, runs, all_states, all_inputs, strict=True))
+    if not parts:
         raise CommonlawError("there is no trial: the list of times is empty")
+    empty = [_empty(at, values) for _, _, at, values, _ in parts]
+    made = tuple(_trial(*part, gaps) for part, gaps in zip(parts, empty, strict=True))
     columns = _columns(made[0], names)
+    for each in made:
+        check_measured(each, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
     schema = Schema(*columns, units=joined_units(known.units, units, used, used))
-    return Trials(made, schema, known.values, known.notes)
+    gaps = [f"{each.label}: {_shown(here)}" for each, here in zip(made, empty, strict=True) if len(here)]
+    notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
+    return Trials(made, schema, known.values, (*known.notes, *notes))
+
+
+def _empty(times: Any, states: Any) -> NDArray[np.int64]:
+    """Return the indices of the samples without a measured state; none where `Trial` refuses the arrays anyway."""
+    try:
+        values = np.asarray(states, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0, dtype=np.int64)
+    if not values.size or len(values) != len(times) or values.ndim > 2:
+        return np.empty(0, dtype=np.int64)
+    missing = np.isnan(values.reshape(len(values), -1)).all(axis=1)
+    return np.flatnonzero(missing) if not missing.all() else np.empty(0, dtype=np.int64)
+
+
+def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, empty: NDArray[np.int64]) -> Trial:
+    """Return a trial without its samples that are empty."""
+    inputs = np.empty((0, 0)) if inputs is None else inputs
+    if len(empty):
+        times, states = np.delete(times, empty), np.delete(np.asarray(states, dtype=np.float64), empty, axis=0)
+        inputs = np.delete(inputs, empty, axis=0) if np.size(inputs) else inputs
+    return Trial(name, run, times, states, inputs)
+
+
+def _shown(samples: NDArray[np.int64]) -> str:
+    """Return how many samples there are, and the first of them."""
+    listed = ", ".join(str(i + 1) for i in samples[:_SHOWN])
+    return f"{len(samples)} (sample {listed}{', ...' if len(samples) > _SHOWN else ''})"
 
 
 def _is_one(times: Any) -> bool:

@@ -36,7 +36,9 @@ class TrialCheck:
     clipped
         The number of samples at the end that `clip_irregular` would take away.
     first, last
-        First and last values by state.
+        First and last measured values by state; None for a state that never was measured.
+    missing
+        The number of samples in which a state was not measured, by state.
     """
 
     object: str
@@ -46,8 +48,9 @@ class TrialCheck:
     median_step: float | None
     largest_deviation: float | None
     clipped: int
-    first: dict[str, float]
-    last: dict[str, float]
+    first: dict[str, float | None]
+    last: dict[str, float | None]
+    missing: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -59,14 +62,19 @@ class Report:
     notes: tuple[str, ...] = ()
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``."""
+        """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``.
+
+        Counts of missing values are in columns like ``height (missing)``, if any state is missing anywhere.
+        """
         import pandas as pd
 
-        rows = []
+        rows, gaps = [], any(count for each in self.trials for count in each.missing.values())
         for each in self.trials:
             row = asdict(each)
-            for end in ("first", "last"):
-                row |= {f"{name} ({end})": value for name, value in row.pop(end).items()}
+            if not gaps:
+                del row["missing"]
+            for kind in ("first", "last", *(["missing"] * gaps)):
+                row |= {f"{name} ({kind})": value for name, value in row.pop(kind).items()}
             rows.append(row)
         return pd.DataFrame(rows)
 
@@ -90,7 +98,7 @@ def check(trials: Trials, tolerance: float = 0.005) -> Report:
     oddities = [
         f"{trial.label}: {oddity}"
         for trial, row in zip(trials, rows, strict=True)
-        for oddity in (*_sampling(row), *_values(trial, names, len(trial) - row.clipped))
+        for oddity in (*_sampling(row), *_gaps(row), *_values(trial, names, len(trial) - row.clipped))
     ]
     return Report(rows, (*oddities, *_uneven(trials), *_without_unit(trials)), trials.notes)
 
@@ -98,6 +106,7 @@ def check(trials: Trials, tolerance: float = 0.005) -> Report:
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialCheck:
     steps = np.diff(trial.times)
     median = float(np.median(steps)) if len(steps) else None
+    measured = {name: column[~np.isnan(column)] for name, column in zip(names, trial.states.T, strict=True)}
     return TrialCheck(
         trial.object,
         trial.name,
@@ -106,8 +115,9 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialChe
         median,
         None if median is None else float(np.abs(steps - median).max()),
         len(trial) - regular_length(trial.times, tolerance),
-        dict(zip(names, trial.states[0].tolist(), strict=True)),
-        dict(zip(names, trial.states[-1].tolist(), strict=True)),
+        {name: float(values[0]) if len(values) else None for name, values in measured.items()},
+        {name: float(values[-1]) if len(values) else None for name, values in measured.items()},
+        {name: len(trial) - len(values) for name, values in measured.items()},
     )
 
 
@@ -127,16 +137,24 @@ def _sampling(row: TrialCheck) -> list[str]:
     return found
 
 
+def _gaps(row: TrialCheck) -> list[str]:
+    """Return which states were not measured in how many samples."""
+    return [f"{name} is missing in {count} of {row.samples} samples" for name, count in row.missing.items() if count]
+
+
 def _values(trial: Trial, names: tuple[str, ...], stop: int) -> list[str]:
     """Return what is odd about the states of a trial; jumps are looked for in its first `stop` samples."""
     found = []
-    for name, values in zip(names, trial.states.T, strict=True):
-        if np.all(values == values[0]) and len(values) > 1:
+    for name, column in zip(names, trial.states.T, strict=True):
+        measured = np.flatnonzero(~np.isnan(column))
+        values = column[measured]
+        if len(values) > 1 and np.all(values == values[0]):
             found.append(f"{name} is constant, {values[0]:g} in every sample")
-        place = _jump(trial.times[:stop], values[:stop])
+        kept = measured < stop
+        place = _jump(trial.times[measured[kept]], values[kept])
         if place is not None:
-            jump = values[place + 1] - values[place]
-            found.append(f"{name} jumps by {jump:.3g} from sample {place + 1} to sample {place + 2}")
+            jump, (before, after) = values[place + 1] - values[place], measured[place : place + 2] + 1
+            found.append(f"{name} jumps by {jump:.3g} from sample {before} to sample {after}")
     return found
 
 

@@ -88,7 +88,9 @@ def _table(trials: Trials) -> "pa.Table":
         schema.time: pa.array(np.concatenate([trial.times for trial in trials])),
     }
     values = np.concatenate([np.hstack([trial.states, trial.inputs]) for trial in trials])
-    columns |= {name: pa.array(column) for name, column in zip((*schema.states, *schema.inputs), values.T, strict=True)}
+    names = (*schema.states, *schema.inputs)
+    # A missing state is an empty cell
+    columns |= {name: pa.array(column, from_pandas=True) for name, column in zip(names, values.T, strict=True)}
     for name in _property_names(trials):
         columns[name] = per_trial([trials.properties.get(trial.object, {}).get(name) for trial in trials])
     return pa.table(columns)

@@ -11,10 +11,9 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.roles import Roles
-from commonlaw.trials.sources import METADATA
-from commonlaw.trials.tables import trials_from_frame
-from commonlaw.trials.trial import Schema, Trial
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.sources import METADATA, frame_table
+from commonlaw.trials.tables import Rows, read_rows
+from commonlaw.trials.trial import Schema, Trial, check_measured
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -45,6 +44,8 @@ class TrialStream:
     def of_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
         """Return the trials of a Parquet file in which the rows of each trial follow each other, without properties.
 
+        Rows without a measured state are left out, and with them trials that have no other row.
+
         Parameters
         ----------
         path
@@ -56,7 +57,7 @@ class TrialStream:
         ------
         CommonlawError
             If the file cannot be read, a role is missing, or, while the trials are gone through, a value cannot be
-            used or the rows of a trial do not follow each other.
+            used, a state was measured in too few samples, or the rows of a trial do not follow each other.
         """
         file = _opened(path)
         kept = json.loads((file.schema_arrow.metadata or {}).get(METADATA, b"{}")).get("roles", {})
@@ -85,13 +86,16 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch waits for the next batch, which may go on with it."""
     done: set[tuple[str, str]] = set()
     waiting: Trial | None = None
+    states: tuple[str, ...] = ()
     for batch in _batches(_opened(path), _ROWS, roles):
-        for trial in batch:
+        states = batch.schema.states
+        for trial in batch.trials:
             if waiting is not None and waiting.label == trial.label:
                 waiting = _joined(waiting, trial)
                 continue
             if waiting is not None:
                 done.add((waiting.object, waiting.name))
+                check_measured(waiting, states)
                 yield waiting
             if (trial.object, trial.name) in done:
                 raise CommonlawError(
@@ -99,14 +103,15 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
                 )
             waiting = trial
     if waiting is not None:
+        check_measured(waiting, states)
         yield waiting
 
 
-def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Trials]:
+def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Rows]:
     import pyarrow as pa
 
     for batch in file.iter_batches(batch_size=rows):
-        yield trials_from_frame(pa.Table.from_batches([batch]), **roles)
+        yield read_rows(frame_table(pa.Table.from_batches([batch])), "object", roles)
 
 
 def _joined(first: Trial, second: Trial) -> Trial:

@@ -12,11 +12,20 @@ import numpy as np
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.headers import joined_units
-from commonlaw.trials.properties import column_properties, constant_columns, given_properties, object_codes
+from commonlaw.trials.properties import (
+    Properties,
+    column_properties,
+    constant_columns,
+    given_properties,
+    object_codes,
+)
 from commonlaw.trials.roles import Roles
 from commonlaw.trials.sources import frame_table, read_table
-from commonlaw.trials.trial import Floats, Schema, Trial, label
+from commonlaw.trials.trial import Floats, Schema, Trial, check_measured, label
 from commonlaw.trials.trials import Trials
+
+_SHOWN = 3
+"""Places that a note lists."""
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> Trials:
@@ -36,11 +45,16 @@ def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **rol
     Raises
     ------
     CommonlawError
-        If the file or a column is not there, or a value cannot be used; the message names the column and the row,
-        counted from 1 below the header.
+        If the file or a column is not there, a value cannot be used, or a state was measured in too few samples; the
+        message names the column and the row, counted from 1 below the header.
+
+    Notes
+    -----
+    An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out, and
+    `Trials.notes` says which.
     """
     table = read_table(path, sheet)
-    return _trials(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)}))
+    return _collected(read_rows(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)})))
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> Trials:
@@ -49,7 +63,7 @@ def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> Trials:
     Parameters
     ----------
     frame
-        The table.
+        The table. A missing value or NaN in a column of a state is a missing measurement, see `read_trials`.
     **roles
         Which column is what, see `Roles`. Without a column of objects there is one object, named ``object``.
 
@@ -58,7 +72,27 @@ def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> Trials:
     CommonlawError
         If a column is not there, or a value cannot be used; the message names the column and the row, counted from 1.
     """
-    return _trials(frame_table(frame), "object", _checked(roles))
+    return _collected(read_rows(frame_table(frame), "object", _checked(roles)))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the rows of a table make: trials, those of which no row is left, and what goes with them."""
+
+    trials: tuple[Trial, ...]
+    empty: tuple[str, ...]
+    schema: Schema
+    properties: Properties
+    notes: tuple[str, ...]
+
+
+def _collected(rows: Rows) -> Trials:
+    """Return the trials in rows that are a whole table."""
+    if rows.empty:
+        raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
+    for trial in rows.trials:
+        check_measured(trial, rows.schema.states)
+    return Trials(rows.trials, rows.schema, rows.properties.values, rows.notes)
 
 
 def _checked(roles: Roles) -> Roles:
@@ -73,8 +107,8 @@ def _checked(roles: Roles) -> Roles:
     return cast(Roles, said)
 
 
-def _trials(table: Table, default_object: str, roles: Roles) -> Trials:
-    """Return the trials in a table whose columns have these roles."""
+def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
+    """Return the trials in a table, which may end within a trial, whose columns have these roles."""
     objects_in, trials_in = _role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",))
     time = _role(table, roles, "time", ("t", "time"))
     if time is None:
@@ -94,9 +128,9 @@ def _trials(table: Table, default_object: str, roles: Roles) -> Trials:
     )
     schema = Schema(columns.states, columns.inputs, objects_in or "object", trials_in or "trial", time, units)
     located = replace(table, place=lambda row: f"{table.place(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}")
-    values = np.column_stack([located.numbers(name) for name in names])
-    made, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
-    return Trials(made, schema, known.values, (*table.notes, *columns.notes, *known.notes, *notes))
+    values = np.column_stack([located.numbers(name, missing=name in columns.states) for name in names])
+    made, empty, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
+    return Rows(made, empty, schema, known, (*table.notes, *columns.notes, *known.notes, *notes))
 
 
 def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:
@@ -170,23 +204,40 @@ def _names_columns(table: Table, given: Any) -> bool:
 
 def _cut(
     table: Table, values: Floats, group: Codes, objects: Sequence[str], labels: Sequence[str], states: int
-) -> tuple[tuple[Trial, ...], list[str]]:
-    """Cut rows of time, states and inputs into trials, in order of first appearance and sorted by time."""
+) -> tuple[tuple[Trial, ...], tuple[str, ...], list[str]]:
+    """Cut rows of time, states and inputs into trials, in order of first appearance and sorted by time.
+
+    Rows without a measured state are left out; the labels of trials of which nothing is left come second, notes third.
+    """
     codes, first, which = np.unique(group, return_index=True, return_inverse=True)
     in_order = np.argsort(first)
     rank = np.argsort(in_order)[which]
     bounds = np.cumsum(np.bincount(rank))[:-1]
-    made, late = [], []
+    made, empty, late, gaps = [], [], [], []
+    measured = np.asarray(np.isfinite(values[:, 1 : states + 1]).any(axis=1))
     for code, rows in zip(codes[in_order], np.split(np.argsort(rank, kind="stable"), bounds), strict=True):
         name, run = objects[code // len(labels)], labels[code % len(labels)]
+        where = f"{name}, trial {run}"
         times = values[rows, 0]
         if np.any(times[1:] < times[:-1]):
             rows = rows[np.argsort(times, kind="stable")]
-            late.append(f"{name}, trial {run}")
-        _refuse_twice(table, values[rows, 0], rows, f"{name}, trial {run}")
-        cells = values[rows]
-        made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
-    return tuple(made), [f"sorted by time: {'; '.join(late)}"] if late else []
+            late.append(where)
+        _refuse_twice(table, values[rows, 0], rows, where)
+        if not measured[rows].all():
+            gaps.append(f"{where}: {_shown([table.place(int(row)) for row in rows[~measured[rows]]])}")
+        cells = values[rows[measured[rows]]]
+        if len(cells):
+            made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
+        else:
+            empty.append(where)
+    notes = [f"sorted by time: {'; '.join(late)}"] if late else []
+    notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
+    return tuple(made), tuple(empty), notes
+
+
+def _shown(places: Sequence[str]) -> str:
+    """Return how many places there are, and the first of them."""
+    return f"{len(places)} ({', '.join(places[:_SHOWN])}{', ...' if len(places) > _SHOWN else ''})"
 
 
 def _refuse_twice(table: Table, times: Floats, rows: Codes, where: str) -> None:

@@ -1,7 +1,7 @@
 """One run of one object, and the names of what was measured in it."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from commonlaw.errors import CommonlawError
 
 Floats = NDArray[np.float64]
+
+_LEAST = 5
+"""Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +61,15 @@ class Trial:
     times
         Sample times, strictly increasing, shape (n,).
     states
-        Measured states, shape (n, number of states).
+        Measured states, shape (n, number of states); NaN where a state was not measured.
     inputs
         Measured inputs, shape (n, number of inputs).
 
     Raises
     ------
     CommonlawError
-        If there is no sample or no label, shapes disagree, a value is not finite, or the times do not increase; the
-        message names the sample.
+        If there is no sample or no label, shapes disagree, a value is not finite, a sample has no measured state, or
+        the times do not increase; the message names the sample.
     """
 
     object: str
@@ -96,6 +99,11 @@ class Trial:
         """Object and trial as shown in messages: ``Golf Ball, trial 1``."""
         return f"{self.object}, trial {self.name}"
 
+    @property
+    def complete(self) -> bool:
+        """Whether every state was measured in every sample."""
+        return not np.isnan(self.states).any()
+
     def cut(self, stop: int) -> "Trial":
         """Return the trial's first `stop` samples."""
         return Trial(self.object, self.name, self.times[:stop], self.states[:stop], self.inputs[:stop])
@@ -111,18 +119,33 @@ class Trial:
                 f"{len(self.inputs)} rows of inputs; give one row for each time"
             )
         for what, values in (("time", self.times), ("state", self.states), ("input", self.inputs)):
-            if not np.isfinite(values).all():
-                bad = np.argwhere(~np.isfinite(values))
+            wrong = np.isinf(values) if what == "state" else ~np.isfinite(values)
+            if wrong.any():
+                bad = np.argwhere(wrong)
                 place = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
                 raise CommonlawError(
                     f"{self.label}: {what} is {values[tuple(bad[0])]} in {place}; remove or repair the sample"
                 )
+        empty = np.flatnonzero(np.isnan(self.states).all(axis=1) & (self.states.shape[1] > 0))
+        if len(empty):
+            raise CommonlawError(f"{self.label}: no state was measured in sample {empty[0] + 1}; leave the sample out")
         late = np.flatnonzero(self.times[1:] <= self.times[:-1])
         if len(late):
             i = int(late[0])
             raise CommonlawError(
                 f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
                 "sort the samples and keep one for each time"
+            )
+
+
+def check_measured(trial: Trial, states: Sequence[str]) -> None:
+    """Refuse a trial in which a state with gaps has too few measured values to say anything."""
+    for name, column in zip(states, trial.states.T, strict=True):
+        count = int(np.sum(~np.isnan(column)))
+        if count < min(_LEAST, len(trial)):
+            raise CommonlawError(
+                f"{trial.label}: {name} was measured in {count} of {len(trial)} samples, and a state with gaps needs "
+                f"{_LEAST}; leave the trial or the column out"
             )
 
 

@@ -1,0 +1,252 @@
+"""Smoothing that takes gaps and that outliers do not spoil."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.differentiation.checks import check_positive
+from commonlaw.differentiation.noise import differences
+from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
+from commonlaw.errors import CommonlawError
+
+Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+
+_LEAST = 5
+"""Measured values that a spline takes."""
+_FEW = 16
+"""Values of which none can be called an outlier."""
+_FAR = 4.0
+"""Scales from the curve beyond which a value is an outlier."""
+_BOUND = 1.5
+"""Scales beyond which a value pulls at the curve no harder."""
+_STRANGE = 5.0
+"""Scales beyond which a value does not fit in with its neighbours."""
+_ORDERS = (2, 4, 6, 8)
+"""Of the differences that compare a value with its neighbours: even ones have a sample in their middle."""
+_FALLING = 0.85
+"""Share of what the state leaves in the differences of one order that shows it to leave less in another."""
+_ROW = 3
+"""Most outliers next to each other; more are a turn of the state."""
+_NEAR = 15
+"""Samples that are a residual's neighbourhood."""
+_R = .5
+_STRENGTHS, _PULLS = 3, 15
+"""Rounds of choosing the strength, and of pulling values to the curve at each."""
+_MEDIAN = 0.6744897501960817
+"""Of the size of a standard normal variable."""
+
+
+@dataclass(frozen=True)
+class RobustSpline(AbstractDifferentiator):
+    """The `SmoothingSpline` through each state's measured values but its outliers, at all times.
+
+    A state may have gaps (NaN). In them and at outliers stand the values of the spline; before the first and after the
+    last value that it goes through, it goes on straight, as natural splines do.
+
+    An outlier does not fit in with its neighbours (a difference that it is in, as in `noise_level`, is further than
+    five scales from zero), and they fit in without it. It lies further than four scales from the curve through the
+    other values, and from a curve on which no value pulls harder than one at a scale and a half (Huber 1964), its
+    strength cross-validated with the values so pulled in (Cantoni and Ronchetti 2001). The scale is the median size, of
+    distances from a curve that in the neighbourhood if it is larger: a curve that is too stiff for a fast turn misses
+    all of it.
+
+    A state without outliers gets the curve of `SmoothingSpline` bit for bit. Assumes white noise, at most three
+    outliers in a row, and 20 samples or more for each period of the fastest oscillation: fewer hide outliers.
+
+    Parameters
+    ----------
+    strength
+        As in `SmoothingSpline`.
+
+    Raises
+    ------
+    CommonlawError
+        If `strength` is not above zero, a state has fewer than 5 measured values, or a third derivative is asked for.
+    """
+
+    takes_missing: ClassVar[bool] = True
+
+    strength: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.strength is not None:
+            check_positive("strength", self.strength)
+
+    def reach(self, order: int) -> int | None:
+        return None
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        columns = []
+        for j, column in enumerate(states.T):
+            measured = np.flatnonzero(~np.isnan(column))
+            if len(measured) < _LEAST:
+                raise CommonlawError(
+                    f"state {j + 1} has {len(measured)} measured values, fewer than the {_LEAST} that smoothing "
+                    "splines take; drop the trial or choose another method"
+                )
+            columns.append(self._curve(times[measured], column[measured], times, order))
+        smoothed, *derivatives = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        return Rates(smoothed, tuple(derivatives))
+
+    def _curve(self, known: Floats, values: Floats, times: Floats, order: int) -> list[Floats]:
+        """Return the curve and its derivatives of one state at `times`, each of shape (n,)."""
+        kept = _without_spikes(known, values)
+        kept = kept[~self._outliers(known[kept], values[kept])]
+        rates = SmoothingSpline(self.strength).differentiate(known[kept], values[kept, np.newaxis], order)
+        if len(kept) == len(times):
+            return [each[:, 0] for each in (rates.states, *rates.derivatives)]
+        return _natural(known[kept], rates.states[:, 0], times, order)
+
+    def _outliers(self, times: Floats, values: Floats) -> Flags:
+        """Return which values of one state are outliers, spikes apart, shape (n,)."""
+        from scipy.ndimage import binary_opening
+
+        strangeness = _strangeness(times, values)
+        far = strangeness > _STRANGE
+        if not far.any():
+            return far
+        distances = np.abs(values - self._bounded(times, values))
+        far &= distances > _FAR * _scales(distances, distances)
+        while far.any():
+            turns = binary_opening(far, np.ones(_ROW + 1, dtype=np.bool_))
+            beside = _beside(~far, _strangeness(times[~far], values[~far]))
+            restored = turns | far & (beside > np.maximum(_STRANGE, _R * strangeness))
+            if not restored.any():
+                rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
+                distances = np.abs(values - _natural(times[~far], rates.states[:, 0], times, 1)[0])
+                restored = far & (distances <= _FAR * _scales(distances, distances[~far]))
+            if not restored.any():
+                break
+            far &= ~restored
+        return far
+
+    def _bounded(self, times: Floats, values: Floats) -> Floats:
+        """Return a curve on which no value pulls harder than one at a scale and a half."""
+        step = (times[-1] - times[0]) / (len(times) - 1)
+        steps, pulled = np.diff(times) / step, values
+        for _ in range(_STRENGTHS):
+            strength = cross_validated(steps, pulled) if self.strength is None else self.strength / step**3
+            for _ in range(_PULLS):
+                curve, _, _ = smoothing_spline(steps, pulled, strength)
+                distances = values - curve
+                bounds = _BOUND * _scales(np.abs(distances), np.abs(distances))
+                pulled = curve + np.clip(distances, -bounds, bounds)
+        return curve
+
+
+def robust_rates(times: Floats, states: Floats, order: int) -> Rates:
+    """Return curves through noisy measurements with gaps and outliers: states and rates at all times.
+
+    They are those of `RobustSpline`.
+
+    Parameters
+    ----------
+    times
+        Strictly increasing sample times, shape (n,).
+    states
+        Measured states, shape (n, d); NaN where a state was not measured.
+    order
+        Highest derivative wanted: 1 or 2.
+
+    Raises
+    ------
+    CommonlawError
+        If a state has fewer than 5 measured values, or the same one at all samples; the message counts it from 1.
+    """
+    for j, column in enumerate(states.T):
+        measured = column[~np.isnan(column)]
+        if len(measured) and np.ptp(measured) == 0:
+            raise CommonlawError(
+                f"state {j + 1} is {measured[0]:g} in every sample, which says nothing about a law; leave the trial out"
+            )
+    return RobustSpline().differentiate(times, states, order)
+
+
+def _without_spikes(times: Floats, values: Floats) -> Whole:
+    """Return the indices of the values that are left when spikes are taken out, the largest first.
+
+    A spike is in the middle of the largest difference, and those around are a tenth of it at most without the value.
+    """
+    kept = np.arange(len(times))
+    while len(kept) >= _FEW:
+        every, order, _ = _differences(times[kept], values[kept])
+        sizes = every[order]
+        peak = int(np.argmax(sizes))
+        if sizes[peak] <= 2 * _STRANGE * np.median(sizes) / _MEDIAN:
+            break
+        rest = np.delete(kept, peak + order // 2)
+        around = slice(max(peak - order, 0), peak + order)
+        if _sizes(times[rest], values[rest], order)[order][around].max() > sizes[peak] / 10:
+            break
+        kept = rest
+    return kept
+
+
+def _strangeness(times: Floats, values: Floats) -> Floats:
+    """Return how many scales the differences that a value is in are from zero at most, shape (n,).
+
+    Differences of all orders count in which the state leaves little: low ones tell most of neighbours that are outliers
+    both, and of the first and the last value. Where the state hides the noise, nothing at the ends is strange.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    strangeness = np.zeros(len(times))
+    if len(times) < _FEW:
+        return strangeness
+    sizes, quietest, hidden = _differences(times, values)
+    least = np.median(sizes[quietest])
+    for order, each in sizes.items():
+        median = np.median(each)
+        if 0 < median <= least / _FALLING:
+            around = np.pad(each * _MEDIAN / median, (order, order))
+            strangeness = np.maximum(strangeness, maximum_filter1d(around, order + 1)[(order + 1) // 2 :][: len(times)])
+    if hidden:
+        strangeness[:quietest] = strangeness[-quietest:] = 0
+    return strangeness
+
+
+def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int, bool]:
+    """Return the sizes of one state's differences by their order, and the even order at which they are smallest.
+
+    The state itself leaves least in those; it hides the noise, which is said last, if they still fall at the highest
+    order.
+    """
+    orders = [order for order in _ORDERS if 4 * order <= len(times)]
+    sizes = _sizes(times, values, orders[-1])
+    medians = [float(np.median(sizes[order])) for order in orders]
+    best = int(np.argmin(medians))
+    hidden = best == len(orders) - 1 and medians[best] < _FALLING * medians[best - 1]
+    return sizes, orders[best], hidden
+
+
+def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
+    """Return the sizes of the differences of one state by their order."""
+    return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
+
+
+def _beside(kept: Flags, strangeness: Floats) -> Floats:
+    """Return the strangeness of the kept samples, shape (kept,), at those next to each sample, shape (n,)."""
+    before: Whole = np.cumsum(kept) - kept
+    return np.maximum(strangeness[np.maximum(before - 1, 0)], strangeness[np.minimum(before, len(strangeness) - 1)])
+
+
+def _scales(sizes: Floats, ordinary: Floats) -> Floats:
+    """Return the scale of the ordinary sizes, or of those around a sample if it is larger, shape (n,)."""
+    from scipy.ndimage import median_filter
+
+    scales: Floats = np.maximum(np.median(ordinary), median_filter(sizes, _NEAR)) / _MEDIAN
+    return scales
+
+
+def _natural(known: Floats, values: Floats, times: Floats, order: int) -> list[Floats]:
+    """Return the natural cubic spline through values, straight beyond them, and its derivatives at `times`."""
+    from scipy.interpolate import CubicSpline
+
+    curve, inside = CubicSpline(known, values, bc_type="natural"), np.clip(times, known[0], known[-1])
+    found: list[Floats] = [curve(inside, k) for k in range(order + 1)]
+    found[0] += found[1] * (times - inside)
+    return found

@@ -1,0 +1,180 @@
+"""Samples in which a state was not measured: read, kept, counted, refused where they cannot be used."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.differentiation import FiniteDifference, RobustSpline
+from commonlaw.formulation import DiscreteForm, StrongForm
+from commonlaw.plots import plot_forecast, plot_strobe, plot_trials, render
+from commonlaw.trials import Trial, Trials, TrialStream, stream
+
+ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x", "y"]}
+
+
+def spiral(samples=60, gaps=((3, 0), (4, 0), (10, 1), (59, 1)), name="a"):
+    """Return a trial of ``x' = y, y' = -x``."""
+    times = np.linspace(0, 6, samples)
+    states = np.column_stack([np.sin(times), np.cos(times)])
+    for gap in gaps:
+        states[gap] = np.nan
+    return Trial(name, "1", times, states)
+
+
+def collection(*trials):
+    return Trials(trials or (spiral(),), cl.Schema(("x", "y")))
+
+
+def law(order=1, differentiation=None):
+    states = ("x", "y") if order == 1 else ("x",)
+    names = ("x", "y") if order == 1 else ("x", "v")
+    terms = cl.parse_library("poly:1").bind(cl.library.Variables(names, (), "t"))
+    coefficients = np.array([[[0, 0, 1], [0, -1, 0]]] if order == 1 else [[[0, -1, 0]]], dtype=float)
+    return cl.Law(terms, cl.Schema(states), order, ("a",), coefficients, differentiation)
+
+
+def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_else_are_left_out(tmp_path):
+    lines = [f"{i},{i * i},{-i * i}" for i in range(9)]
+    lines[2], lines[4], lines[5] = "2,,-4", "4,,", "5, ,NA"
+    (tmp_path / "drops.csv").write_text("t,x,y\n" + "\n".join(lines) + "\n")
+    trials = Trials.read(tmp_path / "drops.csv")
+    assert trials[0].times.tolist() == [0, 1, 2, 3, 6, 7, 8]
+    np.testing.assert_array_equal(trials[0].states[:, 0], [0, 1, np.nan, 9, 36, 49, 64])
+    assert not trials[0].complete
+    assert trials[0].cut(2).complete
+    note = "rows without a measured state left out: drops, trial 1: 2 (row 5 (line 6), row 6 (line 7))"
+    assert trials.notes == (note,)
+
+
+def test_arrays_may_have_gaps_too():
+    states = np.arange(12.0).reshape(6, 2)
+    states[1], states[4, 0] = np.nan, np.nan
+    trials = Trials.from_arrays([np.arange(6.0)] * 2, [states, np.arange(12.0).reshape(6, 2)])
+    assert trials[0].times.tolist() == [0, 2, 3, 4, 5]
+    assert trials.notes == ("samples without a measured state left out: object, trial 1: 1 (sample 2)",)
+    driven = Trials.from_arrays(range(6), states, inputs=np.arange(6.0))
+    assert driven[0].inputs[:, 0].tolist() == [0, 2, 3, 4, 5]
+
+
+def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
+    frame = pd.DataFrame({"t": range(8), "x": 1.5, "y": [0, 1, 2, 3, *[None] * 4]})
+    message = "object, trial 1: y was measured in 4 of 8 samples, and a state with gaps needs 5; leave the trial or the"
+    with pytest.raises(cl.CommonlawError, match=message):
+        Trials.from_frame(frame, states=["x", "y"])
+    with pytest.raises(cl.CommonlawError, match="object, trial 1: x2 was measured in 4 of 8"):
+        Trials.from_arrays(frame["t"], frame[["x", "y"]])
+    frame.assign(object="a", trial=1).to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(cl.CommonlawError, match="a, trial 1: y was measured in 4 of 8"):
+        list(TrialStream.of_parquet(tmp_path / "a.parquet", **ROLES))
+    with pytest.raises(cl.CommonlawError, match="object, trial 1: no state was measured in any row; leave the trial"):
+        Trials.from_frame(frame.assign(x=None), states=["x", "y"], properties=[]).of("object") and Trials.from_frame(
+            frame.assign(x=np.nan, y=np.nan), states=["x", "y"]
+        )
+
+
+def test_missing_values_are_empty_cells_outside(tmp_path):
+    trials = collection()
+    trials.to_csv(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().splitlines()[4].endswith(f",,{trials[0].states[3, 1]!r}")
+    trials.to_parquet(tmp_path / "a.parquet")
+    for back in (
+        Trials.read(tmp_path / "a.csv"),
+        Trials.read(tmp_path / "a.parquet"),
+        Trials.from_frame(trials.to_frame()),
+    ):
+        np.testing.assert_array_equal(back[0].states, trials[0].states)
+
+
+@pytest.mark.parametrize("rows", [1, 4, 7, 100])
+def test_streams_keep_gaps_and_leave_empty_rows_out_wherever_batches_end(tmp_path, monkeypatch, rows):
+    gaps = ((1, 0), (5, 1), (8, 0))
+    frame = pd.concat([collection(spiral(12, gaps, name)).to_frame() for name in "ab"], ignore_index=True)
+    frame.loc[[0, 6, 11, 12], ["x", "y"]] = np.nan
+    frame.to_parquet(tmp_path / "a.parquet")
+    monkeypatch.setattr(stream, "_ROWS", rows)
+    whole = Trials.from_frame(frame, **ROLES)
+    for one, other in zip(TrialStream.of_parquet(tmp_path / "a.parquet", **ROLES), whole, strict=True):
+        assert one.label == other.label
+        np.testing.assert_array_equal(one.times, other.times)
+        np.testing.assert_array_equal(one.states, other.states)
+
+
+def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_between_measured_ones():
+    jumping = spiral(name="b")
+    states = np.array(jumping.states)
+    states[30:, 0] += 50
+    states[29, 0] = np.nan
+    trials = collection(spiral(), Trial("b", "1", jumping.times, states))
+    report = trials.check()
+    assert [each.missing for each in report.trials] == [{"x": 2, "y": 2}, {"x": 3, "y": 2}]
+    assert report.to_frame()["x (missing)"].tolist() == [2, 3]
+    assert "missing" not in " ".join(collection(spiral(gaps=())).check().to_frame().columns)
+    assert "a, trial 1: x is missing in 2 of 60 samples" in report.oddities
+    assert [each for each in report.oddities if "jumps" in each] == [
+        f"b, trial 1: x jumps by {states[30, 0] - states[28, 0]:.3g} from sample 29 to sample 31"
+    ]
+    assert report.trials[0].last["y"] == trials[0].states[58, 1]
+    assert json.dumps(report.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [StrongForm(FiniteDifference(2)), StrongForm(RobustSpline(), library_states="measured"), DiscreteForm()],
+    ids=["strong", "measured", "discrete"],
+)
+@pytest.mark.parametrize("ask", ["rows", "systems"])
+def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
+    terms = cl.parse_library("poly:1").bind(form.variables(collection().schema))
+    with pytest.raises(
+        cl.CommonlawError, match=r"a, trial 1: x is missing in sample 4, 4 values in all, and this form"
+    ):
+        getattr(form, ask)(spiral(), terms)
+
+
+def test_the_robust_spline_fills_the_gaps_of_the_strong_form():
+    form = StrongForm(RobustSpline(), trim=5)
+    terms = cl.parse_library("poly:1").bind(form.variables(collection().schema))
+    library, targets = form.rows(spiral(), terms)
+    np.testing.assert_allclose(np.linalg.lstsq(library, targets)[0], [[0, 0], [0, -1], [1, 0]], atol=1e-3)
+
+
+def test_a_forecast_starts_at_a_complete_sample_and_counts_what_was_measured():
+    forecast = law().predict(collection())
+    errors = forecast.errors()
+    assert errors[["rms error", "largest error", "last error"]].to_numpy().max() < 1e-6
+    assert forecast.score() == pytest.approx(1)
+    off = cl.Forecast(
+        collection(), tuple(each for each in law().predict(collection(spiral(gaps=((59, 1),)))).trajectories)
+    )
+    assert off.errors().equals(errors)
+    with pytest.raises(
+        cl.CommonlawError, match=r"a, trial 1: y is missing in sample 1, .*start the trial at sample 2, "
+    ):
+        law().predict(collection(spiral(gaps=((0, 1),))))
+
+
+def test_first_rates_of_a_trial_with_gaps_come_from_the_robust_spline_if_the_law_has_another_method():
+    times = np.linspace(0, 2, 81)
+    states = np.column_stack([np.sin(times), np.cos(times)])
+    states[[2, 7], 0] = np.nan
+    trials = Trials((Trial("a", "1", times, states),), cl.Schema(("x", "y")))
+    terms = cl.parse_library("poly:1").bind(cl.library.Variables(("x", "y", "v_x", "v_y"), (), "t"))
+    pendulums = np.array([[[0, -1, 0, 0, 0], [0, 0, -1, 0, 0]]], dtype=float)
+    found = cl.Law(terms, trials.schema, 2, ("a",), pendulums, FiniteDifference(2)).predict(trials)
+    first = RobustSpline().differentiate(times, states, 1).derivatives[0][0]
+    np.testing.assert_array_equal(found.trajectories[0].states[0], [0, 1, *first])
+    assert np.isfinite(found.score())
+
+
+def test_plots_leave_gaps_out_without_a_warning():
+    trials = collection()
+    for figure in (
+        plot_trials(trials),
+        plot_trials(collection(spiral(gaps=((0, 0), (7, 1)))), displacement=True),
+        plot_strobe(trials, every=2),
+        plot_forecast(law().predict(trials)),
+    ):
+        assert render(figure, "svg")

@@ -1,0 +1,112 @@
+"""Curves through measurements with gaps and outliers against those without."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.differentiation import RobustSpline, SmoothingSpline, robust_rates
+
+DRAWS = 6
+
+
+def lorenz():
+    trial = cl.datasets.lorenz(samples=400, rate=50.0, trials=1)[0]
+    return trial.times, trial.states
+
+
+def oscillator():
+    times = np.linspace(0, 10, 150)
+    return times, np.column_stack([np.exp(-0.1 * times) * wave(2 * times) for wave in (np.sin, np.cos)])
+
+
+def drop():
+    times = np.arange(42) / 15
+    return times, (47 - 9.8 * (times / 0.3 - (1 - np.exp(-0.3 * times)) / 0.09))[:, np.newaxis]
+
+
+def noisy(states, level, seed):
+    """Return states with noise, and with gross outliers on top in a twentieth of the values."""
+    rng = np.random.default_rng(seed)
+    noise = level * states.std(axis=0)
+    measured = states + noise * rng.standard_normal(states.shape)
+    spoiled = rng.random(states.shape) < 0.05
+    return measured, measured + 20 * noise * spoiled * rng.choice([-1, 1], states.shape)
+
+
+def error(rates, states):
+    return np.sqrt(np.mean((rates.states - states) ** 2, axis=0))
+
+
+@pytest.mark.parametrize("level", [0.01, 0.1])
+@pytest.mark.parametrize("make", [lorenz, oscillator, drop])
+def test_gross_outliers_hardly_make_the_curve_worse(make, level):
+    times, states = make()
+    ratios = []
+    for seed in range(DRAWS):
+        clean, spoiled = noisy(states, level, seed)
+        reached = error(RobustSpline().differentiate(times, spoiled, 1), states)
+        ratios += list(reached / error(SmoothingSpline().differentiate(times, clean, 1), states))
+    assert np.median(ratios) < 1.1
+    assert np.mean(np.array(ratios) < 1.5) > 0.85
+
+
+@pytest.mark.parametrize("level", [0, 0.001, 0.01, 0.1])
+@pytest.mark.parametrize("make", [lorenz, oscillator, drop])
+def test_without_outliers_the_curve_is_that_of_the_smoothing_spline_bit_for_bit(make, level):
+    times, states = make()
+    same = []
+    for seed in range(DRAWS):
+        clean, _ = noisy(states, level, seed)
+        robust, plain = (method().differentiate(times, clean, 2) for method in (RobustSpline, SmoothingSpline))
+        pairs = zip((robust.states, *robust.derivatives), (plain.states, *plain.derivatives), strict=True)
+        same.append(all(np.array_equal(one, other) for one, other in pairs))
+    assert np.mean(same) > 0.8
+
+
+@pytest.mark.parametrize("make", [lorenz, oscillator, drop])
+def test_a_slip_in_exact_data_is_found(make):
+    times, states = make()
+    slipped = states.copy()
+    slipped[len(times) // 3] += 5 * states.std(axis=0)
+    kept = np.delete(np.arange(len(times)), len(times) // 3)
+    found = RobustSpline().differentiate(times, slipped, 1)
+    expected = SmoothingSpline().differentiate(times[kept], states[kept], 1)
+    np.testing.assert_allclose(found.states[kept], expected.states, rtol=0, atol=1e-9 * np.abs(states).max())
+
+
+def test_an_outlier_in_the_last_sample_is_found():
+    times, states = drop()
+    measured, _ = noisy(states, 0.01, 0)
+    measured[-1] += 1.0 * states.std()
+    found = RobustSpline().differentiate(times, measured, 1)
+    expected = SmoothingSpline().differentiate(times[:-1], measured[:-1], 1)
+    np.testing.assert_allclose(found.states[:-1], expected.states, rtol=1e-12)
+    np.testing.assert_allclose(found.states[-1], expected.states[-1] + expected.derivatives[0][-1] / 15, rtol=1e-12)
+
+
+def test_in_gaps_stands_the_natural_spline_through_the_measured_values():
+    times, states = oscillator()
+    gaps = [10, 11, 12, 70, 149]
+    measured, _ = noisy(states, 0.01, 1)
+    gapped = measured.copy()
+    gapped[gaps, 0] = np.nan
+    found = robust_rates(times, gapped, 2)
+    kept = np.delete(np.arange(150), gaps)
+    expected = SmoothingSpline().differentiate(times[kept], measured[kept, :1], 2)
+    for one, other in zip((found.states, *found.derivatives), (expected.states, *expected.derivatives), strict=True):
+        np.testing.assert_allclose(one[kept, 0], other[:, 0], rtol=0, atol=1e-9 * np.abs(other).max())
+    np.testing.assert_allclose(found.states[gaps, 0], states[gaps, 0], atol=0.03)
+    assert found.derivatives[1][149, 0] == pytest.approx(0, abs=1e-9)
+    whole = SmoothingSpline().differentiate(times, measured[:, 1:], 2)
+    np.testing.assert_array_equal(found.states[:, 1:], whole.states)
+
+
+def test_too_few_and_constant_values_are_refused_by_the_number_of_the_state():
+    times, states = oscillator()
+    short = np.where(np.arange(150)[:, np.newaxis] < [150, 4], states, np.nan)
+    with pytest.raises(
+        cl.CommonlawError, match="state 2 has 4 measured values, fewer than the 5 that smoothing splines"
+    ):
+        robust_rates(times, short, 1)
+    with pytest.raises(cl.CommonlawError, match="state 1 is 3 in every sample, which says nothing"):
+        robust_rates(times, np.where([True, False], 3.0, states), 1)
