@@ -1,0 +1,215 @@
+"""The evidence for shared terms against brute force, and the choice of all equations together."""
+
+from math import comb
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal
+
+from commonlaw.formulation import System
+from commonlaw.selection import Joint
+from commonlaw.selection.pooled import log_choices, log_evidence
+from commonlaw.solvers import BestSubset, ForwardSelection
+
+
+def rows(coefficients, samples=40, seed=0, noise=1.0):
+    """Rows of several objects: a library, and a target for these coefficients, shape (objects, terms)."""
+    generator = np.random.default_rng(seed)
+    found = []
+    for own in coefficients:
+        library = generator.standard_normal((samples, len(own))) * np.linspace(1, 3, len(own))
+        found.append((library, library @ own + noise * generator.standard_normal(samples)))
+    return found
+
+
+def systems(data):
+    return [System.of(library, target[:, np.newaxis]) for library, target in data]
+
+
+def test_the_evidence_of_a_single_object_is_the_bic():
+    data = rows([[2.0, 0.0, -1.0]])
+    library, target = data[0]
+    for places in ([], [0], [0, 2], [2, 1]):
+        rest = target - library[:, places] @ np.linalg.lstsq(library[:, places], target, rcond=None)[0]
+        expected = rest @ rest + len(places) * np.log(77)
+        assert log_evidence(systems(data), np.array(places, dtype=int), 77) == pytest.approx(expected)
+
+
+def marginal(data, places):
+    """Sum of squared residuals, estimates, and minus twice their log-evidence for means and variances over objects."""
+    rest, estimates, covariances = 0.0, [], []
+    for library, target in data:
+        columns = library[:, places]
+        best = np.linalg.lstsq(columns, target, rcond=None)[0]
+        rest += np.sum((target - columns @ best) ** 2)
+        estimates.append(best)
+        covariances.append(np.linalg.inv(columns.T @ columns))
+
+    def lost(means, variances):
+        """As it is with a prior, less what it is at the estimates themselves."""
+        return sum(
+            2 * multivariate_normal(best, covariance).logpdf(best)
+            - 2 * multivariate_normal(means, covariance + np.diag(variances)).logpdf(best)
+            for best, covariance in zip(estimates, covariances, strict=True)
+        )
+
+    return rest, np.array(estimates), lost
+
+
+def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
+    """With one term the grid of variances is gone through whole, and the best mean has a closed form."""
+    for scatter in (0.0, 0.05, 1.0):
+        own = 1.5 + scatter * np.random.default_rng(3).standard_normal((6, 1))
+        data = rows(own, seed=4)
+        rest, estimates, lost = marginal(data, [0])
+        precisions = np.array([library[:, 0] @ library[:, 0] for library, _ in data])
+        costs = []
+        for variance in np.array([0, *10.0 ** np.arange(-4, 2.1, 0.5)]) * np.mean(estimates**2):
+            weights = 1 / (1 / precisions + variance)
+            costs.append(lost([weights @ estimates[:, 0] / weights.sum()], [variance]))
+        expected = rest + min(costs) + np.log(500) + np.log(6)
+        assert log_evidence(systems(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("scatter", [[0.0, 0.8], [0.8, 0.5]])
+def test_the_evidence_of_several_terms_is_near_the_best_over_means_and_variances(scatter):
+    generator = np.random.default_rng(5)
+    own = np.array([1.5, -2.0]) + scatter * generator.standard_normal((8, 2))
+    data = [(np.column_stack([a[:, 0], a[:, 0] / 2 + a[:, 1]]), y) for a, y in rows(own, seed=6)]
+    rest, estimates, lost = marginal(data, [0, 1])
+    best = min(
+        minimize(
+            lambda p: lost(p[:2], np.exp(p[2:])),
+            [*estimates.mean(axis=0), *np.log(begin)],
+            method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-4},
+        ).fun
+        for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5])
+    )
+    found = log_evidence(systems(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
+    # A variance that is off by a quarter of a decade costs at most 0.21 for each object
+    assert best - 1e-3 < found < best + 0.21 * 8 * 2
+
+
+def test_alike_coefficients_cost_less_than_scattered_ones():
+    prices = []
+    for scatter in (0.0, 0.3, 3.0):
+        own = 2.0 + scatter * np.random.default_rng(0).standard_normal((10, 1))
+        data = rows(own, samples=400)
+        rest, *_ = marginal(data, [0])
+        prices.append(log_evidence(systems(data), np.array([0]), 4000) - rest)
+    # One mean and one variance, and what ten estimates of one number scatter
+    assert prices[0] < np.log(4000) + np.log(10) + 20
+    assert prices[0] + 20 < prices[1] < prices[2] - 20
+
+
+def test_units_of_terms_do_not_matter():
+    data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
+    other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
+    places = np.array([0, 1, 2])
+    assert log_evidence(systems(other), places, 200) == pytest.approx(log_evidence(systems(data), places, 200))
+
+
+def test_terms_that_cannot_be_told_apart_have_no_evidence():
+    data = [(np.column_stack([library, 0 * library[:, 0]]), target) for library, target in rows(np.ones((3, 2)))]
+    assert log_evidence(systems(data), np.array([0, 2]), 100) == np.inf
+
+
+def test_choices_are_counted():
+    for library, size in ((10, 0), (10, 3), (5, 5)):
+        assert log_choices(library, size) == pytest.approx(np.log(comb(library, size)))
+
+
+TRUTH = np.array([[True, False, False, True, False], [False, True, False, True, True]])
+
+
+def coupled(objects=4, samples=120, seed=1, noise=0.3):
+    """Two equations of five terms whose errors are correlated, as systems of unit variance."""
+    generator = np.random.default_rng(seed)
+    covariance = noise**2 * np.array([[1.0, 0.95], [0.95, 1.0]])
+    white = np.linalg.inv(np.linalg.cholesky(covariance))
+    found = []
+    for _ in range(objects):
+        coefficients = TRUTH * generator.uniform(0.5, 1.5, TRUTH.shape)
+        library = generator.standard_normal((samples, 5))
+        target = library @ coefficients.T + generator.multivariate_normal([0, 0], covariance, samples)
+        both = np.zeros((samples, 2, 10))
+        both[:, 0, :5], both[:, 1, 5:] = library, library
+        both = np.einsum("ij,njk->nik", white, both).reshape(2 * samples, 10)
+        found.append(System.of(both, (target @ white.T).reshape(-1, 1)))
+    return found
+
+
+@pytest.mark.parametrize("objects", [1, 4])
+@pytest.mark.parametrize("solver", [BestSubset(nodes=20), ForwardSelection()])
+def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
+    allowed = np.ones_like(TRUTH)
+    joint = Joint(coupled(objects), allowed, 240 * objects, solver)
+    for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
+        np.testing.assert_array_equal(joint.choose(start), TRUTH)
+
+
+def test_no_other_supports_of_both_equations_have_more_evidence():
+    allowed = np.ones_like(TRUTH)
+    every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
+    for seed in range(4):
+        joint = Joint(coupled(1, seed=seed), allowed, 240, BestSubset(nodes=20))
+        best = min(every, key=joint.value)
+        np.testing.assert_array_equal(joint.choose(allowed), best)
+
+
+def test_an_equation_has_no_more_terms_than_it_may():
+    for most in (1, 2):
+        chosen = Joint(coupled(), np.ones_like(TRUTH), 480, BestSubset(nodes=20), most).choose(np.ones_like(TRUTH))
+        assert chosen.sum(axis=1).tolist() == [most, most]
+
+
+def test_terms_that_are_not_allowed_are_not_chosen():
+    allowed = np.ones_like(TRUTH)
+    allowed[0, 3] = allowed[1] = False
+    joint = Joint(coupled(), allowed, 480, BestSubset(nodes=20))
+    chosen = joint.choose(allowed)
+    assert not (chosen & ~allowed).any()
+    assert chosen[0, 0]
+    assert all(not (support & ~row).any() for row, listed in zip(allowed, joint.rivals(chosen), strict=True)
+               for support, _ in listed)  # fmt: skip
+
+
+def test_the_value_is_the_evidence_with_the_price_of_choosing():
+    parts = coupled()
+    joint = Joint(parts, np.ones_like(TRUTH), 480, BestSubset())
+    expected = log_evidence(parts, np.flatnonzero(TRUTH), 480) + 2 * np.log(comb(5, 2)) + 2 * np.log(comb(5, 3))
+    assert joint.value(TRUTH) == pytest.approx(expected)
+
+
+def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
+    parts = coupled(2)
+    found = Joint(parts, np.ones_like(TRUTH), 240, BestSubset()).coefficients(TRUTH)
+    assert found.shape == (2, 2, 5)
+    for system, own in zip(parts, found, strict=True):
+        columns = np.flatnonzero(TRUTH)
+        expected = np.linalg.lstsq(system.factor[:, columns], system.factor[:, -1], rcond=None)[0]
+        np.testing.assert_allclose(own[TRUTH], expected)
+        assert not own[~TRUTH].any()
+
+
+@pytest.mark.parametrize("objects", [1, 3])
+def test_rivals_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
+    parts = coupled(objects, seed=1)
+    joint = Joint(parts, np.ones_like(TRUTH), 240 * objects, BestSubset())
+    np.testing.assert_array_equal(joint.choose(TRUTH), TRUTH)
+    for equation, listed in enumerate(joint.rivals(TRUTH)):
+        inside = TRUTH[equation].sum()
+        assert len(listed) == len({support.tobytes() for support, _ in listed}) == 1 + 5 + inside * (5 - inside)
+        for support, above in listed:
+            entered, left = (support & ~TRUTH[equation]).sum(), (TRUTH[equation] & ~support).sum()
+            assert max(entered, left) <= 1
+            if objects == 1:  # Where no variance over objects is chosen, other equations do not matter
+                other = TRUTH.copy()
+                other[equation] = support
+                assert above == pytest.approx(joint.value(other) - joint.value(TRUTH), abs=1e-6)
+        above = [value for _, value in listed]
+        assert above == sorted(above)
+        assert above[0] == 0
+        np.testing.assert_array_equal(listed[0][0], TRUTH[equation])
