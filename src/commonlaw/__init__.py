@@ -19,11 +19,12 @@ if TYPE_CHECKING:
         Spectral,
         TotalVariation,
         WienerFilter,
+        noise_level,
     )
     from commonlaw.discovery import LawDiscovery, discover
     from commonlaw.errors import CommonlawError
     from commonlaw.forecast import Event, Forecast, Trajectory
-    from commonlaw.formulation import StrongForm, System
+    from commonlaw.formulation import StrongForm, System, WeakForm
     from commonlaw.law import Law
     from commonlaw.library import (
         ConstantLibrary,
@@ -63,11 +64,12 @@ _ROOMS = {
         "Spectral",
         "TotalVariation",
         "WienerFilter",
+        "noise_level",
     ),
     "commonlaw.discovery": ("LawDiscovery", "discover"),
     "commonlaw.errors": ("CommonlawError",),
     "commonlaw.forecast": ("Event", "Forecast", "Trajectory"),
-    "commonlaw.formulation": ("StrongForm", "System"),
+    "commonlaw.formulation": ("StrongForm", "System", "WeakForm"),
     "commonlaw.law": ("Law",),
     "commonlaw.library": (
         "ConstantLibrary",
@@ -140,9 +142,11 @@ __all__ = [
     "Trial",
     "TrialStream",
     "Trials",
+    "WeakForm",
     "WienerFilter",
     "datasets",
     "discover",
+    "noise_level",
     "plots",
     "sphere_drag",
 ]

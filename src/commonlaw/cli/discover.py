@@ -18,7 +18,12 @@ if TYPE_CHECKING:
     from commonlaw.trials import Trials
 
 
+FORMULATIONS = ("auto", "trajectories", "rates", "weak")
+
 _MORE_TERMS = 2
+
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence lost", "probability")
+"""What is shown of a candidate, as far as it is there."""
 
 
 @click.command()
@@ -37,6 +42,21 @@ _MORE_TERMS = 2
     "[default: poly:3]",
 )
 @click.option(
+    "--formulation",
+    type=click.Choice(FORMULATIONS),
+    default="auto",
+    show_default=True,
+    help="How laws and measurements are compared: by whole trajectories, with standard errors; by estimated rates; in "
+    "the weak form. auto: trajectories, or rates where a setting of rates is given.",
+)
+@click.option(
+    "--noise",
+    "noises",
+    metavar="STATE=VALUE",
+    multiple=True,
+    help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
+)
+@click.option(
     "--differentiation",
     metavar="SPEC",
     help="How rates are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
@@ -48,15 +68,15 @@ _MORE_TERMS = 2
     help="How terms are found: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], forward[:TERMS], "
     "backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), stlsq[:THRESHOLD] "
     "(each its own). Without its setting a solver offers all its candidates, and --rule chooses.  "
-    "[default: candidates of group-stlsq and best-subset]",
+    "[default: best-subset for trajectories, group-stlsq and best-subset for rates]",
 )
 @click.option(
     "--rule",
     default="one-standard-error",
     show_default=True,
     metavar="RULE",
-    help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, bic, "
-    "ebic.",
+    help="How a candidate is chosen by rates: one-standard-error or held-out (by the error on trials held out), aic, "
+    "aicc, bic, ebic.",
 )
 @click.option(
     "--fix",
@@ -93,6 +113,8 @@ def discover(
     source: Source,
     order: int,
     library: str | None,
+    formulation: Literal["auto", "trajectories", "rates", "weak"],
+    noises: tuple[str, ...],
     differentiation: str | None,
     solver: str | None,
     rule: str,
@@ -113,12 +135,12 @@ def discover(
     \b
     Examples:
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
-          --library poly:3 --differentiation savgol:35:3 --solver group-stlsq:1.5 --save law.json --plot law.png
+          --save law.json --plot law.png
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
     import commonlaw as cl
 
-    with working("Discovering ..."):
+    with working("Discovering ...") as show:
         trials = source.load()
         training, held_out = source.split(trials)
         law = cl.discover(
@@ -128,10 +150,13 @@ def discover(
             differentiation=differentiation,
             solver=solver,
             rule=rule,
-            fixed=_fixed(fixed),
+            fixed={_key(name): value for name, value in _numbers("--fix", fixed).items()},
             universal=[_key(name) for name in universal],
             library_states=library_states,
             trim=trim,
+            formulation=formulation,
+            noise=_numbers("--noise", noises) or None,
+            progress=show,
         )
         forecast = law.predict(_known(law, held_out) or training, spread=bool(plot) and law.has_spread)
         truth = _truth(source)
@@ -149,14 +174,14 @@ def discover(
     print_notes([*training.notes, *law.outcomes, *forecast.outcomes])
 
 
-def _fixed(texts: tuple[str, ...]) -> dict[str | tuple[str, str], float]:
-    """Return the known coefficients that ``--fix`` names."""
-    found: dict[str | tuple[str, str], float] = {}
-    for name, text in pairs("--fix", texts):
+def _numbers(option: str, texts: tuple[str, ...]) -> dict[str, float]:
+    """Return the numbers that an option gives by name."""
+    found = {}
+    for name, text in pairs(option, texts):
         try:
-            found[_key(name)] = float(text)
+            found[name] = float(text)
         except ValueError:
-            raise click.UsageError(f"--fix {name}={text}: {text!r} is not a number") from None
+            raise click.UsageError(f"{option} {name}={text}: {text!r} is not a number") from None
     return found
 
 
@@ -234,7 +259,7 @@ def _cells(coefficients: NDArray[np.float64], errors: NDArray[np.float64]) -> li
 
 def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
     """Return head and rows of the table of candidates up to a few terms more than were chosen."""
-    shown = ("held-out error", "standard error", "BIC", "stability")
+    shown = [name for name in _MEASURES if any(each.measures.get(name) is not None for each in law.alternatives)]
     rows: list[list[object]] = []
     for equation in law.left_sides:
         own = [each for each in law.alternatives if each.equation == equation]

@@ -70,15 +70,15 @@ def print_notes(notes: Iterable[object]) -> None:
 
 
 @contextmanager
-def working(text: str) -> Iterator[None]:
-    """Show on a terminal that something is going on."""
+def working(text: str) -> Iterator[Callable[[str], None]]:
+    """Show on a terminal that something is going on; yields what takes the text of each step."""
     if not sys.stderr.isatty():
-        yield
+        yield lambda _: None
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(text):
-        yield
+    with Console(stderr=True).status(text) as status:
+        yield lambda step: status.update(f"{text} {step}")
 
 
 @contextmanager

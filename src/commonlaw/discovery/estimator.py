@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
+from commonlaw.discovery.known import Fixed, Key, known_coefficients, known_noise, place_of
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import (
     MOST_GROUPS,
@@ -17,10 +18,14 @@ from commonlaw.formulation import (
     Compressed,
     DiscreteForm,
     StrongForm,
+    WeakForm,
     compress,
+    reweighted,
 )
+from commonlaw.inference import OUTLIERS, PATH, find_law
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
+from commonlaw.progress import Told, on_terminal
 from commonlaw.selection import (
     BLOCKS,
     Accuracy,
@@ -40,7 +45,7 @@ from commonlaw.solvers import (
     GroupSTLSQ,
     parse_solver,
 )
-from commonlaw.trials import Trial, Trials, TrialStream
+from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -48,13 +53,21 @@ if TYPE_CHECKING:
     from commonlaw.forecast import Forecast
 
 Floats = NDArray[np.float64]
-Key = str | tuple[str, str]
-"""A term, with the state of its equation before it when there are several."""
-
-Fixed = Mapping[Key, float | Mapping[str, float]]
-
+Bools = NDArray[np.bool_]
 _MANY_TERMS = 60
 """More are too many for the solvers that look closely."""
+
+_MANY_CANDIDATES = 70
+"""More terms for each equation make the likelihood of trajectories too slow to be the default."""
+
+_MANY_SAMPLES = 50_000
+"""More samples do so too, and rates are then good enough."""
+
+FORMULATIONS = ("auto", "trajectories", "rates", "weak")
+"""How measurements and laws are compared."""
+
+_OF_RATES = ("differentiation", "library_states", "trim", "rule", "judge", "resamples")
+"""Settings that only rates have."""
 
 _JUDGED = 4
 """Trials of an object that the accuracy of its rates is judged by."""
@@ -92,6 +105,18 @@ class LawDiscovery:
         What candidates are judged by on held-out trials: the ``"rates"``, or their ``"forecasts"``, which takes longer.
     resamples
         Bootstrap resamples that judge how stable the candidates are.
+    formulation
+        How measurements and laws are compared. ``"trajectories"``: states and coefficients are fitted together to what
+        was measured, and terms are chosen by their evidence; the law has standard errors (see `commonlaw.inference`).
+        ``"rates"``: terms are fitted to estimated rates. ``"weak"``: to integrals against test functions. ``"auto"``:
+        trajectories, unless a solver or another setting of rates is given, or there are more than 50 000 samples.
+    noise
+        Standard deviation of each state's measurement noise by name, for trajectories. Default: it is estimated.
+    outliers
+        Standard deviations of noise beyond which a measurement counts as an outlier, for trajectories; infinite for
+        none.
+    progress
+        Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
 
     Attributes
     ----------
@@ -123,6 +148,10 @@ class LawDiscovery:
         rule: str = "one-standard-error",
         judge: Literal["rates", "forecasts"] = "rates",
         resamples: int = 20,
+        formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
+        noise: Mapping[str, float] | None = None,
+        outliers: float = OUTLIERS,
+        progress: Told | None = None,
     ) -> None:
         self.order = order
         self.library = library
@@ -136,6 +165,10 @@ class LawDiscovery:
         self.rule = rule
         self.judge = judge
         self.resamples = resamples
+        self.formulation = formulation
+        self.noise = noise
+        self.outliers = outliers
+        self.progress = progress
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
         """Find the law of these trials.
@@ -156,29 +189,12 @@ class LawDiscovery:
             )
         if self.judge not in ("rates", "forecasts"):
             raise unknown("judge", self.judge, ("rates", "forecasts"))
-        form, solver = self._formulation(), self._solver()
-        terms = self._library().bind(form.variables(trials.schema))
-        is_set = solver is not None and solver.is_set
+        way = self._way(trials)
         with threadpool_limits(1, "blas"):
-            data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, jobs=self.jobs)
-            known = _known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
-            rates = None if self.order == 0 else self._differentiation()
-            law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
-            universal = [_place(key, trials.schema.states, terms) for key in self.universal]
-            if solver is not None and is_set:
-                fit = _sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
-                law = fitted_law(law, fit, solver)
+            if way == "trajectories" and isinstance(trials, Trials):
+                self.law_ = self._likely_law(trials)
             else:
-                accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
-                listed = _default_solvers(len(terms)) if solver is None else (solver,)
-                solvers = [_sharing(each, universal) for each in listed]
-                choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
-                found = chosen_law(law, choose())
-                if self.judge == "forecasts":
-                    scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
-                    found = chosen_law(law, choose(scores=scores))
-                law = found
-            self.law_ = replace(law, outcomes=(*law.outcomes, *ill_conditions(law, data.systems)))
+                self.law_ = self._law_of_rows(trials, self._form(trials, way), self._solver())
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -222,7 +238,89 @@ class LawDiscovery:
             raise CommonlawError("no law was found yet: call fit first")
         return self.law_
 
-    def _formulation(self) -> AbstractFormulation:
+    def _way(self, trials: Trials | TrialStream) -> str:
+        """Return the formulation, chosen if that was left open.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no such formulation, or another setting does not go with it.
+        """
+        if self.formulation not in FORMULATIONS:
+            raise unknown("formulation", self.formulation, FORMULATIONS)
+        of_rates = [name for name in _OF_RATES if getattr(self, name) != _DEFAULTS[name]]
+        of_rates += ["universal"] * bool(self.universal)
+        solver = self._solver()
+        reasons = [*of_rates, *["a solver with its setting"] * (solver is not None and solver.is_set)]
+        reasons += ["order=0"] * (self.order == 0) + ["a stream"] * isinstance(trials, TrialStream)
+        if self.formulation == "trajectories" and reasons:
+            raise CommonlawError(
+                f"{reasons[0]} does not go with formulation='trajectories': leave it out, or use formulation='rates'"
+            )
+        if self.formulation == "weak" and (self.order == 0 or isinstance(trials, TrialStream)):
+            raise CommonlawError(f"{reasons[-1]} does not go with formulation='weak': use formulation='rates'")
+        if self.formulation != "auto":
+            return self.formulation
+        if reasons or solver is not None or isinstance(trials, TrialStream):
+            return "rates"
+        few = sum(map(len, trials)) <= _MANY_SAMPLES and len(self._terms(trials.schema)) <= _MANY_CANDIDATES
+        return "trajectories" if few else "rates"
+
+    def _likely_law(self, trials: Trials) -> Law:
+        """Return the law of largest evidence, by the likelihood of its trajectories."""
+        states, terms = trials.schema.states, self._terms(trials.schema)
+        known = known_coefficients(self.fixed or {}, states, trials.objects, terms)
+        law = Law(terms, trials.schema, self.order, trials.objects, np.nan_to_num(known), self._differentiation())
+        noise = None if self.noise is None else known_noise(self.noise, states)
+        if not self.outliers > 0:
+            raise CommonlawError(
+                f"outliers is {self.outliers}: give how many standard deviations of noise a measurement must be off to "
+                "be one, above zero"
+            )
+        told = on_terminal() if self.progress is None else self.progress
+        solver = self._solver() or PATH
+
+        def by_rates() -> Bools:
+            return np.asarray(self._law_of_rows(trials, self._rates_form(), None).support & np.isnan(known[0]))
+
+        return find_law(
+            trials, law, known, by_rates=by_rates, solver=solver, noise=noise, outliers=self.outliers, told=told
+        )
+
+    def _law_of_rows(
+        self, trials: Trials | TrialStream, form: AbstractFormulation, solver: AbstractSolver | None
+    ) -> Law:
+        """Return the law that a solver finds, or that is chosen from solvers' paths, on the rows of a formulation."""
+        terms = self._library().bind(form.variables(trials.schema))
+        is_set = solver is not None and solver.is_set
+        data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, jobs=self.jobs)
+        known = known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
+        rates = None if self.order == 0 else self._differentiation()
+        law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
+        universal = [place_of(key, trials.schema.states, terms) for key in self.universal]
+        if solver is not None and is_set:
+            fit = _sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
+            found = fitted_law(law, fit, solver)
+        else:
+            accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
+            listed = _default_solvers(len(terms)) if solver is None else (solver,)
+            solvers = [_sharing(each, universal) for each in listed]
+            choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
+            found = chosen_law(law, choose())
+            if self.judge == "forecasts":
+                scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
+                found = chosen_law(law, choose(scores=scores))
+        return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.systems)))
+
+    def _terms(self, schema: Schema) -> Terms:
+        return self._library().bind(self._rates_form().variables(schema))
+
+    def _form(self, trials: Trials | TrialStream, way: str) -> AbstractFormulation:
+        if way == "weak" and isinstance(trials, Trials):
+            return reweighted(trials, self._terms(trials.schema), WeakForm(self.order))[0]
+        return self._rates_form()
+
+    def _rates_form(self) -> AbstractFormulation:
         if self.order == 0:
             return DiscreteForm()
         return StrongForm(self._differentiation(), self.order, self.library_states, self.trim)
@@ -243,7 +341,8 @@ class LawDiscovery:
         return parse_solver(self.solver) if isinstance(self.solver, str) else self.solver
 
 
-_PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
+_DEFAULTS = {name: each.default for name, each in inspect.signature(LawDiscovery).parameters.items()}
+_PARAMETERS = tuple(_DEFAULTS)
 
 
 def discover(
@@ -261,6 +360,10 @@ def discover(
     rule: str = "one-standard-error",
     judge: Literal["rates", "forecasts"] = "rates",
     resamples: int = 20,
+    formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
+    noise: Mapping[str, float] | None = None,
+    outliers: float = OUTLIERS,
+    progress: Told | None = None,
 ) -> Law:
     """Find the law that the objects of these trials share.
 
@@ -282,33 +385,7 @@ def discover(
     with v = x'
     """
     settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
-    return LawDiscovery(*settings, resamples).fit(trials).law_
-
-
-def _known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[str], terms: Terms) -> Floats:
-    """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
-    known = np.full((len(objects), len(states), len(terms)), np.nan)
-    for key, value in fixed.items():
-        equation, place = _place(key, states, terms)
-        term = terms.names[place]
-        values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
-        missing = [name for name in objects if name not in values]
-        if missing:
-            raise CommonlawError(
-                f"fixed term {term!r} has no coefficient for {', '.join(missing)}; give one for each object"
-            )
-        known[:, equation, place] = [values[name] for name in objects]
-    return known
-
-
-def _place(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
-    """Return the places of the equation and the term that a key names."""
-    if not isinstance(key, tuple) and len(states) > 1:
-        raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
-    state, term = key if isinstance(key, tuple) else (states[0], key)
-    if state not in states:
-        raise unknown("state", state, states)
-    return states.index(state), terms.index(term)
+    return LawDiscovery(*settings, resamples, formulation, noise, outliers, progress).fit(trials).law_
 
 
 def _sharing(solver: AbstractSolver, universal: Sequence[tuple[int, int]]) -> AbstractSolver:

@@ -1,0 +1,61 @@
+"""Terms and states named by users: where they stand, and what is known of them."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.library import Terms
+
+Floats = NDArray[np.float64]
+
+Key = str | tuple[str, str]
+"""A term, with the state of its equation before it when there are several."""
+
+Fixed = Mapping[Key, float | Mapping[str, float]]
+
+
+def known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[str], terms: Terms) -> Floats:
+    """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
+    known = np.full((len(objects), len(states), len(terms)), np.nan)
+    for key, value in fixed.items():
+        equation, place = place_of(key, states, terms)
+        term = terms.names[place]
+        values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
+        missing = [name for name in objects if name not in values]
+        if missing:
+            raise CommonlawError(
+                f"fixed term {term!r} has no coefficient for {', '.join(missing)}; give one for each object"
+            )
+        known[:, equation, place] = [values[name] for name in objects]
+    return known
+
+
+def place_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
+    """Return the places of the equation and the term that a key names."""
+    if not isinstance(key, tuple) and len(states) > 1:
+        raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
+    state, term = key if isinstance(key, tuple) else (states[0], key)
+    if state not in states:
+        raise unknown("state", state, states)
+    return states.index(state), terms.index(term)
+
+
+def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
+    """Return the noise of every state, shape (states,).
+
+    Raises
+    ------
+    CommonlawError
+        If a state has none, a name is not a state, or a value is not positive.
+    """
+    for name, level in noise.items():
+        if name not in states:
+            raise unknown("state", name, states)
+        if not (np.isfinite(level) and level > 0):
+            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
+    missing = [name for name in states if name not in noise]
+    if missing:
+        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
+    return np.array([noise[name] for name in states], dtype=np.float64)

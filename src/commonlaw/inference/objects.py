@@ -1,0 +1,171 @@
+"""What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.differentiation import noise_level, robust_rates
+from commonlaw.errors import CommonlawError
+from commonlaw.library import Terms
+from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, meshes, spread
+from commonlaw.selection import MOST_TERMS, SAMPLES_FOR_A_TERM
+from commonlaw.trials import Trial, Trials
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FLOOR = 1e-4
+"""Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
+exactly than the steps of a law are integrated here."""
+
+_DEPENDENT = 1e-8
+"""Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Objects:
+    """The objects, ready to be searched for a law.
+
+    Parameters
+    ----------
+    names
+        Of the objects.
+    problems
+        One for each object.
+    starts
+        Smoothed states, and coefficients of all allowed terms by least squares on smoothed rates.
+    curves
+        Smoothed states (and rates) of each object's trials, each of shape (n, D).
+    measured
+        How many numbers were measured on each object.
+    noise
+        Standard deviation of each state, shape (d,).
+    known
+        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
+    points
+        Points of the meshes for each sampling step.
+    """
+
+    names: tuple[str, ...]
+    problems: tuple[Problem, ...]
+    starts: tuple[Estimate, ...]
+    curves: tuple[tuple[Floats, ...], ...]
+    measured: tuple[int, ...]
+    noise: Floats
+    known: Floats
+    points: int = 1
+
+    @property
+    def allowed(self) -> Bools:
+        """Which terms may enter which equation, shape (equations, terms)."""
+        return np.asarray(np.isnan(self.known[0]))
+
+    @property
+    def most_terms(self) -> int:
+        """How many terms an equation may have, so that the object with the fewest samples can tell them apart."""
+        samples = min(self.measured) / len(self.noise)
+        return int(np.clip(samples // SAMPLES_FOR_A_TERM, 1, MOST_TERMS))
+
+    def finer(self, trials: Trials) -> "Objects":
+        """Return the same objects with twice as many points for each sampling step."""
+        points = 2 * self.points
+        groups = [trials.of(name) for name in self.names]
+        pairs = zip(self.problems, groups, strict=True)
+        problems = tuple(replace(problem, meshes=meshes(group, points)) for problem, group in pairs)
+        curves = zip(self.starts, self.curves, strict=True)
+        starts = tuple(replace(start, states=tuple(spread(own, points))) for start, own in curves)
+        return replace(self, problems=problems, starts=starts, points=points)
+
+
+def prepare(
+    trials: Trials,
+    terms: Terms,
+    order: int,
+    known: Floats,
+    *,
+    noise: Floats | None = None,
+    bound: float = np.inf,
+) -> Objects:
+    """Return the objects of these trials, ready to be searched for a law.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    terms
+        The library.
+    order
+        Of the law, 1 or 2.
+    known
+        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
+    noise
+        Standard deviation of each state, shape (d,), if it is known; by default it is estimated.
+    bound
+        Beyond how many standard deviations a measurement counts as an outlier, see `Measurement`.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial is too short, or a term is not finite on it; the message names the trial.
+    """
+    groups = [trials.of(name) for name in trials.objects]
+    curves = [[_curves(trial, order) for trial in group] for group in groups]
+    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    noise = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)
+    dynamics = Dynamics(terms, len(scale), order)
+    unit = noise
+    if order == 2:
+        rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
+        unit = np.concatenate([noise, noise * rates.std(axis=0) / scale])
+    problems, starts = [], []
+    for group, own, fixed in zip(groups, curves, known, strict=True):
+        problems.append(Problem(dynamics, meshes(group), Measurement(noise, bound), unit))
+        coefficients = _first(terms, group, own, fixed)
+        starts.append(Estimate(tuple(spread([states for states, _ in own])), coefficients))
+    measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
+    smooth = tuple(tuple(states for states, _ in own) for own in curves)
+    return Objects(trials.objects, tuple(problems), tuple(starts), smooth, measured, noise, known)
+
+
+def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
+    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial."""
+    try:
+        rates = robust_rates(trial.times, trial.states, order)
+    except CommonlawError as error:
+        raise CommonlawError(f"{trial.label}: {error}") from None
+    return np.column_stack([rates.states, *rates.derivatives[: order - 1]]), rates.derivatives[order - 1]
+
+
+def _noise(trials: Trials) -> Floats:
+    """Return the noise of each state, of all trials together."""
+    squares = np.zeros((len(trials), len(trials.schema.states)))
+    for i, trial in enumerate(trials):
+        for j, column in enumerate(trial.states.T):
+            seen = np.isfinite(column)
+            try:
+                squares[i, j] = noise_level(trial.times[seen], column[seen, np.newaxis])[0] ** 2
+            except CommonlawError as error:
+                raise CommonlawError(f"{trial.label}, state {trials.schema.states[j]!r}: {error}") from None
+    weights = np.array([len(trial) for trial in trials], dtype=np.float64)
+    return np.asarray(np.sqrt(np.average(squares, axis=0, weights=weights)))
+
+
+def _first(terms: Terms, group: Sequence[Trial], curves: Sequence[tuple[Floats, Floats]], known: Floats) -> Floats:
+    """Return coefficients by least squares on smoothed states and rates, shape (equations, terms)."""
+    blocks = []
+    for trial, (states, _) in zip(group, curves, strict=True):
+        values = np.column_stack([states, trial.inputs, trial.times])
+        block = terms.evaluate(values)
+        terms.check_finite(block, values, trial.label)
+        blocks.append(block)
+    library, targets = np.concatenate(blocks), np.concatenate([target for _, target in curves])
+    found = np.nan_to_num(known)
+    for equation, free in enumerate(np.isnan(known)):
+        columns = library[:, free]
+        norms = np.linalg.norm(columns, axis=0)
+        norms[norms == 0] = 1.0
+        rest = targets[:, equation] - library @ found[equation]
+        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=_DEPENDENT)[0] / norms
+    return found

@@ -1,0 +1,24 @@
+"""Saying how far long work has come."""
+
+import sys
+from collections.abc import Callable
+from time import monotonic
+
+PATIENCE = 2.0
+"""Seconds after which people want to know."""
+
+Told = Callable[[str], None]
+
+
+def on_terminal() -> Told:
+    """Return what writes steps of work to a terminal on stderr, when they take long; elsewhere it writes nothing."""
+    if not sys.stderr.isatty():
+        return lambda _: None
+    began = monotonic()
+
+    def tell(step: str) -> None:
+        seconds = monotonic() - began
+        if seconds > PATIENCE:
+            sys.stderr.write(f"commonlaw: {step} ({seconds:.0f} s)\n")
+
+    return tell

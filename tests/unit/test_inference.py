@@ -1,0 +1,339 @@
+"""The default way from trials to a law, on trials whose law is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.variational import cramer_rao, solve
+from scipy.integrate import solve_ivp
+from sklearn.base import clone
+
+import commonlaw as cl
+from commonlaw import datasets
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import accuracy
+
+STAGES = {"noise", "library", "mesh", "error of the law", "coefficients"}
+
+
+def found(trials, truth, **settings):
+    """The law that is found, of which the support is checked, and that coefficients are near the truth."""
+    law = cl.discover(trials, **settings)
+    expected = np.zeros_like(law.coefficients)
+    for k, term in enumerate(truth.terms.names):
+        expected[:, :, law.terms.index(term)] = truth.select(law.objects).coefficients[:, :, k]
+    np.testing.assert_array_equal(law.support, np.any(expected != 0, axis=0), str(law))
+    free = law.support & (law.standard_errors > 0)
+    scores = (law.coefficients - expected)[free] / law.standard_errors[free]
+    assert np.all(np.abs(scores) < 4)
+    np.testing.assert_allclose(law.coefficients[~free], expected[~free])
+    assert {step.stage for step in law.history} == STAGES | {f"terms of {side}" for side in law.left_sides}
+    assert np.all((law.inclusion >= 0) & (law.inclusion <= 1))
+    assert np.all(law.inclusion[law.support] > 0.9)
+    assert np.all(law.inclusion[~law.support] < 0.5)
+    return law
+
+
+def kept(trials, keep):
+    """The trials with some of their samples, for each of which `keep` returns which."""
+    return replace(trials, trials=tuple(
+        replace(each, times=each.times[rows], states=each.states[rows], inputs=each.inputs[rows])
+        for each, rows in ((each, keep(len(each))) for each in trials)
+    ))  # fmt: skip
+
+
+def with_states(trials, change):
+    return replace(trials, trials=tuple(replace(each, states=change(each.states.copy())) for each in trials))
+
+
+DRAGS = {"drag": (-0.2, -0.5)}
+PREY = {"growth": (1.0, 0.8), "predation": 0.1, "decline": (1.3, 1.1), "reproduction": 0.07}
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return datasets.linear_drag(**DRAGS, noise=0.05, samples=60, rate=20)
+
+
+@pytest.fixture(scope="module")
+def drag(drops):
+    return found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="poly:2")
+
+
+def oscillator(**options):
+    return datasets.nonlinear_oscillator(samples=300, step=0.02, **options)
+
+
+# What is found
+
+
+def test_falling_balls_are_found_from_noisy_heights(drag):
+    assert drag.noise == pytest.approx([0.05], rel=0.2)
+    assert drag.standard_errors[:, drag.support].shape == (2, 2)
+    chosen = [each for each in drag.alternatives if each.chosen]
+    assert [each.terms for each in chosen] == [("1", "v")]
+    assert drag.alternatives[0].measures["evidence lost"] == 0
+    assert sum(each.measures["probability"] for each in drag.alternatives) == pytest.approx(1, abs=0.05)
+    assert "largest evidence" in str(drag.history)
+
+
+def test_heavy_noise_on_heights_does_not_hide_the_law():
+    trials = datasets.linear_drag(noise=0.1)
+    law = found(trials, datasets.linear_drag.truth(), order=2, library="poly:1")
+    assert law.noise == pytest.approx([0.1], rel=0.15)
+
+
+@pytest.mark.parametrize("trials", [1, 2])
+def test_prey_and_predators_are_found(trials):
+    measured = datasets.lotka_volterra(**PREY, noise=0.3, trials=trials, samples=120)
+    law = found(measured, datasets.lotka_volterra.truth(**PREY))
+    assert law.noise == pytest.approx([0.3, 0.3], rel=0.15)
+
+
+def test_chaos_is_found_from_one_object():
+    measured = datasets.lorenz(samples=250, trials=1, noise=0.2)
+    law = found(measured, datasets.lorenz.truth(), library="poly:2")
+    assert law.noise == pytest.approx([0.2] * 3, rel=0.15)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_an_oscillator_is_found_without_and_with_noise(noise):
+    found(oscillator(noise=noise), datasets.nonlinear_oscillator.truth())
+
+
+def test_coarse_samples_of_a_fast_law_are_not_taken_for_an_error_of_the_law():
+    measured = datasets.lorenz(samples=300, rate=25.0, trials=1)
+    law = found(measured, datasets.lorenz.truth(), library="poly:2")
+    assert law.history[2].choice != "1 step from sample to sample"
+
+
+def test_samples_at_irregular_times_will_do():
+    generator = np.random.default_rng(3)
+    measured = kept(oscillator(noise=0.02), lambda n: np.sort(generator.choice(n, 200, replace=False)))
+    found(measured, datasets.nonlinear_oscillator.truth())
+
+
+def test_missing_values_and_gaps_will_do():
+    generator = np.random.default_rng(3)
+    measured = kept(oscillator(noise=0.02), lambda n: np.r_[:100, 112:n])
+
+    def holed(states):
+        for start in (0, 1):  # Never both states of a sample
+            places = np.arange(start, len(states), 2)
+            states[generator.choice(places, 30, replace=False), start] = np.nan
+        return states
+
+    law = found(with_states(measured, holed), datasets.nonlinear_oscillator.truth())
+    assert "of 516 measurements" in law.history[-1].reason
+
+
+def test_gross_outliers_do_not_spoil_it():
+    generator = np.random.default_rng(3)
+
+    def spoilt(states):
+        return states + 20 * 0.03 * (generator.random(states.shape) < 0.03) * generator.choice([-1, 1], states.shape)
+
+    law = found(with_states(oscillator(noise=0.03), spoilt), datasets.nonlinear_oscillator.truth())
+    assert law.noise == pytest.approx([0.03, 0.03], rel=0.3)
+
+
+def test_intervals_are_as_narrow_as_the_data_allow():
+    variables, equations = ("x", "y"), (("x^3", "y^3"), ("x^3", "y^3"))
+    trials, noise = datasets.nonlinear_oscillator(samples=1500, step=0.01, noise=0.05), np.array([0.05, 0.05])
+    law = found(trials, datasets.nonlinear_oscillator.truth(), noise={"x": 0.05, "y": 0.05})
+    coefficients = np.array([-0.1, 2.0, -2.0, -0.1])
+    bounds = cramer_rao([solve(variables, equations, coefficients, np.array([2.0, 0.0]), trials[0].times)], noise)
+    np.testing.assert_allclose(law.standard_errors[0][law.support] / bounds, 1, atol=0.03)
+
+
+def test_a_few_seeds_of_an_oscillator_are_all_found():
+    for seed in (1, 2):
+        found(oscillator(noise=0.05, seed=seed), datasets.nonlinear_oscillator.truth())
+
+
+# What is known
+
+
+def test_known_terms_stay_and_are_certain(drops, drag):
+    truth = datasets.linear_drag.truth(**DRAGS)
+    law = found(drops, truth, order=2, library="poly:2", fixed={"1": -9.8})
+    gravity, slope = law.terms.index("1"), law.terms.index("v")
+    np.testing.assert_array_equal(law.coefficients[:, 0, gravity], -9.8)
+    np.testing.assert_array_equal(law.standard_errors[:, 0, gravity], 0)
+    assert law.inclusion[0, gravity] == 1
+    assert np.all(law.standard_errors[:, 0, slope] < drag.standard_errors[:, 0, slope])
+    assert [each.terms for each in law.alternatives if each.chosen] == [("1", "v")]
+
+
+def test_a_law_may_be_known_altogether(drops):
+    fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
+    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", fixed=fixed)
+    assert not law.covariance.any()
+
+
+def test_what_does_not_move_by_itself_has_no_terms():
+    states = np.random.default_rng(0).standard_normal((200, 1))
+    law = cl.discover(cl.Trials.from_arrays([np.arange(200.0)], [states], names=["x"]), library="poly:2")
+    assert not law.support.any()
+    assert law.noise == pytest.approx([1], rel=0.2)
+    assert law.history[3].choice == "none"
+
+
+def test_given_noise_is_used(drops, drag):
+    settings = {"order": 2, "library": "poly:2"}
+    law = cl.discover(drops, noise={"x": 0.2}, **settings)
+    assert law.noise == pytest.approx([0.2])
+    assert law.history[0].reason == "as given"
+    assert drag.history[0].reason != "as given"
+    # With the same support, standard errors grow with the noise
+    assert cl.discover(drops, noise={"x": 0.1}, order=2, library="terms:1,v").standard_errors == pytest.approx(
+        2 * cl.discover(drops, noise={"x": 0.05}, order=2, library="terms:1,v").standard_errors, rel=0.05
+    )
+
+
+def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
+    times, generator = np.linspace(0, 4, 200), np.random.default_rng(0)
+
+    def field(t, z):
+        return [z[1], -9.8 - 0.05 * z[1] * abs(z[1]) - 3 * np.sin(5 * t)]
+
+    paths = [
+        solve_ivp(field, (0, 4), start, t_eval=times, rtol=1e-10, atol=1e-10).y[:1].T for start in ([60, 0], [50, 8])
+    ]
+    states = [path + 0.01 * generator.standard_normal(path.shape) for path in paths]
+    trials = cl.Trials.from_arrays([times] * 2, states, object=["ball"] * 2, names=["x"])
+    within = cl.discover(trials, order=2, library="terms:1,x,v,v*abs(v),sin(5*t)")
+    without = cl.discover(trials, order=2, library="poly:1")
+    assert [name for name, used in zip(within.terms.names, within.support[0], strict=True) if used] == [
+        "1", "v*abs(v)", "sin(5 t)",
+    ]  # fmt: skip
+    steps = {law: next(step for step in law.history if step.stage == "error of the law") for law in (within, without)}
+    assert steps[within].choice == "none"
+    assert "random walk" in steps[without].choice
+    assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
+    assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
+    assert np.all((without.inclusion >= 0) & (without.inclusion <= 1))
+
+
+def test_probabilities_are_found_however_much_better_a_rival_is():
+    supports = [np.array([True, False]), np.array([True, True]), np.array([False, False])]
+    listed = [(supports[0], 0.0), (supports[1], -5000.0), (supports[2], np.inf)]
+    np.testing.assert_allclose(accuracy.probabilities(listed), [0, 1, 0], atol=1e-300)
+    np.testing.assert_allclose(accuracy.inclusion([listed]), [[1, 1]])
+    even = [(supports[0], 0.0), (supports[1], 2 * np.log(3))]
+    np.testing.assert_allclose(accuracy.inclusion([even]), [[1, 0.25]])
+
+
+# Other ways
+
+
+def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
+    trials, truth = oscillator(noise=0.005), datasets.nonlinear_oscillator.truth()
+    law = found(trials, truth)
+    for formulation in ("rates", "weak"):
+        other = cl.discover(trials, formulation=formulation)
+        np.testing.assert_array_equal(other.support, law.support)
+        np.testing.assert_allclose(other.coefficients, law.coefficients, atol=0.06)
+        assert other.covariance is None
+
+
+def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
+    for solver in ("best-subset", "group-stlsq"):
+        law = cl.discover(drops, order=2, library="poly:2", formulation="trajectories", solver=solver)
+        np.testing.assert_array_equal(law.support, drag.support)
+        np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"formulation": "magic"}, "'magic'.*trajectories"),
+        ({"formulation": "trajectories", "solver": "stlsq:0.1"}, "a solver with its setting does not go"),
+        ({"formulation": "trajectories", "order": 0}, "order=0 does not go with formulation='trajectories'"),
+        ({"formulation": "trajectories", "differentiation": "savgol:25:3"}, "differentiation does not go"),
+        ({"formulation": "trajectories", "universal": ("1",)}, "universal does not go"),
+        ({"formulation": "trajectories", "trim": 3}, "trim does not go"),
+        ({"formulation": "weak", "order": 0}, "order=0 does not go with formulation='weak'"),
+        ({"noise": {"y": 0.1}}, "'y'"),
+        ({"noise": {}}, "the noise of x is missing"),
+        ({"noise": {"x": 0.0}}, "above zero"),
+        ({"noise": {"x": -1.0}}, "above zero"),
+        ({"noise": {"x": np.nan}}, "above zero"),
+        ({"outliers": 0.0}, "above zero"),
+        ({"outliers": np.nan}, "above zero"),
+        ({"order": 3}, "order 3"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(drops, settings, message):
+    with pytest.raises(CommonlawError, match=message):
+        cl.discover(drops, **{"order": 2, "library": "poly:1"} | settings)
+
+
+@pytest.mark.parametrize("formulation", ["trajectories", "weak"])
+def test_a_stream_has_no_trajectories(tmp_path, drops, formulation):
+    drops.to_parquet(tmp_path / "drops.parquet")
+    stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
+    with pytest.raises(CommonlawError, match=f"a stream does not go with formulation='{formulation}'"):
+        cl.discover(stream, order=2, formulation=formulation)
+
+
+def test_a_trial_that_is_too_short_is_named(drops):
+    few = replace(drops, trials=(*drops.trials[:-1], kept(drops, lambda n: np.arange(n) < 5).trials[-1]))
+    with pytest.raises(CommonlawError, match=drops.trials[-1].name):
+        cl.discover(few, order=2)
+
+
+def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
+    steps = []
+    model = cl.LawDiscovery(
+        order=2, library="poly:2", formulation="trajectories", noise={"x": 0.05}, outliers=5.0, progress=steps.append
+    )
+    again = clone(model)
+    assert again.get_params() == model.get_params()
+    assert again.get_params()["outliers"] == 5.0
+    again.set_params(noise=None, outliers=4.0).fit(drops)
+    np.testing.assert_array_equal(again.law_.coefficients, drag.coefficients)
+    assert steps[0] == "estimating noise, smoothing"
+    assert steps[-1] == "judging terms and coefficients"
+    assert any("choosing terms" in step for step in steps)
+
+
+# What must not matter
+
+
+@pytest.mark.parametrize(("length", "duration"), [(1000.0, 1.0), (1.0, 1000.0), (1e-3, 60.0)])
+def test_units_do_not_matter(drops, drag, length, duration):
+    scaled = replace(
+        drops,
+        trials=tuple(replace(each, times=duration * each.times, states=length * each.states) for each in drops),
+    )
+    law = cl.discover(scaled, order=2, library="poly:2")
+    np.testing.assert_array_equal(law.support, drag.support)
+    factors = np.array([length / duration**2, 1 / duration])
+    np.testing.assert_allclose(
+        law.coefficients[:, law.support], drag.coefficients[:, drag.support] * factors, rtol=1e-3
+    )
+    expected = drag.standard_errors[:, drag.support] * factors
+    np.testing.assert_allclose(law.standard_errors[:, law.support], expected, rtol=1e-3)
+    np.testing.assert_allclose(law.noise, length * drag.noise, rtol=1e-6)
+    np.testing.assert_allclose(law.inclusion, drag.inclusion, atol=1e-2)
+
+
+def test_units_of_one_state_do_not_matter():
+    trials = oscillator(noise=0.02)
+    one = cl.discover(trials)
+    other = cl.discover(with_states(trials, lambda states: states * [1000.0, 1.0]))
+    np.testing.assert_array_equal(one.support, other.support)
+    cubes = [other.terms.index("x^3"), other.terms.index("y^3")]
+    factors = np.array([[1000.0 / 1e9, 1000.0], [1e-9, 1.0]])
+    np.testing.assert_allclose(other.coefficients[0][:, cubes], one.coefficients[0][:, cubes] * factors, rtol=1e-3)
+    np.testing.assert_allclose(
+        other.standard_errors[0][:, cubes], one.standard_errors[0][:, cubes] * factors, rtol=1e-3
+    )
+
+
+def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):
+    law = cl.discover(replace(drops, trials=drops.trials[::-1]), order=2, library="poly:2").select(drag.objects)
+    np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-6)
+    np.testing.assert_allclose(law.covariance, drag.covariance, rtol=1e-5)
+    np.testing.assert_allclose(law.inclusion, drag.inclusion, rtol=1e-4)
