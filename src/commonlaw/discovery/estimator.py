@@ -1,7 +1,7 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.discovery.known import Fixed, Key, known_coefficients, known_noise, place_of
+from commonlaw.discovery.rows import default_solvers, forecast_scores, sharing, some_trials
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import (
-    MOST_GROUPS,
     AbstractFormulation,
-    Compressed,
     DiscreteForm,
     StrongForm,
     WeakForm,
@@ -29,23 +28,16 @@ from commonlaw.progress import Told, on_terminal
 from commonlaw.selection import (
     BLOCKS,
     Accuracy,
-    ForecastError,
     chosen_law,
     fitted_law,
     ill_conditions,
-    make_folds,
     select,
 )
 from commonlaw.solvers import (
     AbstractSolver,
-    BackwardElimination,
-    BestSubset,
-    Constrained,
-    ForwardSelection,
-    GroupSTLSQ,
     parse_solver,
 )
-from commonlaw.trials import Schema, Trial, Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -54,9 +46,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-_MANY_TERMS = 60
-"""More are too many for the solvers that look closely."""
-
 _MANY_CANDIDATES = 70
 """More terms for each equation make the likelihood of trajectories too slow to be the default."""
 
@@ -68,9 +57,6 @@ FORMULATIONS = ("auto", "trajectories", "rates", "weak")
 
 _OF_RATES = ("differentiation", "library_states", "trim", "rule", "judge", "resamples")
 """Settings that only rates have."""
-
-_JUDGED = 4
-"""Trials of an object that the accuracy of its rates is judged by."""
 
 
 class LawDiscovery:
@@ -259,12 +245,16 @@ class LawDiscovery:
             )
         if self.formulation == "weak" and (self.order == 0 or isinstance(trials, TrialStream)):
             raise CommonlawError(f"{reasons[-1]} does not go with formulation='weak': use formulation='rates'")
-        if self.formulation != "auto":
-            return self.formulation
-        if reasons or solver is not None or isinstance(trials, TrialStream):
-            return "rates"
-        few = sum(map(len, trials)) <= _MANY_SAMPLES and len(self._terms(trials.schema)) <= _MANY_CANDIDATES
-        return "trajectories" if few else "rates"
+        way: str = self.formulation
+        if way == "auto":
+            many = isinstance(trials, TrialStream) or sum(map(len, trials)) > _MANY_SAMPLES
+            of_rates_then = reasons or solver is not None or many or len(self._terms(trials.schema)) > _MANY_CANDIDATES
+            way = "rates" if of_rates_then else "trajectories"
+        if self.noise is not None and way != "trajectories":
+            raise CommonlawError(
+                f"known noise does not go with formulation={way!r}: leave it out, or use formulation='trajectories'"
+            )
+        return way
 
     def _likely_law(self, trials: Trials) -> Law:
         """Return the law of largest evidence, by the likelihood of its trajectories."""
@@ -299,16 +289,16 @@ class LawDiscovery:
         law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
         universal = [place_of(key, trials.schema.states, terms) for key in self.universal]
         if solver is not None and is_set:
-            fit = _sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
+            fit = sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
             found = fitted_law(law, fit, solver)
         else:
-            accuracy = Accuracy(form, terms, _some_trials(trials, data.objects))
-            listed = _default_solvers(len(terms)) if solver is None else (solver,)
-            solvers = [_sharing(each, universal) for each in listed]
+            accuracy = Accuracy(form, terms, some_trials(trials, data.objects))
+            listed = default_solvers(len(terms)) if solver is None else (solver,)
+            solvers = [sharing(each, universal) for each in listed]
             choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
             found = chosen_law(law, choose())
             if self.judge == "forecasts":
-                scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
+                scores = forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
         return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.systems)))
 
@@ -386,40 +376,3 @@ def discover(
     """
     settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
     return LawDiscovery(*settings, resamples, formulation, noise, outliers, progress).fit(trials).law_
-
-
-def _sharing(solver: AbstractSolver, universal: Sequence[tuple[int, int]]) -> AbstractSolver:
-    """Return the solver with one coefficient for all objects at these equations and terms."""
-    for equation in dict.fromkeys(equation for equation, _ in universal):
-        solver = Constrained(solver, tuple(term for j, term in universal if j == equation), equation=equation)
-    return solver
-
-
-def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
-    """Return the solvers whose paths list the candidates when none is named.
-
-    Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
-    are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
-    """
-    return (GroupSTLSQ(), BestSubset()) if terms <= _MANY_TERMS else (ForwardSelection(), BackwardElimination())
-
-
-def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Trial]]:
-    """Return the first few trials of each object, by which the accuracy of its rates is judged."""
-    found: dict[str, list[Trial]] = {name: [] for name in objects}
-    for trial in trials:
-        if len(found[trial.object]) < _JUDGED:
-            found[trial.object].append(trial)
-    return list(found.values())
-
-
-def _forecast_scores(
-    trials: Trials | TrialStream, data: Compressed, law: Law, free: NDArray[np.bool_]
-) -> list[ForecastError]:
-    """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
-    if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
-        raise CommonlawError(
-            f"forecasts judge candidates only on trials in memory, at most {MOST_GROUPS} of an object; judge on rates"
-        )
-    folds = make_folds(data.groups)
-    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]

@@ -1,7 +1,7 @@
 """From trials and candidate terms to regression rows, and from rows to compressed systems."""
 
 from commonlaw.formulation.base import AbstractFormulation
-from commonlaw.formulation.compress import MOST_GROUPS, Compressed, compress
+from commonlaw.formulation.compress import MOST_GROUPS, Compressed, compress, refuse_constant_states
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.independence import effective_rows, independent_share
 from commonlaw.formulation.resolution import resolution
@@ -23,6 +23,7 @@ __all__ = [
     "independent_share",
     "leave_one_out",
     "merge",
+    "refuse_constant_states",
     "resolution",
     "reweighted",
 ]

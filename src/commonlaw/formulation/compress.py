@@ -86,7 +86,7 @@ def compress(
         ends = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
         before = extremes.get(trial.object, ends)
         extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])
-    _refuse_constant_states(extremes, schema)
+    refuse_constant_states(extremes, schema)
     return Compressed(tuple(found), tuple(tuple(map(tuple, groups)) for groups in found.values()))
 
 
@@ -105,8 +105,21 @@ def _with_systems(
     yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
 
 
-def _refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
-    """Raise if a state of an object never changes: its rate is zero and its terms cannot be told from the constant."""
+def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
+    """Refuse objects with a state that never changes: its rate is zero, its terms cannot be told from the constant.
+
+    Parameters
+    ----------
+    extremes
+        The least and the largest value of every state by object, shape (2, states).
+    schema
+        Names of the states.
+
+    Raises
+    ------
+    CommonlawError
+        If the two are the same.
+    """
     for name, (least, most) in extremes.items():
         for state, still in zip(schema.states, least == most, strict=True):
             if still:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from commonlaw.differentiation import noise_level, robust_rates
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import refuse_constant_states
 from commonlaw.library import Terms
 from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, meshes, spread
 from commonlaw.selection import MOST_TERMS, SAMPLES_FOR_A_TERM
@@ -111,6 +112,9 @@ def prepare(
         If a trial is too short, or a term is not finite on it; the message names the trial.
     """
     groups = [trials.of(name) for name in trials.objects]
+    samples = {name: np.concatenate([trial.states for trial in trials.of(name)]) for name in trials.objects}
+    extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
+    refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
     noise = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)

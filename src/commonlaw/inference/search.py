@@ -25,7 +25,7 @@ SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.03), (0.3, 0.03), (0.1, 0.03))
 """Tolerances, relative to the noise, at which supports are chosen. Different ways find different supports; the best is
 kept."""
 
-ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03)
+ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
 """Tolerances that are compared as errors of a law."""
 
 OBEYED = 0.03
