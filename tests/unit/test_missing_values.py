@@ -9,6 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.differentiation import FiniteDifference, RobustSpline
 from commonlaw.formulation import DiscreteForm, StrongForm
+from commonlaw.library import Variables, parse_library
 from commonlaw.plots import plot_forecast, plot_strobe, plot_trials, render
 from commonlaw.trials import Trial, Trials, TrialStream, stream
 
@@ -31,7 +32,7 @@ def collection(*trials):
 def law(order=1, differentiation=None):
     states = ("x", "y") if order == 1 else ("x",)
     names = ("x", "y") if order == 1 else ("x", "v")
-    terms = cl.parse_library("poly:1").bind(cl.library.Variables(names, (), "t"))
+    terms = parse_library("poly:1").bind(Variables(names, (), "t"))
     coefficients = np.array([[[0, 0, 1], [0, -1, 0]]] if order == 1 else [[[0, -1, 0]]], dtype=float)
     return cl.Law(terms, cl.Schema(states), order, ("a",), coefficients, differentiation)
 
@@ -50,13 +51,13 @@ def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_e
 
 
 def test_arrays_may_have_gaps_too():
-    states = np.arange(12.0).reshape(6, 2)
+    states = np.arange(14.0).reshape(7, 2)
     states[1], states[4, 0] = np.nan, np.nan
-    trials = Trials.from_arrays([np.arange(6.0)] * 2, [states, np.arange(12.0).reshape(6, 2)])
-    assert trials[0].times.tolist() == [0, 2, 3, 4, 5]
+    trials = Trials.from_arrays([np.arange(7.0)] * 2, [states, np.arange(14.0).reshape(7, 2)])
+    assert trials[0].times.tolist() == [0, 2, 3, 4, 5, 6]
     assert trials.notes == ("samples without a measured state left out: object, trial 1: 1 (sample 2)",)
-    driven = Trials.from_arrays(range(6), states, inputs=np.arange(6.0))
-    assert driven[0].inputs[:, 0].tolist() == [0, 2, 3, 4, 5]
+    driven = Trials.from_arrays(range(7), states, inputs=np.arange(7.0))
+    assert driven[0].inputs[:, 0].tolist() == [0, 2, 3, 4, 5, 6]
 
 
 def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
@@ -70,15 +71,13 @@ def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
     with pytest.raises(cl.CommonlawError, match="a, trial 1: y was measured in 4 of 8"):
         list(TrialStream.of_parquet(tmp_path / "a.parquet", **ROLES))
     with pytest.raises(cl.CommonlawError, match="object, trial 1: no state was measured in any row; leave the trial"):
-        Trials.from_frame(frame.assign(x=None), states=["x", "y"], properties=[]).of("object") and Trials.from_frame(
-            frame.assign(x=np.nan, y=np.nan), states=["x", "y"]
-        )
+        Trials.from_frame(frame.assign(x=np.nan, y=np.nan), states=["x", "y"])
 
 
 def test_missing_values_are_empty_cells_outside(tmp_path):
     trials = collection()
     trials.to_csv(tmp_path / "a.csv")
-    assert (tmp_path / "a.csv").read_text().splitlines()[4].endswith(f",,{trials[0].states[3, 1]!r}")
+    assert (tmp_path / "a.csv").read_text().splitlines()[4].endswith(f",,{float(trials[0].states[3, 1])!r}")
     trials.to_parquet(tmp_path / "a.parquet")
     for back in (
         Trials.read(tmp_path / "a.csv"),
@@ -127,7 +126,7 @@ def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_
 )
 @pytest.mark.parametrize("ask", ["rows", "systems"])
 def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
-    terms = cl.parse_library("poly:1").bind(form.variables(collection().schema))
+    terms = parse_library("poly:1").bind(form.variables(collection().schema))
     with pytest.raises(
         cl.CommonlawError, match=r"a, trial 1: x is missing in sample 4, 4 values in all, and this form"
     ):
@@ -136,7 +135,7 @@ def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
 
 def test_the_robust_spline_fills_the_gaps_of_the_strong_form():
     form = StrongForm(RobustSpline(), trim=5)
-    terms = cl.parse_library("poly:1").bind(form.variables(collection().schema))
+    terms = parse_library("poly:1").bind(form.variables(collection().schema))
     library, targets = form.rows(spiral(), terms)
     np.testing.assert_allclose(np.linalg.lstsq(library, targets)[0], [[0, 0], [0, -1], [1, 0]], atol=1e-3)
 
@@ -146,10 +145,6 @@ def test_a_forecast_starts_at_a_complete_sample_and_counts_what_was_measured():
     errors = forecast.errors()
     assert errors[["rms error", "largest error", "last error"]].to_numpy().max() < 1e-6
     assert forecast.score() == pytest.approx(1)
-    off = cl.Forecast(
-        collection(), tuple(each for each in law().predict(collection(spiral(gaps=((59, 1),)))).trajectories)
-    )
-    assert off.errors().equals(errors)
     with pytest.raises(
         cl.CommonlawError, match=r"a, trial 1: y is missing in sample 1, .*start the trial at sample 2, "
     ):
@@ -161,7 +156,7 @@ def test_first_rates_of_a_trial_with_gaps_come_from_the_robust_spline_if_the_law
     states = np.column_stack([np.sin(times), np.cos(times)])
     states[[2, 7], 0] = np.nan
     trials = Trials((Trial("a", "1", times, states),), cl.Schema(("x", "y")))
-    terms = cl.parse_library("poly:1").bind(cl.library.Variables(("x", "y", "v_x", "v_y"), (), "t"))
+    terms = parse_library("poly:1").bind(Variables(("x", "y", "v_x", "v_y"), (), "t"))
     pendulums = np.array([[[0, -1, 0, 0, 0], [0, 0, -1, 0, 0]]], dtype=float)
     found = cl.Law(terms, trials.schema, 2, ("a",), pendulums, FiniteDifference(2)).predict(trials)
     first = RobustSpline().differentiate(times, states, 1).derivatives[0][0]

@@ -10,7 +10,7 @@ DRAWS = 6
 
 
 def lorenz():
-    trial = cl.datasets.lorenz(samples=400, rate=50.0, trials=1)[0]
+    trial = cl.datasets.lorenz(samples=500, rate=100.0, trials=1)[0]
     return trial.times, trial.states
 
 
@@ -47,7 +47,7 @@ def test_gross_outliers_hardly_make_the_curve_worse(make, level):
         reached = error(RobustSpline().differentiate(times, spoiled, 1), states)
         ratios += list(reached / error(SmoothingSpline().differentiate(times, clean, 1), states))
     assert np.median(ratios) < 1.1
-    assert np.mean(np.array(ratios) < 1.5) > 0.85
+    assert np.mean(np.array(ratios) < 1.5) > 0.8
 
 
 @pytest.mark.parametrize("level", [0, 0.001, 0.01, 0.1])
@@ -59,8 +59,8 @@ def test_without_outliers_the_curve_is_that_of_the_smoothing_spline_bit_for_bit(
         clean, _ = noisy(states, level, seed)
         robust, plain = (method().differentiate(times, clean, 2) for method in (RobustSpline, SmoothingSpline))
         pairs = zip((robust.states, *robust.derivatives), (plain.states, *plain.derivatives), strict=True)
-        same.append(all(np.array_equal(one, other) for one, other in pairs))
-    assert np.mean(same) > 0.8
+        same.append(np.all([np.all(one == other, axis=0) for one, other in pairs], axis=0))
+    assert np.mean(same) > 0.85
 
 
 @pytest.mark.parametrize("make", [lorenz, oscillator, drop])
@@ -74,14 +74,15 @@ def test_a_slip_in_exact_data_is_found(make):
     np.testing.assert_allclose(found.states[kept], expected.states, rtol=0, atol=1e-9 * np.abs(states).max())
 
 
-def test_an_outlier_in_the_last_sample_is_found():
-    times, states = drop()
-    measured, _ = noisy(states, 0.01, 0)
-    measured[-1] += 1.0 * states.std()
+@pytest.mark.parametrize("seed", range(4))
+def test_an_outlier_in_the_last_sample_of_many_is_found_and_the_curve_goes_on_straight(seed):
+    times, states = lorenz()
+    measured, _ = noisy(states, 0.1, seed)
+    measured[-1] += 2 * states.std(axis=0)
     found = RobustSpline().differentiate(times, measured, 1)
     expected = SmoothingSpline().differentiate(times[:-1], measured[:-1], 1)
-    np.testing.assert_allclose(found.states[:-1], expected.states, rtol=1e-12)
-    np.testing.assert_allclose(found.states[-1], expected.states[-1] + expected.derivatives[0][-1] / 15, rtol=1e-12)
+    np.testing.assert_allclose(found.states[:-1], expected.states, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.states[-1], expected.states[-1] + expected.derivatives[0][-1] / 100, atol=1e-9)
 
 
 def test_in_gaps_stands_the_natural_spline_through_the_measured_values():

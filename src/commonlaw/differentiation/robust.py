@@ -21,6 +21,8 @@ _FEW = 16
 """Values of which none can be called an outlier."""
 _FAR = 4.0
 """Scales from the curve beyond which a value is an outlier."""
+_BEYOND = 3.0
+"""How much further the curve through the others may be off where it goes on straight."""
 _BOUND = 1.5
 """Scales beyond which a value pulls at the curve no harder."""
 _STRANGE = 5.0
@@ -33,7 +35,7 @@ _ROW = 3
 """Most outliers next to each other; more are a turn of the state."""
 _NEAR = 15
 """Samples that are a residual's neighbourhood."""
-_R = .5
+_R = 1.5
 _STRENGTHS, _PULLS = 3, 15
 """Rounds of choosing the strength, and of pulling values to the curve at each."""
 _MEDIAN = 0.6744897501960817
@@ -48,14 +50,15 @@ class RobustSpline(AbstractDifferentiator):
     last value that it goes through, it goes on straight, as natural splines do.
 
     An outlier does not fit in with its neighbours (a difference that it is in, as in `noise_level`, is further than
-    five scales from zero), and they fit in without it. It lies further than four scales from the curve through the
-    other values, and from a curve on which no value pulls harder than one at a scale and a half (Huber 1964), its
+    five scales from zero), and they fit in better without it. It lies further than four scales from the curve through
+    the other values, and from a curve on which no value pulls harder than one at a scale and a half (Huber 1964), its
     strength cross-validated with the values so pulled in (Cantoni and Ronchetti 2001). The scale is the median size, of
     distances from a curve that in the neighbourhood if it is larger: a curve that is too stiff for a fast turn misses
     all of it.
 
-    A state without outliers gets the curve of `SmoothingSpline` bit for bit. Assumes white noise, at most three
-    outliers in a row, and 20 samples or more for each period of the fastest oscillation: fewer hide outliers.
+    A state without outliers gets the curve of `SmoothingSpline` bit for bit. Assumes white noise, outliers that are
+    rare, at most three in a row, and 20 samples or more for each period of the fastest oscillation: fewer hide them. An
+    outlier in the very first or last sample may stay, as may some of many close together.
 
     Parameters
     ----------
@@ -114,11 +117,13 @@ class RobustSpline(AbstractDifferentiator):
         while far.any():
             turns = binary_opening(far, np.ones(_ROW + 1, dtype=np.bool_))
             beside = _beside(~far, _strangeness(times[~far], values[~far]))
-            restored = turns | far & (beside > np.maximum(_STRANGE, _R * strangeness))
+            restored = turns | far & (beside > np.maximum(_STRANGE, strangeness))
             if not restored.any():
                 rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
                 distances = np.abs(values - _natural(times[~far], rates.states[:, 0], times, 1)[0])
-                restored = far & (distances <= _FAR * _scales(distances, distances[~far]))
+                bounds = _FAR * _scales(distances, distances[~far])
+                bounds[(times < times[~far][0]) | (times > times[~far][-1])] *= _BEYOND
+                restored = far & (distances <= bounds)
             if not restored.any():
                 break
             far &= ~restored
@@ -238,7 +243,9 @@ def _scales(sizes: Floats, ordinary: Floats) -> Floats:
     """Return the scale of the ordinary sizes, or of those around a sample if it is larger, shape (n,)."""
     from scipy.ndimage import median_filter
 
-    scales: Floats = np.maximum(np.median(ordinary), median_filter(sizes, _NEAR)) / _MEDIAN
+    near, half = median_filter(sizes, _NEAR), _NEAR // 2
+    near[:half], near[-half:] = near[half], near[-half - 1]
+    scales: Floats = np.maximum(np.median(ordinary), near) / _MEDIAN
     return scales
 
 
