@@ -60,7 +60,8 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence l
     "--differentiation",
     metavar="SPEC",
     help="How rates are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
-    "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust.  [default: finite:2 for order 1, savgol:35:3 for order 2]",
+    "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust.  [default: finite:2 for order 1, savgol:35:3 for "
+    "order 2]",
 )
 @click.option(
     "--solver",
