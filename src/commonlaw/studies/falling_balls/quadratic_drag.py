@@ -176,7 +176,8 @@ def _lowered(path: Mapping[float, Law], without: Law) -> str:
         f"Another method has a window of {_window(FINDING_DIFFERENTIATION)}, leaves out the rates at the ends of each "
         "drop, offers only the terms 1, $v$, $v^2$ and $v^3$ (that the force does not depend on the height is an "
         "assumption), goes through all thresholds of the group method, and lets the Bayesian information criterion "
-        "choose."
+        "choose. It was picked among some thirty combinations on simulated drops like these, so that its shares are "
+        "better than those of a method picked beforehand would be."
     )
 
 
