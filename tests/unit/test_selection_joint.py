@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import System
 from commonlaw.selection import Joint
-from commonlaw.selection.pooled import log_choices, log_evidence
+from commonlaw.selection.pooled import log_choices, log_evidence, residuals
 from commonlaw.solvers import BestSubset, ForwardSelection
 
 
@@ -27,13 +27,17 @@ def systems(data):
     return [System.of(library, target[:, np.newaxis]) for library, target in data]
 
 
+def factors(data):
+    return np.array([system.factor for system in systems(data)])
+
+
 def test_the_evidence_of_a_single_object_is_the_bic():
     data = rows([[2.0, 0.0, -1.0]])
     library, target = data[0]
     for places in ([], [0], [0, 2], [2, 1]):
         rest = target - library[:, places] @ np.linalg.lstsq(library[:, places], target, rcond=None)[0]
         expected = rest @ rest + len(places) * np.log(77)
-        assert log_evidence(systems(data), np.array(places, dtype=int), 77) == pytest.approx(expected)
+        assert log_evidence(factors(data), np.array(places, dtype=int), 77) == pytest.approx(expected)
 
 
 def marginal(data, places):
@@ -69,7 +73,7 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
             weights = 1 / (1 / precisions + variance)
             costs.append(lost([weights @ estimates[:, 0] / weights.sum()], [variance]))
         expected = rest + min(costs) + np.log(500) + np.log(6)
-        assert log_evidence(systems(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
+        assert log_evidence(factors(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("scatter", [[0.0, 0.8], [0.8, 0.5]])
@@ -87,7 +91,7 @@ def test_the_evidence_of_several_terms_is_near_the_best_over_means_and_variances
         ).fun
         for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5])
     )
-    found = log_evidence(systems(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
+    found = log_evidence(factors(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
     assert best - 1e-3 < found < best + 0.21 * 8 * 2
 
@@ -98,7 +102,7 @@ def test_alike_coefficients_cost_less_than_scattered_ones():
         own = 2.0 + scatter * np.random.default_rng(0).standard_normal((10, 1))
         data = rows(own, samples=400)
         rest, *_ = marginal(data, [0])
-        prices.append(log_evidence(systems(data), np.array([0]), 4000) - rest)
+        prices.append(log_evidence(factors(data), np.array([0]), 4000) - rest)
     # One mean and one variance, and what ten estimates of one number scatter
     assert prices[0] < np.log(4000) + np.log(10) + 20
     assert prices[0] + 20 < prices[1] < prices[2] - 20
@@ -108,12 +112,34 @@ def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
     places = np.array([0, 1, 2])
-    assert log_evidence(systems(other), places, 200) == pytest.approx(log_evidence(systems(data), places, 200))
+    assert log_evidence(factors(other), places, 200) == pytest.approx(log_evidence(factors(data), places, 200))
 
 
 def test_terms_that_cannot_be_told_apart_have_no_evidence():
     data = [(np.column_stack([library, 0 * library[:, 0]]), target) for library, target in rows(np.ones((3, 2)))]
-    assert log_evidence(systems(data), np.array([0, 2]), 100) == np.inf
+    assert log_evidence(factors(data), np.array([0, 2]), 100) == np.inf
+
+
+def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
+    data = factors(rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3))))
+    whole = log_evidence(data, np.array([0, 2]), 200)
+    assert log_evidence(data, np.array([0, 2]), 200, whole + 1) == whole
+    assert log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
+
+
+@pytest.mark.parametrize("places", [[], [1], [0, 3]])
+def test_residuals_with_each_other_term_are_those_of_least_squares(places):
+    data = rows([[2.0, 0.0, -1.0, 1.0], [1.0, 1.0, 0.0, 0.5]])
+    data = [(np.column_stack([library, library[:, 1] + 1e-9 * library[:, 0]]), target) for library, target in data]
+    found = residuals(factors(data), np.array(places, dtype=int))
+
+    def rest(kept):
+        return sum(np.sum((y - x[:, kept] @ np.linalg.lstsq(x[:, kept], y, rcond=None)[0]) ** 2) for x, y in data)
+
+    assert found[-1] == pytest.approx(rest(places))
+    for place in range(5):
+        unclear = place in places or (place == 4 and 1 in places)
+        assert found[place] == (0.0 if unclear else pytest.approx(rest([*places, place])))
 
 
 def test_choices_are_counted():
@@ -179,7 +205,11 @@ def test_terms_that_are_not_allowed_are_not_chosen():
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
     joint = Joint(parts, np.ones_like(TRUTH), 480, BestSubset())
-    expected = log_evidence(parts, np.flatnonzero(TRUTH), 480) + 2 * np.log(comb(5, 2)) + 2 * np.log(comb(5, 3))
+    expected = (
+        log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
+        + 2 * np.log(comb(5, 2))
+        + 2 * np.log(comb(5, 3))
+    )
     assert joint.value(TRUTH) == pytest.approx(expected)
 
 

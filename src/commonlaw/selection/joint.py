@@ -1,13 +1,13 @@
 """The supports of all equations together, from systems whose columns are the terms of one equation after the other."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.formulation import System
-from commonlaw.selection.pooled import log_choices, log_evidence
+from commonlaw.selection.pooled import log_choices, log_evidence, price, residuals
 from commonlaw.solvers import AbstractSolver
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,8 @@ class Joint:
 
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
-        evidence = log_evidence(self.systems, np.flatnonzero(supports), self.measured)
+        factors = np.array([system.factor for system in self.systems])
+        evidence = log_evidence(factors, np.flatnonzero(supports), self.measured)
         sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
         return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
 
@@ -79,9 +80,10 @@ class Joint:
         """
         found = []
         for j, chosen in enumerate(supports):
-            scores = _Scores(self._alone(supports, j), self.measured)
+            scores = _Scores.of(self._alone(supports, j), self.measured)
             listed = [chosen, *_neighbours(chosen, self.allowed[j])]
-            pairs = [(each, scores.of(each) - scores.of(chosen)) for each in listed]
+            values = np.array([scores.value(each) for each in listed])
+            pairs = zip(listed, (values - values[0]).tolist(), strict=True)
             found.append(sorted(pairs, key=lambda pair: pair[1]))
         return found
 
@@ -92,15 +94,16 @@ class Joint:
 
     def _equation(self, supports: Bools, equation: int) -> Bools:
         """Return the support of one equation, the others' being given."""
-        scores = _Scores(self._alone(supports, equation), self.measured)
-        allowed = self.allowed[equation]
-        path = self.solver.path(scores.systems, 0, allowed)
-        listed: list[Bools] = [np.zeros_like(allowed), *(np.asarray(each.support.any(axis=0)) for each in path)]
+        systems = self._alone(supports, equation)
+        scores, allowed = _Scores.of(systems, self.measured), self.allowed[equation]
+        listed = [np.asarray(each.support.any(axis=0)) for each in self.solver.path(systems, 0, allowed)]
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
-        best = scores.best([each for each in listed if each.sum() <= self.most])
+        none = np.zeros_like(allowed)
+        floors = [(scores.floor(each), each) for each in listed if each.sum() <= self.most]
+        best, least = scores.best(floors, none, scores.value(none))
         while True:
-            better = scores.best([best, *(each for each in _neighbours(best, allowed) if each.sum() <= self.most)])
+            better, least = scores.best(scores.neighbours(best, allowed, self.most), best, least)
             if better is best:
                 return best
             best = better
@@ -120,34 +123,75 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class _Scores:
-    """What supports of one equation are worth; each is computed once."""
+    """What supports of one equation are worth.
 
-    systems: Sequence[System]
+    Parameters
+    ----------
+    factors
+        Of each object's system, shape (objects, terms + 1, terms + 1).
+    measured
+        How many numbers were measured.
+    """
+
+    factors: Floats
     measured: int
-    known: dict[bytes, float] = field(default_factory=dict)
 
-    def best(self, supports: Sequence[Bools]) -> Bools:
-        """Return the best of some supports."""
-        return supports[int(np.argmin([self.of(each) for each in supports]))]
+    @classmethod
+    def of(cls, systems: Sequence[System], measured: int) -> "_Scores":
+        """Return the scores on these systems."""
+        return cls(np.array([system.factor for system in systems]), measured)
 
-    def of(self, support: Bools) -> float:
-        """Return minus twice the log-evidence of a support, with what choosing it costs."""
-        key = support.tobytes()
-        if key not in self.known:
-            choices = log_choices(len(support), int(support.sum()))
-            self.known[key] = log_evidence(self.systems, np.flatnonzero(support), self.measured) + 2 * choices
-        return self.known[key]
+    def value(self, support: Bools, least: float = np.inf) -> float:
+        """Return minus twice the log-evidence of a support, with what choosing it costs.
+
+        Supports that do not come below `least` get a lower bound of theirs.
+        """
+        choices = 2 * log_choices(len(support), int(support.sum()))
+        return choices + log_evidence(self.factors, np.flatnonzero(support), self.measured, least - choices)
+
+    def floor(self, support: Bools) -> float:
+        """Return a lower bound of the value of a support."""
+        return self.value(support, -np.inf)
+
+    def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, least: float) -> tuple[Bools, float]:
+        """Return the best of a support of value `least` and of others, listed with lower bounds; and its value."""
+        for floor, support in sorted(listed, key=lambda pair: pair[0]):
+            if floor >= least:
+                break
+            value = self.value(support, least)
+            best, least = (support, value) if value < least else (best, least)
+        return best, least
+
+    def neighbours(self, support: Bools, allowed: Bools, most: int) -> Iterator[tuple[float, Bools]]:
+        """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value."""
+        for staying, entering in _changes(support, allowed):
+            rests = residuals(self.factors, np.flatnonzero(staying))
+            for place in entering:
+                changed = _with(staying, place)
+                size = int(changed.sum())
+                if size <= most:
+                    choices = 2 * log_choices(len(support), size)
+                    yield rests[place] + price(size, len(self.factors), self.measured) + choices, changed
 
 
 def _neighbours(support: Bools, allowed: Bools) -> list[Bools]:
     """Return the supports with one term more, less, or exchanged."""
-    inside, outside = np.flatnonzero(support), np.flatnonzero(allowed & ~support)
-    moves: list[tuple[list[int], list[int]]] = [([int(i)], []) for i in inside]
-    moves += [([], [int(o)]) for o in outside]
-    moves += [([int(i)], [int(o)]) for i in inside for o in outside]
-    found = []
-    for leaving, entering in moves:
-        changed = support.copy()
-        changed[leaving], changed[entering] = False, True
-        found.append(changed)
+    return [_with(staying, place) for staying, entering in _changes(support, allowed) for place in entering]
+
+
+def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:
+    """Return what stays of a support when none or one term leaves, and which places may then enter; none is -1."""
+    outside = [int(place) for place in np.flatnonzero(allowed & ~support)]
+    found = [(support, outside)]
+    for leaving in np.flatnonzero(support):
+        staying = support.copy()
+        staying[leaving] = False
+        found.append((staying, [-1, *outside]))
     return found
+
+
+def _with(support: Bools, place: int) -> Bools:
+    changed = support.copy()
+    if place >= 0:
+        changed[place] = True
+    return changed

@@ -6,13 +6,10 @@ as gravity, then cost little more than one number; terms whose coefficients scat
 For a single object the evidence is the BIC.
 """
 
-from collections.abc import Sequence
 from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
-
-from commonlaw.formulation import System
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -23,38 +20,62 @@ _VARIANCES = np.concatenate([[0.0], 10.0 ** np.arange(-4, 2.1, 0.5)])
 _SWEEPS = 2
 """How often each variance is chosen again, given the others."""
 
+_NEAR = 1e-12
+"""Columns whose square is less than this share outside the span of others have too few digits there."""
+
 _RIDGE = 1e-12
 """Of a mean that the data do not tell, relative to the others."""
 
 
-def log_evidence(systems: Sequence[System], places: Places, measured: int) -> float:
+def log_evidence(factors: Floats, places: Places, measured: int, least: float = np.inf) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
-
-    The residuals of the systems must have unit variance.
 
     Parameters
     ----------
-    systems
-        One for each object, with one target.
+    factors
+        The triangular factor of each object's system, which has one target and residuals of unit variance, shape
+        (objects, terms + 1, terms + 1).
     places
         The terms of the support.
     measured
         How many numbers were measured on all objects; a mean costs the logarithm of that, and a variance the logarithm
         of the number of objects (the BIC of the hierarchy).
+    least
+        Supports that do not come below this get a lower bound of theirs, which takes less time.
     """
     size = len(places)
-    factors = np.array([_triangle(system.factor[:, [*places, system.terms]]) for system in systems])
-    rest = float(np.sum(factors[:, size:, size] ** 2))
-    price = size * (np.log(measured) + np.log(len(systems)))
-    if not size:
-        return rest
-    norms = np.sqrt(np.mean(np.sum(factors[:, :size, :size] ** 2, axis=1), axis=0))
-    columns = factors[:, :size, :size] / np.where(norms > 0, norms, 1.0)
+    reduced = np.asarray(np.linalg.qr(factors[:, :, [*places, -1]], mode="r"))
+    floor = float(np.sum(reduced[:, size:, size] ** 2)) + price(size, len(factors), measured)
+    if not size or floor >= least:
+        return floor
+    norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
+    columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
-        estimates = np.linalg.solve(columns, factors[:, :size, size:])[..., 0]
-        return float(rest + price) + _scatter(np.matmul(columns.transpose(0, 2, 1), columns), estimates)
+        estimates = np.linalg.solve(columns, reduced[:, :size, size:])[..., 0]
+        return floor + _scatter(np.matmul(columns.transpose(0, 2, 1), columns), estimates)
     except np.linalg.LinAlgError:
         return np.inf
+
+
+def price(size: int, objects: int, measured: int) -> float:
+    """Return what the means and variances of so many coefficients cost, see `log_evidence`."""
+    return float(size * (np.log(measured) + np.log(objects)))
+
+
+def residuals(factors: Floats, places: Places) -> Floats:
+    """Return the sums of squared residuals of a support with each one of the other terms, and last with none.
+
+    Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
+    zero, a lower bound.
+    """
+    basis, _ = np.linalg.qr(factors[:, :, places])
+    rest = factors - np.matmul(basis, np.matmul(basis.transpose(0, 2, 1), factors))
+    before, after = np.sum(factors**2, axis=1), np.sum(rest**2, axis=1)
+    inner = np.einsum("opt,op->ot", rest, rest[..., -1])
+    inner[:, -1] = 0.0
+    clear = after > _NEAR * before
+    left = after[:, -1:] - np.divide(inner**2, after, out=np.zeros_like(inner), where=clear)
+    return np.asarray(np.sum(np.where(clear, left, 0.0), axis=0))
 
 
 def log_choices(library: int, size: int) -> float:
@@ -100,7 +121,3 @@ def _costs(information: Floats, estimates: Floats, variances: Floats) -> Floats:
     total = total + _RIDGE * np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(size) / size
     means = np.linalg.solve(total, pull[..., np.newaxis])[..., 0]
     return np.asarray(np.einsum("ok,mok->m", estimates, pulled) - np.einsum("mk,mk->m", means, pull) + volume)
-
-
-def _triangle(matrix: Floats) -> Floats:
-    return np.asarray(np.linalg.qr(matrix, mode="r"))
