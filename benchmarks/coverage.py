@@ -3,13 +3,13 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, norm
 
-from benchmarks.draws import Outcome, add_options, draw
+from benchmarks.draws import Stated, add_options, draw
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.machine import machine
 
@@ -28,8 +28,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     low, high = GOAL
     print(f"{machine()}\n\nShare of the 95 % intervals that hold the truth; goal: {low:.2f} to {high:.2f}.\n")
-    print("| family | noise % | support right | intervals | share | 95 % interval of the share | least, most of one |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| family | noise % | support right | intervals | share | its 95 % interval | least, most of one | unpooled |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     begun = time.perf_counter()
     for name in chosen.families:
         for level in chosen.noise:
@@ -39,10 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{time.perf_counter() - begun:.0f} s in all, in {chosen.jobs} process(es) at a time.")
 
 
-def held(outcomes: Sequence[Outcome], truth: Floats) -> NDArray[np.bool_]:
+def held(laws: Iterable[Stated | None], truth: Floats) -> NDArray[np.bool_]:
     """Return which 95 % intervals hold the truth, in draws of the right support: (draws, objects, parameters)."""
     reach = norm.ppf(0.975)
-    right = [abs(each.found - truth) <= reach * each.errors for each in outcomes if each.found is not None]
+    right = [abs(each.coefficients - truth) <= reach * each.errors for each in laws if each is not None]
     return np.stack(right) if right else np.empty((0, *truth.shape), dtype=bool)
 
 
@@ -53,14 +55,15 @@ def interval(share: float, count: float) -> tuple[float, float]:
 
 
 def _line(name: str, level: float, count: int, jobs: int) -> str:
-    inside = held(draw(name, level, count, jobs), experiment(name).coefficients)
+    outcomes, truth = draw(name, level, count, jobs), experiment(name).coefficients
+    inside, own = (held(laws, truth) for laws in zip(*((each.found, each.own) for each in outcomes), strict=True))
     start = f"| {name} | {100 * level:g} | {len(inside)} of {count} | {inside.size}"
     if not inside.size:
-        return f"{start} | | | |"
+        return f"{start} | | | | |"
     # An object's coefficients err together: each of its fits counts as one observation
     low, high = interval(inside.mean(), inside.shape[0] * inside.shape[1])
-    each = inside.mean(axis=0)
-    return f"{start} | {inside.mean():.3f} | {low:.3f} to {high:.3f} | {each.min():.2f}, {each.max():.2f} |"
+    each, end = inside.mean(axis=0), f"{own.mean():.3f} |"
+    return f"{start} | {inside.mean():.3f} | {low:.3f} to {high:.3f} | {each.min():.2f}, {each.max():.2f} | {end}"
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--noise", nargs="+", type=float, default=LEVELS, metavar="LEVEL", help="1 %% is 0.01")
     chosen = parser.parse_args(arguments)
     print(f"{machine()}\n\nRoot-mean-square errors over the Cramer-Rao bound; goal for commonlaw: at most {GOAL}.\n")
-    print("| family | noise % | support right | commonlaw / bound | worst | plain regression / bound | worst | rates |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| family | noise % | support right | own / bound | worst | pooled / bound | plain / bound | worst | rates |")
+    print("|---|---|---|---|---|---|---|---|---|")
     begun = time.perf_counter()
     for name in chosen.families:
         for level in chosen.noise:
@@ -55,15 +55,17 @@ def relative_errors(estimates: Sequence[Floats], truth: Floats, bounds: Floats) 
 def _line(name: str, level: float, count: int, jobs: int) -> str:
     known, outcomes = experiment(name), draw(name, level, count, jobs)
     bounds = known.bounds(level)
-    right = [each.found for each in outcomes if each.found is not None]
-    ours = relative_errors(right, known.coefficients, bounds)
+    own = [each.own.coefficients for each in outcomes if each.own is not None]
+    ours = relative_errors(own, known.coefficients, bounds)
+    found = [each.found.coefficients for each in outcomes if each.found is not None]
+    pooled, _ = relative_errors(found, known.coefficients, bounds)
     smoothed = zip(*(each.plain for each in outcomes), strict=True)
     *plain, rates = min(
         (*relative_errors(each, known.coefficients, bounds), words)
         for each, words in zip(smoothed, SMOOTHINGS, strict=True)
     )
-    numbers = " | ".join(f"{each:.3g}" for each in (*ours, *plain))
-    return f"| {name} | {100 * level:g} | {len(right)} of {count} | {numbers} | {rates} |"
+    numbers = " | ".join(f"{each:.3g}" for each in (*ours, pooled, *plain))
+    return f"| {name} | {100 * level:g} | {len(own)} of {count} | {numbers} | {rates} |"
 
 
 if __name__ == "__main__":

@@ -25,17 +25,25 @@ class Outcome:
 
     Parameters
     ----------
+    own
+        By commonlaw's defaults, before they are pooled; nothing where the support is not the true one.
     found
-        By commonlaw's defaults; nothing where the support is not the true one.
-    errors
-        The standard errors that the law states, where there is one.
+        By commonlaw's defaults.
     plain
         By plain regression on the true terms, with each of the `SMOOTHINGS`.
     """
 
-    found: Floats | None
-    errors: Floats | None
+    own: "Stated | None"
+    found: "Stated | None"
     plain: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """Coefficients and the standard errors that a law states, each of shape (objects, parameters)."""
+
+    coefficients: Floats
+    errors: Floats
 
 
 def draw(name: str, level: float, count: int, jobs: int = 1) -> list[Outcome]:
@@ -69,7 +77,11 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
 def _outcome(name: str, level: float, seed: int) -> Outcome:
     known = experiment(name)
     trials = known.measured(level, seed)
-    law = known.discover(trials)
-    found = known.estimates(law)
+    law = known.discover(trials, pool=False)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(found, None if found is None else known.errors(law), plain)
+    return Outcome(_stated(known, law), _stated(known, law.pooled()), plain)
+
+
+def _stated(known: Experiment, law: cl.Law) -> Stated | None:
+    coefficients = known.estimates(law)
+    return None if coefficients is None else Stated(coefficients, known.errors(law))

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from benchmarks import cost, coverage, cramer_rao, discovery
-from benchmarks.draws import Outcome, plain_regression
+from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of
 from benchmarks.variational import solve
@@ -88,8 +88,8 @@ def test_plain_regression_on_trials_without_noise_finds_the_coefficients(name):
 
 def test_normal_errors_of_the_stated_size_are_covered_as_often_as_stated():
     generator, truth, errors = np.random.default_rng(0), np.zeros((2, 3)), np.array([[1.0, 0.1, 5.0]] * 2)
-    draws = [Outcome(errors * generator.standard_normal((2, 3)), errors, ()) for _ in range(1000)]
-    share = coverage.held([*draws, Outcome(None, None, ())], truth).mean()
+    draws = [Stated(errors * generator.standard_normal((2, 3)), errors) for _ in range(1000)]
+    share = coverage.held([*draws, None], truth).mean()
     low, high = coverage.interval(share, 6000)
     assert low < 0.95 < high < low + 0.02
 

@@ -27,7 +27,10 @@ def found(trials, truth, **settings):
     scores = (law.coefficients - expected)[free] / law.standard_errors[free]
     assert np.all(np.abs(scores) < 4)
     np.testing.assert_allclose(law.coefficients[~free], expected[~free])
-    assert {step.stage for step in law.history} == STAGES | {f"terms of {side}" for side in law.left_sides}
+    assert {step.stage for step in law.history} == STAGES | {
+        *(f"terms of {side}" for side in law.left_sides),
+        *(["pooling"] if law.common is not None else []),
+    }
     assert np.all((law.inclusion >= 0) & (law.inclusion <= 1))
     assert np.all(law.inclusion[law.support] > 0.9)
     assert np.all(law.inclusion[~law.support] < 0.5)
@@ -165,6 +168,26 @@ def test_known_terms_stay_and_are_certain(drops, drag):
     assert [each.terms for each in law.alternatives if each.chosen] == [("1", "v")]
 
 
+def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
+    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="poly:2", universal=["1"])
+    gravity = law.terms.index("1")
+    assert len(set(law.coefficients[:, 0, gravity])) == 1
+    assert np.all(law.standard_errors[:, 0, gravity] < drag.standard_errors[:, 0, gravity])
+    alone = cl.discover(drops, order=2, library="poly:2", universal=["1"], pool=False)
+    assert alone.coefficients[0, 0, gravity] == pytest.approx(law.coefficients[0, 0, gravity], abs=0.05)
+    assert "1 in x'': alike (1.00); v in x'': each its own (0.00)" in alone.history[-1].choice
+
+
+def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
+    own = cl.discover(drops, order=2, library="poly:2", pool=False)
+    assert own.common is None
+    assert own.history == drag.history[:-1]
+    assert own.pooled().to_json() == drag.to_json()
+    gravity = own.terms.index("1")
+    assert np.ptp(drag.coefficients[:, 0, gravity]) < np.ptp(own.coefficients[:, 0, gravity])
+    assert np.all(drag.standard_errors[:, 0, gravity] < own.standard_errors[:, 0, gravity])
+
+
 def test_a_law_may_be_known_altogether(drops):
     fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
     law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", fixed=fixed)
@@ -251,7 +274,6 @@ def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
         ({"formulation": "trajectories", "solver": "stlsq:0.1"}, "a solver with its setting does not go"),
         ({"formulation": "trajectories", "order": 0}, "order=0 does not go with formulation='trajectories'"),
         ({"formulation": "trajectories", "differentiation": "savgol:25:3"}, "differentiation does not go"),
-        ({"formulation": "trajectories", "universal": ("1",)}, "universal does not go"),
         ({"formulation": "trajectories", "trim": 3}, "trim does not go"),
         ({"formulation": "weak", "order": 0}, "order=0 does not go with formulation='weak'"),
         ({"noise": {"y": 0.1}}, "'y'"),

@@ -101,6 +101,9 @@ class LawDiscovery:
     outliers
         Standard deviations of noise beyond which a measurement counts as an outlier, for trajectories; infinite for
         none.
+    pool
+        Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike, see
+        `Law.pooled`.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
 
@@ -137,6 +140,7 @@ class LawDiscovery:
         formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
         noise: Mapping[str, float] | None = None,
         outliers: float = OUTLIERS,
+        pool: bool = True,
         progress: Told | None = None,
     ) -> None:
         self.order = order
@@ -154,6 +158,7 @@ class LawDiscovery:
         self.formulation = formulation
         self.noise = noise
         self.outliers = outliers
+        self.pool = pool
         self.progress = progress
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
@@ -235,7 +240,6 @@ class LawDiscovery:
         if self.formulation not in FORMULATIONS:
             raise unknown("formulation", self.formulation, FORMULATIONS)
         of_rates = [name for name in _OF_RATES if getattr(self, name) != _DEFAULTS[name]]
-        of_rates += ["universal"] * bool(self.universal)
         solver = self._solver()
         reasons = [*of_rates, *["a solver with its setting"] * (solver is not None and solver.is_set)]
         reasons += ["order=0"] * (self.order == 0) + ["a stream"] * isinstance(trials, TrialStream)
@@ -273,8 +277,20 @@ class LawDiscovery:
         def by_rates() -> Bools:
             return np.asarray(self._law_of_rows(trials, self._rates_form(), None).support & np.isnan(known[0]))
 
+        universal = np.zeros(known.shape[1:], dtype=bool)
+        for key in self.universal:
+            universal[place_of(key, states, terms)] = True
         return find_law(
-            trials, law, known, by_rates=by_rates, solver=solver, noise=noise, outliers=self.outliers, told=told
+            trials,
+            law,
+            known,
+            by_rates=by_rates,
+            solver=solver,
+            noise=noise,
+            outliers=self.outliers,
+            universal=universal,
+            pool=self.pool,
+            told=told,
         )
 
     def _law_of_rows(
@@ -353,6 +369,7 @@ def discover(
     formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
     noise: Mapping[str, float] | None = None,
     outliers: float = OUTLIERS,
+    pool: bool = True,
     progress: Told | None = None,
 ) -> Law:
     """Find the law that the objects of these trials share.
@@ -375,4 +392,4 @@ def discover(
     with v = x'
     """
     settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
-    return LawDiscovery(*settings, resamples, formulation, noise, outliers, progress).fit(trials).law_
+    return LawDiscovery(*settings, resamples, formulation, noise, outliers, pool, progress).fit(trials).law_

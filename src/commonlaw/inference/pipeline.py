@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from commonlaw.inference.accuracy import Rivals, covariances, inclusion, probabilities
 from commonlaw.inference.objects import Objects, prepare
 from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_error
-from commonlaw.law import Alternative, Law, Step
+from commonlaw.law import Alternative, Law, Step, pooled
 from commonlaw.likelihood import Estimate, NotPositiveError, fit
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -43,6 +43,8 @@ def find_law(
     solver: AbstractSolver = PATH,
     noise: Floats | None = None,
     outliers: float = OUTLIERS,
+    universal: Bools | None = None,
+    pool: bool = True,
     told: Told = lambda _: None,
 ) -> Law:
     """Return the law of these trials: its terms, coefficients, their covariance, and every choice on the way.
@@ -64,6 +66,10 @@ def find_law(
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     outliers
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    universal
+        Coefficients that all objects have in common, shape (equations, terms).
+    pool
+        Whether the others are drawn to their means as far as the objects are alike, see `Law.pooled`.
     told
         Takes what is being done.
 
@@ -84,7 +90,7 @@ def find_law(
         [(support | given, above) for support, above in listed]
         for given, listed in zip(law.support, rivals(objects, found, solver), strict=True)
     ]
-    return replace(
+    law = replace(
         law,
         coefficients=np.array([each.coefficients for each in found.estimates]),
         covariance=covariances(objects, found),
@@ -93,6 +99,7 @@ def find_law(
         alternatives=_alternatives(law, others),
         history=_history(trials, law, objects, found, others, noise is not None),
     )
+    return pooled(law, universal, pool)
 
 
 def _searched(trials: Trials, objects: Objects, solver: AbstractSolver, told: Told) -> tuple[Objects, Found]:

@@ -3,5 +3,6 @@
 from commonlaw.law.alternative import Alternative
 from commonlaw.law.history import History, Step
 from commonlaw.law.law import Law
+from commonlaw.law.objects import pooled
 
-__all__ = ["Alternative", "History", "Law", "Step"]
+__all__ = ["Alternative", "History", "Law", "Step", "pooled"]

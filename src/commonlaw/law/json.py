@@ -44,6 +44,7 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     noise: list[float] | None = None
     inclusion: list[list[float]] | None = None
     history: list[Step] = []
+    common: dict[str, list[list[float]]] | None = None
 
 
 def encode(law: Law) -> bytes:
@@ -67,6 +68,7 @@ def encode(law: Law) -> bytes:
         noise=None if law.noise is None else law.noise.tolist(),
         inclusion=None if law.inclusion is None else law.inclusion.tolist(),
         history=list(law.history),
+        common=None if law.common is None else dict(zip(law.objects, law.common.tolist(), strict=True)),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
@@ -109,8 +111,9 @@ def decode(content: bytes) -> Law:
         tuple(document.alternatives),
         None if document.covariance is None else _covariance(document, int(np.any(coefficients, axis=0).sum())),
         None if document.noise is None else np.array(document.noise),
-        None if document.inclusion is None else _matrix(document.inclusion, shape),
+        None if document.inclusion is None else _matrix(document.inclusion, "inclusion", shape),
         tuple(document.history),
+        None if document.common is None else _common(document, int(np.any(coefficients, axis=0).sum())),
     )
 
 
@@ -127,9 +130,16 @@ def _covariance(document: _Law, parameters: int) -> Floats:
     return found
 
 
-def _matrix(rows: list[list[float]], shape: tuple[int, int]) -> Floats:
+def _common(document: _Law, parameters: int) -> Floats:
+    """Return what the errors of objects have in common, in the order of the coefficients."""
+    common, shape = document.common or {}, (parameters, parameters)
+    found = [_matrix(common.get(name, []), f"common error of {name!r}", shape) for name in document.coefficients]
+    return np.array(found).reshape(-1, *shape)
+
+
+def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-        raise CommonlawError(f"the law is damaged: its inclusion is not {shape[0]} x {shape[1]} numbers")
+        raise CommonlawError(f"the law is damaged: its {what} is not {shape[0]} x {shape[1]} numbers")
     return np.array(rows)
 
 

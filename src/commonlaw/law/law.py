@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -60,6 +60,10 @@ class Law:
         Probability that a term is in the law, shape (equations, terms); None if it is not known.
     history
         Every choice on the way to the law, in order.
+    common
+        What the errors of different objects have in common since they were pooled: the covariance of two objects'
+        coefficients is the product of one's matrix with the other's transposed, shape (objects, parameters,
+        parameters). None if objects do not depend on each other, see `pooled`.
     """
 
     terms: Terms
@@ -74,6 +78,7 @@ class Law:
     noise: Floats | None = None
     inclusion: Floats | None = None
     history: tuple[Step, ...] = ()
+    common: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.objects), len(self.states), len(self.terms))
@@ -86,6 +91,9 @@ class Law:
             self._set("noise", checked(self.noise, "noise", "states", shape[1:2], low=0))
         if self.inclusion is not None:
             self._set("inclusion", checked(self.inclusion, "inclusion", "equations, terms", shape[1:], 0, 1))
+        if self.common is not None:
+            axes, size = "objects, coefficients in the law, the same", int(self.support.sum())
+            self._set("common", checked(self.common, "common errors", axes, (len(self.objects), size, size)))
         self._set("history", History(self.history))
 
     def _set(self, name: str, value: object) -> None:
@@ -114,31 +122,38 @@ class Law:
         CommonlawError
             If the law has no such object.
         """
-        return np.asarray(self.coefficients[self._place(name)])
+        return np.asarray(self.coefficients[self.place(name)])
 
     def average(self) -> "Law":
         """Return the law of one object, "average", whose coefficients are the mean over all objects.
 
-        Their covariance is that of a mean of independent objects.
+        Their covariance is that of a mean, of objects that are independent unless they were pooled.
         """
-        mean = self.coefficients.mean(axis=0, keepdims=True)
-        covariance = self.covariance
-        if covariance is not None:
-            covariance = covariance.sum(axis=0, keepdims=True) / len(self.objects) ** 2
-        return self._of_others(("average",), mean, covariance)
+        from commonlaw.law.objects import average
+
+        return average(self)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only."""
-        places = [self._place(name) for name in objects]
-        covariance = None if self.covariance is None else self.covariance[places]
-        return self._of_others(tuple(objects), self.coefficients[places], covariance)
+        from commonlaw.law.objects import select
 
-    def _of_others(self, objects: tuple[str, ...], coefficients: Floats, covariance: Floats | None) -> "Law":
-        """Return this law of other objects, their covariance still for the terms that are in this law."""
-        if covariance is not None:
-            left = np.any(coefficients != 0, axis=0)[self.support]
-            covariance = covariance[:, left][:, :, left]
-        return replace(self, objects=objects, coefficients=coefficients, covariance=covariance)
+        return select(self, objects)
+
+    def pooled(self) -> "Law":
+        """Return the law with each coefficient drawn to its mean over objects, as far as the objects are alike in it.
+
+        What objects have in common, such as gravity, all trials tell together; what is an object's own stays so.
+        Objects count as drawn from one population (parametric empirical Bayes; Morris 1983); `history` says how far
+        each coefficient was drawn, and `common` how their errors now depend on each other.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know how accurate its coefficients are, or is pooled already.
+        """
+        from commonlaw.law.objects import pooled
+
+        return pooled(self)
 
     # How accurate it is
 
@@ -429,7 +444,14 @@ class Law:
 
         return read(path)
 
-    def _place(self, name: object) -> int:
+    def place(self, name: object) -> int:
+        """Return the place of an object among those of the law.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
         if name not in self.objects:
             raise unknown("object of this law", name, self.objects)
         return self.objects.index(str(name))
