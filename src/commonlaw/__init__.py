@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from commonlaw.errors import CommonlawError
     from commonlaw.forecast import Event, Forecast, Trajectory
     from commonlaw.formulation import StrongForm, System, WeakForm
+    from commonlaw.inference import refine
     from commonlaw.law import Law
     from commonlaw.library import (
         ConstantLibrary,
@@ -70,6 +71,7 @@ _ROOMS = {
     "commonlaw.errors": ("CommonlawError",),
     "commonlaw.forecast": ("Event", "Forecast", "Trajectory"),
     "commonlaw.formulation": ("StrongForm", "System", "WeakForm"),
+    "commonlaw.inference": ("refine",),
     "commonlaw.law": ("Law",),
     "commonlaw.library": (
         "ConstantLibrary",
@@ -148,6 +150,7 @@ __all__ = [
     "discover",
     "noise_level",
     "plots",
+    "refine",
     "sphere_drag",
 ]
 

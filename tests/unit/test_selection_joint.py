@@ -171,31 +171,31 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 @pytest.mark.parametrize("solver", [BestSubset(nodes=20), ForwardSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
-    joint = Joint(coupled(objects), allowed, 240 * objects, solver)
+    joint = Joint(coupled(objects), allowed, 240 * objects)
     for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
-        np.testing.assert_array_equal(joint.choose(start), TRUTH)
+        np.testing.assert_array_equal(joint.choose(start, solver), TRUTH)
 
 
 def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
     for seed in range(4):
-        joint = Joint(coupled(1, seed=seed), allowed, 240, BestSubset(nodes=20))
+        joint = Joint(coupled(1, seed=seed), allowed, 240)
         best = min(every, key=joint.value)
-        np.testing.assert_array_equal(joint.choose(allowed), best)
+        np.testing.assert_array_equal(joint.choose(allowed, BestSubset(nodes=20)), best)
 
 
 def test_an_equation_has_no_more_terms_than_it_may():
     for most in (1, 2):
-        chosen = Joint(coupled(), np.ones_like(TRUTH), 480, BestSubset(nodes=20), most).choose(np.ones_like(TRUTH))
+        chosen = Joint(coupled(), np.ones_like(TRUTH), 480, most).choose(np.ones_like(TRUTH), BestSubset(nodes=20))
         assert chosen.sum(axis=1).tolist() == [most, most]
 
 
 def test_terms_that_are_not_allowed_are_not_chosen():
     allowed = np.ones_like(TRUTH)
     allowed[0, 3] = allowed[1] = False
-    joint = Joint(coupled(), allowed, 480, BestSubset(nodes=20))
-    chosen = joint.choose(allowed)
+    joint = Joint(coupled(), allowed, 480)
+    chosen = joint.choose(allowed, BestSubset(nodes=20))
     assert not (chosen & ~allowed).any()
     assert chosen[0, 0]
     assert all(not (support & ~row).any() for row, listed in zip(allowed, joint.rivals(chosen), strict=True)
@@ -204,7 +204,7 @@ def test_terms_that_are_not_allowed_are_not_chosen():
 
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
-    joint = Joint(parts, np.ones_like(TRUTH), 480, BestSubset())
+    joint = Joint(parts, np.ones_like(TRUTH), 480)
     expected = (
         log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
         + 2 * np.log(comb(5, 2))
@@ -215,7 +215,7 @@ def test_the_value_is_the_evidence_with_the_price_of_choosing():
 
 def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
-    found = Joint(parts, np.ones_like(TRUTH), 240, BestSubset()).coefficients(TRUTH)
+    found = Joint(parts, np.ones_like(TRUTH), 240).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
     for system, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
@@ -227,8 +227,8 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
 @pytest.mark.parametrize("objects", [1, 3])
 def test_rivals_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
     parts = coupled(objects, seed=1)
-    joint = Joint(parts, np.ones_like(TRUTH), 240 * objects, BestSubset())
-    np.testing.assert_array_equal(joint.choose(TRUTH), TRUTH)
+    joint = Joint(parts, np.ones_like(TRUTH), 240 * objects)
+    np.testing.assert_array_equal(joint.choose(TRUTH, BestSubset()), TRUTH)
     for equation, listed in enumerate(joint.rivals(TRUTH)):
         inside = TRUTH[equation].sum()
         assert len(listed) == len({support.tobytes() for support, _ in listed}) == 1 + 5 + inside * (5 - inside)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
-from commonlaw.discovery.known import Fixed, Key, known_coefficients, known_noise, place_of
+from commonlaw.discovery.known import Fixed, Key, known_coefficients, place_of
 from commonlaw.discovery.rows import default_solvers, forecast_scores, sharing, some_trials
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import (
@@ -21,7 +21,7 @@ from commonlaw.formulation import (
     compress,
     reweighted,
 )
-from commonlaw.inference import OUTLIERS, PATH, find_law
+from commonlaw.inference import OUTLIERS, PATH, find_law, known_noise
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.progress import Told, on_terminal
@@ -57,6 +57,9 @@ FORMULATIONS = ("auto", "trajectories", "rates", "weak")
 
 _OF_RATES = ("differentiation", "library_states", "trim", "rule", "judge", "resamples")
 """Settings that only rates have."""
+
+_OF_TRAJECTORIES = ("noise", "outliers", "errors", "pool")
+"""Settings that only trajectories have."""
 
 
 class LawDiscovery:
@@ -101,6 +104,10 @@ class LawDiscovery:
     outliers
         Standard deviations of noise beyond which a measurement counts as an outlier, for trajectories; infinite for
         none.
+    errors
+        How standard errors by trajectories are found. ``"likelihood"``: from its curvature. ``"bootstrap"``: from the
+        scatter of coefficients when stretches of the trials are drawn anew, for noise that is neither normal nor alike
+        everywhere.
     pool
         Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike, see
         `Law.pooled`.
@@ -140,6 +147,7 @@ class LawDiscovery:
         formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
         noise: Mapping[str, float] | None = None,
         outliers: float = OUTLIERS,
+        errors: Literal["likelihood", "bootstrap"] = "likelihood",
         pool: bool = True,
         progress: Told | None = None,
     ) -> None:
@@ -158,6 +166,7 @@ class LawDiscovery:
         self.formulation = formulation
         self.noise = noise
         self.outliers = outliers
+        self.errors = errors
         self.pool = pool
         self.progress = progress
 
@@ -180,6 +189,8 @@ class LawDiscovery:
             )
         if self.judge not in ("rates", "forecasts"):
             raise unknown("judge", self.judge, ("rates", "forecasts"))
+        if self.errors not in ("likelihood", "bootstrap"):
+            raise unknown("kind of errors", self.errors, ("likelihood", "bootstrap"))
         way = self._way(trials)
         with threadpool_limits(1, "blas"):
             if way == "trajectories" and isinstance(trials, Trials):
@@ -254,9 +265,10 @@ class LawDiscovery:
             many = isinstance(trials, TrialStream) or sum(map(len, trials)) > _MANY_SAMPLES
             of_rates_then = reasons or solver is not None or many or len(self._terms(trials.schema)) > _MANY_CANDIDATES
             way = "rates" if of_rates_then else "trajectories"
-        if self.noise is not None and way != "trajectories":
+        ignored = [name for name in _OF_TRAJECTORIES if getattr(self, name) != _DEFAULTS[name]]
+        if ignored and way != "trajectories":
             raise CommonlawError(
-                f"known noise does not go with formulation={way!r}: leave it out, or use formulation='trajectories'"
+                f"{ignored[0]} does not go with formulation={way!r}: leave it out, or use formulation='trajectories'"
             )
         return way
 
@@ -288,6 +300,7 @@ class LawDiscovery:
             solver=solver,
             noise=noise,
             outliers=self.outliers,
+            errors=self.errors,
             universal=universal,
             pool=self.pool,
             told=told,
@@ -369,6 +382,7 @@ def discover(
     formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
     noise: Mapping[str, float] | None = None,
     outliers: float = OUTLIERS,
+    errors: Literal["likelihood", "bootstrap"] = "likelihood",
     pool: bool = True,
     progress: Told | None = None,
 ) -> Law:
@@ -392,4 +406,4 @@ def discover(
     with v = x'
     """
     settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
-    return LawDiscovery(*settings, resamples, formulation, noise, outliers, pool, progress).fit(trials).law_
+    return LawDiscovery(*settings, resamples, formulation, noise, outliers, errors, pool, progress).fit(trials).law_

@@ -40,22 +40,3 @@ def place_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
     if state not in states:
         raise unknown("state", state, states)
     return states.index(state), terms.index(term)
-
-
-def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
-    """Return the noise of every state, shape (states,).
-
-    Raises
-    ------
-    CommonlawError
-        If a state has none, a name is not a state, or a value is not positive.
-    """
-    for name, level in noise.items():
-        if name not in states:
-            raise unknown("state", name, states)
-        if not (np.isfinite(level) and level > 0):
-            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
-    missing = [name for name in states if name not in noise]
-    if missing:
-        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
-    return np.array([noise[name] for name in states], dtype=np.float64)

@@ -1,13 +1,13 @@
 """What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.differentiation import noise_level, robust_rates
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.library import Terms
 from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, meshes, spread
@@ -131,6 +131,25 @@ def prepare(
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
     return Objects(trials.objects, tuple(problems), tuple(starts), smooth, measured, noise, known)
+
+
+def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
+    """Return the noise of every state, shape (states,).
+
+    Raises
+    ------
+    CommonlawError
+        If a state has none, a name is not a state, or a value is not positive.
+    """
+    for name, level in noise.items():
+        if name not in states:
+            raise unknown("state", name, states)
+        if not (np.isfinite(level) and level > 0):
+            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
+    missing = [name for name in states if name not in noise]
+    if missing:
+        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
+    return np.array([noise[name] for name in states], dtype=np.float64)
 
 
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:

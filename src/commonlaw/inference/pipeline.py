@@ -1,16 +1,18 @@
 """The default way from trials to a law, every stage in its order."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.inference.accuracy import Rivals, covariances, inclusion, probabilities
+from commonlaw.inference.accuracy import Errors, covariances, inclusion
 from commonlaw.inference.objects import Objects, prepare
-from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_error
-from commonlaw.law import Alternative, Law, Step, pooled
-from commonlaw.likelihood import Estimate, NotPositiveError, fit
+from commonlaw.inference.record import alternatives, history
+from commonlaw.inference.resolution import FINEST, on_finer_mesh
+from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_supports
+from commonlaw.law import Law, pooled
+from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
@@ -24,15 +26,6 @@ PATH = BestSubset(largest=8, nodes=1)
 OUTLIERS = 4.0
 """Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""
 
-_RESOLVED = 1.0
-"""What a finer mesh may change in twice the log-likelihood; a term is worth many times that."""
-
-_FINEST = 4
-"""Points for each sampling step; laws that need more are not resolved by their samples."""
-
-_LISTED = 12
-"""Supports of each equation that are kept as alternatives."""
-
 
 def find_law(
     trials: Trials,
@@ -43,6 +36,7 @@ def find_law(
     solver: AbstractSolver = PATH,
     noise: Floats | None = None,
     outliers: float = OUTLIERS,
+    errors: Errors = "likelihood",
     universal: Bools | None = None,
     pool: bool = True,
     told: Told = lambda _: None,
@@ -66,6 +60,8 @@ def find_law(
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     outliers
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    errors
+        How the coefficients' covariance is found, see `accuracy.covariances`.
     universal
         Coefficients that all objects have in common, shape (equations, terms).
     pool
@@ -83,21 +79,21 @@ def find_law(
     objects, found = _searched(trials, objects, solver, told)
     if not found.obeyed:
         told("no law is obeyed: choosing terms by trials held out")
-        found = with_error(objects, by_rates(), solver)
-    objects, found = _on_finer_mesh(trials, objects, found, solver, told)
+        found = with_supports(objects, by_rates())
+    objects, found = _settled(trials, objects, found, solver, told)
     told("judging terms and coefficients")
     others = [
         [(support | given, above) for support, above in listed]
-        for given, listed in zip(law.support, rivals(objects, found, solver), strict=True)
+        for given, listed in zip(law.support, rivals(objects, found), strict=True)
     ]
     law = replace(
         law,
         coefficients=np.array([each.coefficients for each in found.estimates]),
-        covariance=covariances(objects, found),
+        covariance=covariances(objects, found, errors),
         noise=objects.noise,
         inclusion=inclusion(others),
-        alternatives=_alternatives(law, others),
-        history=_history(trials, law, objects, found, others, noise is not None),
+        alternatives=alternatives(law, others),
+        history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),
     )
     return pooled(law, universal, pool)
 
@@ -105,122 +101,28 @@ def find_law(
 def _searched(trials: Trials, objects: Objects, solver: AbstractSolver, told: Told) -> tuple[Objects, Found]:
     """Search, on finer meshes too where no law is obeyed and these matter: a coarse one looks like an error."""
     found = search(objects, solver, told)
-    while not found.obeyed and objects.points < _FINEST:
+    while not found.obeyed:
         # The random walk is to be the same in twice as many steps
-        finer, estimates = _refitted(trials, objects, found, (found.tolerance / np.sqrt(2),))
-        if _change(objects, found.estimates, finer, estimates) < _RESOLVED:
+        finer = on_finer_mesh(trials, objects, found, (found.tolerance / np.sqrt(2),))
+        if finer is None:
             break
         told("searching again on a finer mesh")
-        objects, found = finer, search(finer, solver, told)
+        objects, _ = finer
+        found = search(objects, solver, told)
     return objects, found
 
 
-def _on_finer_mesh(
+def _settled(
     trials: Trials, objects: Objects, found: Found, solver: AbstractSolver, told: Told
 ) -> tuple[Objects, Found]:
     """Choose again on finer meshes until these do not matter, for laws that move fast between samples."""
-    while found.obeyed and objects.points < _FINEST:
-        finer, estimates = _refitted(trials, objects, found, FINAL)
-        if _change(objects, found.estimates, finer, estimates) < _RESOLVED:
+    while found.obeyed:
+        finer = on_finer_mesh(trials, objects, found, FINAL)
+        if finer is None:
             break
         told("choosing terms again on a finer mesh")
         try:
-            objects, found = finer, settle(finer, found.supports, estimates, found.tolerance, solver)
+            objects, found = finer[0], settle(finer[0], found.supports, finer[1], found.tolerance, solver)
         except NotPositiveError:
             break
     return objects, found
-
-
-def _refitted(
-    trials: Trials, objects: Objects, found: Found, tolerances: Sequence[float]
-) -> tuple[Objects, tuple[Estimate, ...]]:
-    """Return the objects on a finer mesh, and what was found fitted to them."""
-    finer = objects.finer(trials)
-    estimates = tuple(
-        fit(problem, replace(start, coefficients=own.coefficients), found.supports, tolerances)
-        for problem, start, own in zip(finer.problems, finer.starts, found.estimates, strict=True)
-    )
-    return finer, estimates
-
-
-def _change(objects: Objects, coarse: Sequence[Estimate], finer: Objects, fine: Sequence[Estimate]) -> float:
-    """Return the sum of squared differences between measured states on two meshes, relative to the noise."""
-    total, stride = 0.0, finer.points // objects.points
-    for problem, one, other in zip(objects.problems, coarse, fine, strict=True):
-        for mesh, states, finest in zip(problem.meshes, one.states, other.states, strict=True):
-            gap = (_at_samples(finest, mesh.linked, stride) - states)[:, : len(objects.noise)] / objects.noise
-            total += float(np.sum(gap[mesh.seen] ** 2))
-    return total
-
-
-def _at_samples(states: Floats, linked: Bools, stride: int) -> Floats:
-    """Return the rows of a finer mesh at the points of a coarser one, whose links are given."""
-    places = np.concatenate([[0], np.cumsum(np.where(linked, stride, 1))])
-    rows: Floats = states[places]
-    return rows
-
-
-def _alternatives(law: Law, others: Rivals) -> tuple[Alternative, ...]:
-    found = []
-    for equation, listed in zip(law.left_sides, others, strict=True):
-        likely = probabilities(listed)
-        chosen = next(i for i, (_, above) in enumerate(listed) if above == 0)
-        for i, (support, above) in enumerate(listed[:_LISTED]):
-            names = tuple(law.terms.names[k] for k in np.flatnonzero(support))
-            measures = {"evidence lost": float(above), "probability": float(likely[i])}
-            found.append(Alternative(equation, names, measures, False, i == chosen))
-    return tuple(found)
-
-
-def _why(law: Law, listed: Sequence[tuple[Bools, float]]) -> str:
-    """Return what speaks for the chosen support of an equation."""
-    second = next((pair for pair in listed if pair[1] != 0), None)
-    if second is None:
-        return "no other support was compared"
-    runner = ", ".join(law.terms.names[k] for k in np.flatnonzero(second[0])) or "no term"
-    ratio = np.exp(min(abs(second[1]) / 2, 700))
-    if second[1] < 0:
-        return f"largest evidence once fitted; before that, {runner} is {ratio:.3g} times more probable"
-    return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
-
-
-def _history(trials: Trials, law: Law, objects: Objects, found: Found, others: Rivals, given: bool) -> tuple[Step, ...]:
-    """Return every choice that was made, in order."""
-    schema = trials.schema
-    levels = [
-        f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
-        for name, level in zip(schema.states, objects.noise, strict=True)
-    ]
-    misfit, count = sum(each.misfit for each in found.estimates), sum(objects.measured)
-    resolved = "a finer mesh changes nothing" if objects.points < _FINEST else "the finest there is"
-    steps = [
-        Step("noise", ", ".join(levels), "as given" if given else "from differences of neighbouring samples"),
-        Step(
-            "library",
-            f"{len(law.terms)} terms for each of {len(law.states)} equations",
-            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
-        ),
-        Step(
-            "mesh",
-            f"{objects.points} step{'s' if objects.points > 1 else ''} from sample to sample",
-            resolved if found.obeyed else "a law with an error needs no finer one",
-        ),
-    ]
-    for equation, listed in zip(law.left_sides, others, strict=True):
-        chosen = next(support for support, above in listed if above == 0)
-        names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
-        reason = _why(law, listed) if found.obeyed else "the fewest within one standard error, on trials held out"
-        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
-    if found.obeyed:
-        steps.append(Step("error of the law", "none", "the trajectories are solutions of the law, up to the noise"))
-    else:
-        text = f"a random walk, in each step {found.tolerance:g} times the noise"
-        steps.append(Step("error of the law", text, "the measurements stray further from the law than noise explains"))
-    steps.append(
-        Step(
-            "coefficients",
-            f"maximum likelihood of {len(trials)} trajectories",
-            f"misfit {misfit / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
-        )
-    )
-    return tuple(steps)

@@ -108,12 +108,12 @@ def settle(
     best: Found | None = None
     for _ in range(_ROUNDS):
         estimates = _fitted(objects, estimates, supports, FINAL if tolerance <= OBEYED else (tolerance,))
-        linear = _linearised(objects, estimates, solver, tolerance)
+        linear = _linearised(objects, estimates, tolerance)
         found = Found(supports, tuple(estimates), tolerance, linear.joint.value(supports) + linear.volume)
         if best is not None and not found.value < best.value:
             break
         best = found
-        chosen = linear.joint.choose(supports)
+        chosen = linear.joint.choose(supports, solver)
         if np.array_equal(chosen, supports):
             break
         supports, estimates = chosen, _restricted(objects, linear.joint, estimates, chosen)
@@ -121,8 +121,17 @@ def settle(
     return best
 
 
-def with_error(objects: Objects, supports: Bools, solver: AbstractSolver) -> Found:
+def with_supports(objects: Objects, supports: Bools, tolerances: Sequence[float] = ERRORS) -> Found:
     """Return the estimates with these supports, and with the error of the law that has the largest evidence.
+
+    Parameters
+    ----------
+    objects
+        What was measured.
+    supports
+        Shape (equations, terms).
+    tolerances
+        The errors of the law that are compared.
 
     Raises
     ------
@@ -131,21 +140,21 @@ def with_error(objects: Objects, supports: Bools, solver: AbstractSolver) -> Fou
     """
     found: list[Found] = []
     estimates: tuple[Estimate, ...] = objects.starts
-    for tolerance in ERRORS:
+    for tolerance in tolerances:
         try:
-            linear = _linearised(objects, estimates, solver, tolerance)
+            linear = _linearised(objects, estimates, tolerance)
             estimates = _restricted(objects, linear.joint, estimates, supports)
-            estimates = _fitted(objects, estimates, supports, (tolerance,))
-            linear = _linearised(objects, estimates, solver, tolerance)
+            estimates = _fitted(objects, estimates, supports, FINAL if tolerance <= OBEYED else (tolerance,))
+            linear = _linearised(objects, estimates, tolerance)
         except NotPositiveError:
             break
         found.append(Found(supports, estimates, tolerance, linear.joint.value(supports) + linear.volume))
     return _best(found)
 
 
-def rivals(objects: Objects, found: Found, solver: AbstractSolver) -> list[list[tuple[Bools, float]]]:
+def rivals(objects: Objects, found: Found) -> list[list[tuple[Bools, float]]]:
     """Return the supports next to those found, equation by equation, see `Joint.rivals`."""
-    return _linearised(objects, found.estimates, solver, found.tolerance).joint.rivals(found.supports)
+    return _linearised(objects, found.estimates, found.tolerance).joint.rivals(found.supports)
 
 
 def _anneal(objects: Objects, solver: AbstractSolver, tolerances: Sequence[float]) -> list[Found]:
@@ -155,13 +164,13 @@ def _anneal(objects: Objects, solver: AbstractSolver, tolerances: Sequence[float
     found: list[Found] = []
     for tolerance in tolerances:
         try:
-            linear = _linearised(objects, estimates, solver, tolerance)
-            chosen = linear.joint.choose(supports)
+            linear = _linearised(objects, estimates, tolerance)
+            chosen = linear.joint.choose(supports, solver)
             if not np.array_equal(chosen, supports):
                 supports, estimates = chosen, _restricted(objects, linear.joint, estimates, chosen)
             if tolerance > OBEYED:
                 estimates = _fitted(objects, estimates, supports, (tolerance,))
-                linear = _linearised(objects, estimates, solver, tolerance)
+                linear = _linearised(objects, estimates, tolerance)
                 found.append(Found(supports, estimates, tolerance, linear.joint.value(supports) + linear.volume))
             else:
                 found.append(settle(objects, supports, estimates, tolerance, solver))
@@ -187,12 +196,12 @@ class _Linear:
     volume: float
 
 
-def _linearised(objects: Objects, estimates: Sequence[Estimate], solver: AbstractSolver, tolerance: float) -> _Linear:
+def _linearised(objects: Objects, estimates: Sequence[Estimate], tolerance: float) -> _Linear:
     pairs = zip(objects.problems, estimates, strict=True)
     expansions = [expand(problem, estimate, tolerance) for problem, estimate in pairs]
     known = np.nan_to_num(objects.known)
     systems = [each.system.subtract(own.reshape(1, -1)) for each, own in zip(expansions, known, strict=True)]
-    joint = Joint(systems, objects.allowed, sum(objects.measured), solver, objects.most_terms)
+    joint = Joint(systems, objects.allowed, sum(objects.measured), objects.most_terms)
     # An error of the law is one more number to be found, at the price of any (BIC)
     price = 0.0 if tolerance <= OBEYED else float(np.log(joint.measured))
     return _Linear(joint, sum(each.volume for each in expansions) + price)

@@ -1,7 +1,7 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
 from commonlaw.likelihood.collocation import Dynamics
-from commonlaw.likelihood.expansion import Expansion, expand
+from commonlaw.likelihood.expansion import Expansion, expand, whitened
 from commonlaw.likelihood.fitting import Estimate, Problem, fit, information, judged
 from commonlaw.likelihood.measurement import Measurement
 from commonlaw.likelihood.mesh import Mesh, meshes, spread
@@ -21,4 +21,5 @@ __all__ = [
     "judged",
     "meshes",
     "spread",
+    "whitened",
 ]

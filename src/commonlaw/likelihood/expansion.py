@@ -6,7 +6,6 @@ residuals is twice the negative log-likelihood, with the states eliminated (gene
 and Dukic 2023 do the same in the weak form, where this takes every test function).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,16 +60,24 @@ def expand(problem: Problem, estimate: Estimate, tolerance: float) -> Expansion:
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    columns, volumes = estimate.coefficients.size, []
+    columns = estimate.coefficients.size
+    parts = whitened(problem, estimate, tolerance)
+    system = System.of_blocks((rows for rows, _ in parts), columns, columns + 1)
+    return Expansion(system, sum(volume for _, volume in parts))
 
-    def blocks() -> Iterator[Floats]:
-        for mesh, states in zip(problem.meshes, estimate.states, strict=True):
-            rows, volume = _whitened(problem, mesh, states, estimate.coefficients, tolerance)
-            volumes.append(volume)
-            yield rows
 
-    system = System.of_blocks(blocks(), columns, columns + 1)
-    return Expansion(system, sum(volumes))
+def whitened(problem: Problem, estimate: Estimate, tolerance: float) -> list[tuple[Floats, float]]:
+    """Return the rows of each mesh, see `expand`, from first to last sample, and its volume.
+
+    The targets are the innovations of the states: what each sample adds to those before it.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
+    pairs = zip(problem.meshes, estimate.states, strict=True)
+    return [_whitened(problem, mesh, states, estimate.coefficients, tolerance) for mesh, states in pairs]
 
 
 def _whitened(

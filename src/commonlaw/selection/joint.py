@@ -36,8 +36,6 @@ class Joint:
         Which terms may enter which equation, shape (equations, terms).
     measured
         How many numbers were measured.
-    solver
-        Whose path lists the candidates of one equation.
     most
         No equation has more terms.
     """
@@ -45,22 +43,23 @@ class Joint:
     systems: Sequence[System]
     allowed: Bools
     measured: int
-    solver: AbstractSolver
     most: int = MOST_TERMS
 
-    def choose(self, start: Bools) -> Bools:
+    def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return the supports with the largest evidence that are found by choosing one equation after the other.
 
         Parameters
         ----------
         start
             Supports to begin with, shape (equations, terms): each equation is chosen with those of the others free.
+        solver
+            Whose path lists the candidates of one equation.
         """
         supports = start.copy()
         for _ in range(_SWEEPS):
             before = supports.copy()
             for j in range(len(supports)):
-                supports[j] = self._equation(supports, j)
+                supports[j] = self._equation(supports, j, solver)
             if np.array_equal(before, supports):
                 break
         return supports
@@ -92,11 +91,11 @@ class Joint:
         found = [system.least_squares(supports.ravel(), 0) for system in self.systems]
         return np.array(found).reshape(len(self.systems), *supports.shape)
 
-    def _equation(self, supports: Bools, equation: int) -> Bools:
+    def _equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
         systems = self._alone(supports, equation)
         scores, allowed = _Scores.of(systems, self.measured), self.allowed[equation]
-        listed = [np.asarray(each.support.any(axis=0)) for each in self.solver.path(systems, 0, allowed)]
+        listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(systems, 0, allowed)]
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)

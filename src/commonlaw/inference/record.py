@@ -1,0 +1,105 @@
+"""What is said of a law: the choices on the way to it, and what else was to choose from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.inference.accuracy import Rivals, probabilities
+from commonlaw.inference.objects import Objects
+from commonlaw.inference.search import Found
+from commonlaw.law import Alternative, Law, Step
+from commonlaw.trials import Schema, Trials
+
+Bools = NDArray[np.bool_]
+
+_LISTED = 12
+"""Supports of each equation that are kept as alternatives."""
+
+
+def alternatives(law: Law, others: Rivals) -> tuple[Alternative, ...]:
+    """Return the supports that each equation was chosen from, the best first."""
+    found = []
+    for equation, listed in zip(law.left_sides, others, strict=True):
+        likely = probabilities(listed)
+        chosen = next(i for i, (_, above) in enumerate(listed) if above == 0)
+        for i, (support, above) in enumerate(listed[:_LISTED]):
+            names = tuple(law.terms.names[k] for k in np.flatnonzero(support))
+            measures = {"evidence lost": float(above), "probability": float(likely[i])}
+            found.append(Alternative(equation, names, measures, False, i == chosen))
+    return tuple(found)
+
+
+def _why(law: Law, listed: Sequence[tuple[Bools, float]]) -> str:
+    """Return what speaks for the chosen support of an equation."""
+    second = next((pair for pair in listed if pair[1] != 0), None)
+    if second is None:
+        return "no other support was compared"
+    runner = ", ".join(law.terms.names[k] for k in np.flatnonzero(second[0])) or "no term"
+    ratio = np.exp(min(abs(second[1]) / 2, 700))
+    if second[1] < 0:
+        return f"largest evidence once fitted; before that, {runner} is {ratio:.3g} times more probable"
+    return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
+
+
+def history(
+    trials: Trials, law: Law, objects: Objects, found: Found, others: Rivals, given: bool, resolved: bool
+) -> tuple[Step, ...]:
+    """Return every choice that was made, in order.
+
+    Parameters
+    ----------
+    trials, law, objects, found, others
+        What was measured, the law that is sought, and what was found.
+    given
+        Whether the noise was given.
+    resolved
+        Whether a finer mesh changes nothing.
+    """
+    mesh = "a finer mesh changes nothing" if resolved else "the finest there is"
+    steps = [
+        noise_step(trials.schema, objects, given),
+        Step(
+            "library",
+            f"{len(law.terms)} terms for each of {len(law.states)} equations",
+            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
+        ),
+        Step(
+            "mesh",
+            f"{objects.points} step{'s' if objects.points > 1 else ''} from sample to sample",
+            mesh if found.obeyed else "a law with an error needs no finer one",
+        ),
+    ]
+    for equation, listed in zip(law.left_sides, others, strict=True):
+        chosen = next(support for support, above in listed if above == 0)
+        names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
+        reason = _why(law, listed) if found.obeyed else "the fewest within one standard error, on trials held out"
+        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
+    return (*steps, error_step(found), coefficients_step(trials, objects, found))
+
+
+def noise_step(schema: Schema, objects: Objects, given: bool) -> Step:
+    """Return what noise was taken."""
+    levels = [
+        f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
+        for name, level in zip(schema.states, objects.noise, strict=True)
+    ]
+    return Step("noise", ", ".join(levels), "as given" if given else "from differences of neighbouring samples")
+
+
+def error_step(found: Found) -> Step:
+    """Return whether the law has an error of its own."""
+    if found.obeyed:
+        return Step("error of the law", "none", "the trajectories are solutions of the law, up to the noise")
+    text = f"a random walk, in each step {found.tolerance:g} times the noise"
+    return Step("error of the law", text, "the measurements stray further from the law than noise explains")
+
+
+def coefficients_step(trials: Trials, objects: Objects, found: Found) -> Step:
+    """Return how the coefficients were found, and what the trajectories leave."""
+    misfit, count = sum(each.misfit for each in found.estimates), sum(objects.measured)
+    return Step(
+        "coefficients",
+        f"maximum likelihood of {len(trials)} trajectories",
+        f"misfit {misfit / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
+    )

@@ -1,0 +1,111 @@
+"""A law's coefficients fitted to its trajectories, beside SciPy's least squares on the measurements themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw import datasets
+from commonlaw.errors import CommonlawError
+
+NOISE = 0.3
+
+
+@pytest.fixture(scope="module")
+def prey():
+    return datasets.lotka_volterra(noise=NOISE, trials=2, samples=80)
+
+
+@pytest.fixture(scope="module")
+def by_rates(prey):
+    return cl.discover(prey, library="terms:x,y,x*y", differentiation="spline", solver="group-stlsq:0.15")
+
+
+def shooting(trials, truth):
+    """Coefficients and their standard errors by least squares from one start a trial, integrated by SciPy."""
+    times, size = trials[0].times, len(trials)
+
+    def residuals(parameters):
+        a, b, c, d = parameters[:4]
+        starts = parameters[4:].reshape(size, 2)
+        rest = []
+        for start, trial in zip(starts, trials, strict=True):
+            run = solve_ivp(
+                lambda _, z: [a * z[0] + b * z[0] * z[1], c * z[1] + d * z[0] * z[1]],
+                (times[0], times[-1]), start, t_eval=times, rtol=1e-9, atol=1e-9,
+            )  # fmt: skip
+            rest.append((run.y.T - trial.states) / NOISE)
+        return np.concatenate(rest).ravel()
+
+    found = least_squares(residuals, [*truth, *np.concatenate([trial.states[0] for trial in trials])], method="lm")
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    return found.x[:4], np.sqrt(np.diag(covariance))[:4]
+
+
+def own(law, values):
+    """The coefficients of x and x*y in x', then of y and x*y in y'."""
+    x, y, both = (law.terms.index(name) for name in ("x", "y", "x*y"))
+    return np.array([values[0, x], values[0, both], values[1, y], values[1, both]])
+
+
+def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
+    law = cl.refine(by_rates, prey, noise={"x": NOISE, "y": NOISE}, outliers=np.inf, pool=False)
+    name = prey.objects[0]
+    expected, errors = shooting(prey.of(name), own(by_rates, by_rates.of(name)))
+    np.testing.assert_allclose(own(law, law.of(name)), expected, atol=0.02 * errors.min())
+    np.testing.assert_allclose(own(law, law.standard_errors[0]), errors, rtol=0.05)
+    np.testing.assert_array_equal(law.support, by_rates.support)
+    assert law.history[-1].stage == "coefficients"
+
+
+def test_refined_coefficients_are_those_of_discovery_of_the_same_terms(prey, by_rates):
+    found, refined = cl.discover(prey, library="terms:x,y,x*y"), cl.refine(by_rates, prey)
+    np.testing.assert_array_equal(found.support, refined.support)
+    gaps = (found.coefficients - refined.coefficients)[:, found.support]
+    assert np.all(np.abs(gaps) < 0.02 * found.standard_errors[:, found.support])
+
+
+def test_errors_by_drawing_stretches_anew_agree_with_those_of_the_likelihood(prey, by_rates):
+    likely, drawn = (cl.refine(by_rates, prey, pool=False, errors=errors) for errors in ("likelihood", "bootstrap"))
+    ratios = (drawn.standard_errors / likely.standard_errors)[:, likely.support]
+    assert 0.9 < np.exp(np.mean(np.log(ratios))) < 1.1
+    assert np.all((ratios > 0.6) & (ratios < 1.6))
+    np.testing.assert_array_equal(likely.coefficients, drawn.coefficients)
+
+
+def test_errors_by_drawing_stretches_anew_need_no_true_noise(prey, by_rates):
+    wrong, true = ({"x": factor * NOISE, "y": factor * NOISE} for factor in (4, 1))
+    true = cl.refine(by_rates, prey, noise=true, pool=False)
+    likely, drawn = (
+        cl.refine(by_rates, prey, noise=wrong, errors=errors, pool=False) for errors in ("likelihood", "bootstrap")
+    )
+
+    def ratio(law):
+        return np.exp(np.mean(np.log((law.standard_errors / true.standard_errors)[:, law.support])))
+
+    assert ratio(likely) == pytest.approx(4, rel=0.1)
+    assert ratio(drawn) == pytest.approx(1, rel=0.15)
+
+
+def test_known_coefficients_stay_and_other_objects_are_left_out():
+    drops = datasets.linear_drag(noise=0.05)
+    law = cl.discover(drops, order=2, library="poly:1", fixed={"1": -9.8})
+    some = drops.select(object=list(drops.objects[1:3]))
+    refined = cl.refine(law, some)
+    assert refined.objects == some.objects
+    gravity, slope = refined.terms.index("1"), refined.terms.index("v")
+    np.testing.assert_array_equal(refined.coefficients[:, 0, gravity], -9.8)
+    np.testing.assert_array_equal(refined.standard_errors[:, 0, gravity], 0)
+    assert np.all(refined.standard_errors[:, 0, slope] > 0)
+
+
+def test_what_cannot_be_refined_is_refused(prey, by_rates):
+    with pytest.raises(CommonlawError, match="discrete time"):
+        cl.refine(replace(by_rates, order=0), prey)
+    with pytest.raises(CommonlawError, match="unknown object of this law"):
+        cl.refine(by_rates.select(by_rates.objects[:1]), prey)
+    with pytest.raises(CommonlawError, match="noise of y is missing"):
+        cl.refine(by_rates, prey, noise={"x": 1.0})
