@@ -62,10 +62,8 @@ def _bootstrapped(trials: Sequence[tuple[Floats, float]], places: NDArray[np.int
     stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
     norms = np.linalg.norm(np.concatenate(factors), axis=0)
     norms[norms == 0] = 1.0
-    reduced = np.linalg.qr(stacked / norms, mode="r")
-    size = len(places)
-    triangles, right = np.split(reduced[:, :size], [size], axis=2)
-    estimates = np.linalg.solve(triangles, right)[..., 0]
+    reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(places))
+    estimates = np.linalg.solve(reduced[:, inner, inner], reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
 
 

@@ -19,9 +19,13 @@ from commonlaw.likelihood.normal_equations import NotPositiveError
 
 Floats = NDArray[np.float64]
 
-_VAGUE = 3.0
-"""Noise, relative to that of a measured state, of what was not measured; for rates per sampling step. Large enough to
-say little, small enough to be eliminated without rounding."""
+_MISSING = 100.0
+"""Noise of a state that was not measured, relative to that of one that was. It says next to nothing, and is small
+enough to be eliminated without rounding."""
+
+_RATE = 3.0
+"""Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
+it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +116,12 @@ def _measured(problem: Problem, mesh: Mesh, states: Floats) -> tuple[Floats, Flo
     gaps = problem.gaps(mesh, states)
     weights = problem.measurement.weights(gaps)
     noise = problem.measurement.noise
-    vague = np.tile((_VAGUE * noise) ** 2, (len(mesh), 1))
+    missing = np.tile((_MISSING * noise) ** 2, (len(mesh), 1))
     variances = np.empty((len(mesh), width))
     with np.errstate(divide="ignore"):
-        variances[:, :equations] = np.where(weights > 0, 1 / weights, vague)
+        variances[:, :equations] = np.where(weights > 0, 1 / weights, missing)
     # The rates of a law of second order, which nobody measured
-    variances[:, equations:] = vague[:, : width - equations] / np.median(mesh.steps[mesh.linked]) ** 2
+    variances[:, equations:] = (_RATE * noise[: width - equations] / np.median(mesh.steps[mesh.linked])) ** 2
     offsets = np.zeros((len(mesh), width))
     offsets[:, :equations] = np.where(mesh.seen, gaps, 0.0)
     return variances, offsets

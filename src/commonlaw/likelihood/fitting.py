@@ -123,20 +123,6 @@ def judged(problem: Problem, estimate: Estimate, tolerance: float) -> Estimate:
     return replace(estimate, misfit=misfit, strain=strain if np.isfinite(strain) else np.inf)
 
 
-def information(problem: Problem, estimate: Estimate, support: Bools, tolerance: float) -> Floats:
-    """Return the information that the measurements hold on the coefficients of the support, equation by equation.
-
-    Its inverse is their covariance (Gauss-Newton approximation of Fisher's information), shape (parameters,
-    parameters).
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
-    return np.asarray(np.sum([each.information for each in _reduced(problem, estimate, support, tolerance)], axis=0))
-
-
 def _reduced(problem: Problem, estimate: Estimate, support: Bools, tolerance: float) -> list[Reduced]:
     found = []
     with np.errstate(all="ignore"):
