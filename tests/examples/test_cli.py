@@ -96,6 +96,21 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
     assert "95 % band" in (tmp_path / "bands.svg").read_text()
 
 
+@pytest.mark.usefixtures("table")
+def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
+    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
+    replace(cl.Law.load(tmp_path / "law.json"), noise=[0.01]).save("law.json")
+    found = {}
+    for start in (None, 15):
+        option = [] if start is None else ["--start", str(start)]
+        code, out, err = run("predict", "law.json", "drops.csv", *option, "--json")
+        assert (code, err) == (0, "")
+        found[start] = np.mean([row["rms error"] for row in json.loads(out)["errors"]])
+    assert found[15] < found[None] / 2
+    code, _, err = run("predict", "law.json", "drops.csv", "--start", "4")
+    assert (code, "start is 4: give 5 samples or more" in err) == (1, True)
+
+
 def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
     def certain(*given, **settings):
         law = discover(*given, **settings)

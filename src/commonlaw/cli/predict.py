@@ -10,10 +10,18 @@ from commonlaw.files import write_all
 @click.command()
 @click.argument("law_path", metavar="LAW.json")
 @with_source
+@click.option(
+    "--start",
+    type=int,
+    metavar="N",
+    help="Fit each forecast's start to the trial's first N samples, 15 say, instead of taking it from the first one.",
+)
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
-def predict(law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool) -> None:
+def predict(
+    law_path: str, source: Source, start: int | None, save: str | None, plot: str | None, as_json: bool
+) -> None:
     """Forecast every trial in FILE with LAW.json, each from its own initial state.
 
     Columns are found by the names that the law was learned with; options name others. Where the law knows how accurate
@@ -28,7 +36,7 @@ def predict(law_path: str, source: Source, save: str | None, plot: str | None, a
     law = Law.load(law_path)
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
-        forecast = law.predict(trials, spread=bool(save or plot) and law.has_spread)
+        forecast = law.predict(trials, start=start, spread=bool(save or plot) and law.has_spread)
         errors = forecast.errors()
         outputs = {}
         if save:

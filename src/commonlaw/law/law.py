@@ -383,7 +383,13 @@ class Law:
         return dict(zip(runs, found, strict=True))
 
     def predict(
-        self, trials: Trials, *, spread: bool = False, method: str = "auto", tolerance: float = 1e-8
+        self,
+        trials: Trials,
+        *,
+        start: int | None = None,
+        spread: bool = False,
+        method: str = "auto",
+        tolerance: float = 1e-8,
     ) -> Forecast:
         """Forecast each trial from its own initial state: its first measured states and its estimated first rates.
 
@@ -391,22 +397,28 @@ class Law:
         ----------
         trials
             What to forecast.
+        start
+            How many of each trial's first samples tell where its forecast starts, 5 or more: with its coefficients as
+            they are, the law is fitted to them by likelihood. 15 is a good number; the more, the less noise is in the
+            start, and the more it matters that the law is right. It needs the law's noise, and states may be missing.
+            By default a forecast starts at the first sample as it was measured.
         spread
             Whether `Forecast.bands` is to say how far off the forecasts may be. To first order the covariance of the
             coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
-            are carried along each trajectory; the two count as independent.
+            are carried along each trajectory; that noise and the errors of the coefficients count as independent, also
+            where the law was learned from these samples.
         method, tolerance
             How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
 
         Raises
         ------
         CommonlawError
-            If a trial's object is not in the law, its variables are not those of the law, or a spread is asked for and
-            the law's covariance or noise is not known.
+            If a trial's object is not in the law, its variables are not those of the law, a spread is asked for and the
+            law's covariance or noise is not known, or a start cannot be fitted.
         """
         from commonlaw.law.prediction import predict
 
-        return predict(self, trials, method, tolerance, spread)
+        return predict(self, trials, method, tolerance, spread, start)
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""

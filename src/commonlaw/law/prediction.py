@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, Run, simulate, spread_of
+from commonlaw.law.start import FittedStart, fitted_start
 from commonlaw.law.uncertainty import covariance_of
 from commonlaw.trials import Trial, Trials
 
@@ -22,31 +23,39 @@ _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
 
 
-def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: bool) -> Forecast:
+def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: bool, start: int | None) -> Forecast:
     """Return the forecast of each trial, see `Law.predict`."""
     _check_variables(law, trials)
-    if not spread:
-        return Forecast(trials, simulate([_run(law, trial) for trial in trials], method=method, tolerance=tolerance))
-    covariance, noise = covariance_of(law), _noise_of(law)
-    runs = [_run(law, trial) for trial in trials]
+    covariance, noise = (covariance_of(law), _noise_of(law)) if spread else (None, None)
+    fitted = [None if start is None else fitted_start(law, trial, start) for trial in trials]
+    runs = [_run(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
+    if covariance is None or noise is None:
+        return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
     runs = [replace(run, field=replace(run.field, support=law.support)) for run in runs]
     found = simulate(runs, method=method, tolerance=tolerance, sensitivities=True)
-    spreads = tuple(
-        spread_of(trajectory, covariance[law.objects.index(trial.object)], _start_covariance(law, trial, noise))
-        for trial, trajectory in zip(trials, found, strict=True)
-    )
+    spreads = []
+    for trial, trajectory, own in zip(trials, found, fitted, strict=True):
+        known = covariance[law.objects.index(trial.object)]
+        if own is None:
+            spreads.append(spread_of(trajectory, known, _start_covariance(law, trial, noise)))
+        else:
+            moved, initial = own.doubts(trajectory)
+            spreads.append(spread_of(moved, known, initial))
     # The derivatives have done their work, and are many times larger than the states
-    return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), spreads, noise)
+    return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(spreads), noise)
 
 
-def _run(law: "Law", trial: Trial) -> Run:
-    _check_start(law, trial)
-    start = [trial.states[0]]
-    if law.order == 2:
-        start.append(_first_rates(law, trial, trial.states))
+def _run(law: "Law", trial: Trial, fitted: FittedStart | None) -> Run:
     field = replace(law.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
-    return Run(field, np.concatenate(start), trial.times, trial.label)
+    return Run(field, _measured_start(law, trial) if fitted is None else fitted.initial, trial.times, trial.label)
+
+
+def _measured_start(law: "Law", trial: Trial) -> Floats:
+    """Return the first measured states, and the estimated rates of a law of second order, shape (width,)."""
+    _check_start(law, trial)
+    rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
+    return np.concatenate([trial.states[0], *rates])
 
 
 def _check_start(law: "Law", trial: Trial) -> None:
@@ -57,8 +66,8 @@ def _check_start(law: "Law", trial: Trial) -> None:
         whole = np.flatnonzero(~gaps.any(axis=1))
         remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
         raise CommonlawError(
-            f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}use simulate and give "
-            "the start"
+            f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "
+            "it to the first samples with start=15"
         )
 
 

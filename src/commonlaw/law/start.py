@@ -1,0 +1,154 @@
+"""Where the forecast of a trial starts, by what its first samples and the law say together."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.differentiation import RobustSpline
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast import Trajectory
+from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, fit, meshes, spread
+from commonlaw.trials import Trial
+
+if TYPE_CHECKING:
+    from commonlaw.law.law import Law
+
+Floats = NDArray[np.float64]
+
+_LEAST = 5
+"""Measured values of each state that the first guess, a smoothing spline, takes."""
+
+_POINTS = 4
+"""Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
+
+_TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
+"""Of the law, relative to the noise. At the first one states may stray from the law as far as measurements do, so that
+a curve through these is a good guess; at the last they are a solution of it: what is tolerated adds up, over all steps
+of a thousand samples, to a fiftieth of the noise."""
+
+_OUTLIERS = 4.0
+"""Standard deviations beyond which a measurement pulls no harder: of normal noise, one in 16 000 is."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedStart:
+    """The initial state of largest likelihood under a law whose coefficients stay as they are.
+
+    Parameters
+    ----------
+    initial
+        States, and rates for a law of second order, shape (width,).
+    trial
+        The first samples, which it was fitted to.
+    measurement
+        What these are worth.
+    """
+
+    initial: Floats
+    trial: Trial
+    measurement: Measurement
+
+    def doubts(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
+        """Return what makes a forecast from this start uncertain.
+
+        The noise of the samples does, and so does every error of the coefficients, which the start makes up for as far
+        as the samples tell.
+
+        Parameters
+        ----------
+        trajectory
+            From this start, with sensitivities.
+
+        Returns
+        -------
+        trajectory
+            Its derivatives by the coefficients let the start follow these.
+        covariance
+            Of the start, by the noise alone, shape (width, width): the inverse of the information in the samples. NaN
+            if the trajectory ends before they tell all of it.
+        """
+        assert trajectory.sensitivities is not None
+        width, (samples, states) = len(self.initial), self.trial.states.shape
+        by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
+        weights = self.measurement.weights(self.trial.states - trajectory.states[:samples, :states])
+        rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[:samples, :states]
+        rows = rows[np.isfinite(rows).all(axis=2)]
+        # With Q R = rows of the start, the information is R' R
+        basis, factor = np.linalg.qr(rows[:, -width:])
+        try:
+            root = np.linalg.inv(factor)
+        except np.linalg.LinAlgError:
+            return trajectory, np.full((width, width), np.nan)
+        follow = -root @ (basis.T @ rows[:, :-width])
+        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+            moved = np.concatenate([by_own + by_start @ follow, by_start], axis=2)
+        return replace(trajectory, sensitivities=moved), root @ root.T
+
+
+def fitted_start(law: "Law", trial: Trial, count: int) -> FittedStart:
+    """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
+
+    The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
+    law; the start is the first of them.
+
+    Parameters
+    ----------
+    law
+        Of first or second order, with its noise.
+    trial
+        Of one of its objects; states may be missing, in the first sample too.
+    count
+        How many samples to use, 5 or more; all where the trial has fewer.
+
+    Raises
+    ------
+    CommonlawError
+        If the law is in discrete time or has no noise, the count or the trial's measured values are too few, or the law
+        cannot be evaluated on the first samples; the message names the trial.
+    """
+    noise = _noise_of(law)
+    if count < _LEAST:
+        raise CommonlawError(f"start is {count}: give {_LEAST} samples or more, or leave start out")
+    trial = trial.cut(count)
+    _check_measured(law, trial)
+    rates = RobustSpline().differentiate(trial.times, trial.states, 1)
+    guess = np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
+    # A rate that is off by this moves the state by its noise until the last sample
+    unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
+    measurement = Measurement(noise, _OUTLIERS)
+    problem = Problem(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
+    own = law.of(trial.object)
+    found = fit(
+        problem, Estimate(tuple(spread([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES
+    )
+    if not np.isfinite(found.strain):
+        raise CommonlawError(
+            f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its "
+            "start was to be fitted; leave start out, or the trial"
+        )
+    return FittedStart(found.states[0][0], trial, measurement)
+
+
+def _noise_of(law: "Law") -> Floats:
+    """Return the noise of a law that a start can be fitted by."""
+    if law.order == 0:
+        raise CommonlawError("a law in discrete time starts at the first sample: leave start out")
+    if law.noise is None or not law.noise.all():
+        lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
+        raise CommonlawError(
+            f"this law {lacks}, and so not what the first samples are worth: give its noise, a standard deviation "
+            "above zero for each state, or leave start out"
+        )
+    return law.noise
+
+
+def _check_measured(law: "Law", trial: Trial) -> None:
+    for name, column in zip(law.states, trial.states.T, strict=True):
+        measured = int(np.isfinite(column).sum())
+        if measured < _LEAST:
+            raise CommonlawError(
+                f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
+                f"fitted to {_LEAST} or more; give a larger start, leave start out, or the trial"
+            )

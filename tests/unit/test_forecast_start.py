@@ -1,0 +1,196 @@
+"""Starts fitted to the first samples against closed forms, the truth, and their own stated accuracy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from commonlaw import datasets
+from commonlaw.differentiation import default_differentiation
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast import Forecast
+from commonlaw.law import Law
+from commonlaw.library import parse_library
+from commonlaw.library.base import Variables
+from commonlaw.trials import Schema, Trial, Trials
+
+
+def law_of(library, states, coefficients, noise, order=1, rates=(), variance=0.0):
+    """A law of one object, "tank", whose coefficients in use have this variance and are independent."""
+    coefficients = np.array([coefficients], dtype=np.float64)
+    terms = parse_library(library).bind(Variables((*states, *rates)))
+    size = int((coefficients != 0).any(axis=0).sum())
+    return Law(terms, Schema(states), order, ("tank",), coefficients, None, (), (), [variance * np.eye(size)], noise)
+
+
+def trials_of(law: Law, *states, times) -> Trials:
+    return Trials(tuple(Trial("tank", str(i), times, each) for i, each in enumerate(states)), law.schema)
+
+
+def start_of(forecast: Forecast):
+    return forecast.trajectories[0].states[0]
+
+
+def noisy(trial: Trial, noise, seed: int) -> Trial:
+    """The trial with white noise on its states."""
+    return replace(trial, states=trial.states + noise * np.random.default_rng(seed).standard_normal(trial.states.shape))
+
+
+def test_the_start_of_a_linear_law_and_its_spread_are_those_of_weighted_least_squares():
+    """With samples at irregular times, and values missing, in the first sample too."""
+    matrix, noise, rng = np.array([[-0.3, 2.0], [-1.5, -0.1]]), np.array([0.05, 0.2]), np.random.default_rng(0)
+    law = law_of("terms:x,y", ("x", "y"), matrix, noise)
+    times = 1.3 + np.cumsum(rng.uniform(0.02, 0.2, 40))
+    slopes = np.array([expm(matrix * (t - times[0])) for t in times])
+    states = slopes @ [1.0, -2.0] + noise * rng.standard_normal((40, 2))
+    states[[0, 3, 4, 11], [1, 0, 0, 1]] = np.nan
+    forecast = law.predict(trials_of(law, states, times=times), start=15, spread=True)
+    rows = (slopes[:15] / noise[:, np.newaxis]).reshape(-1, 2)
+    seen = ~np.isnan(states[:15].ravel())
+    expected = np.linalg.lstsq(rows[seen], (states[:15] / noise).ravel()[seen], rcond=None)[0]
+    np.testing.assert_allclose(start_of(forecast), expected, rtol=1e-6)
+    np.testing.assert_allclose(forecast.trajectories[0].states, slopes @ expected, rtol=1e-5, atol=1e-6)
+    covariance = np.linalg.inv(rows[seen].T @ rows[seen])
+    deviations = np.sqrt(np.einsum("nij,jk,nik->ni", slopes, covariance, slopes))
+    np.testing.assert_allclose(forecast.spread[0], deviations, rtol=1e-5)
+
+
+def test_without_any_force_height_and_rate_are_those_of_the_straight_line_of_least_squares():
+    times = np.linspace(0, 2, 30)
+    law = law_of("terms:1,v", ("x",), [[0.0, 0.0]], [0.1], order=2, rates=("v",))
+    heights = 3 - 0.5 * times + 0.1 * np.random.default_rng(1).standard_normal(30)
+    (slope, height), covariance = np.polyfit(times[:12], heights[:12], 1, cov="unscaled")
+    forecast = law.predict(trials_of(law, heights, times=times), start=12, spread=True)
+    np.testing.assert_allclose(start_of(forecast), [height, slope], rtol=1e-6)
+    np.testing.assert_allclose(forecast.spread[0][0], 0.1 * np.sqrt(np.diag(covariance))[::-1], rtol=1e-6)
+
+
+def test_more_samples_than_a_trial_has_are_all_of_them():
+    trials = datasets.linear_drag(noise=0.05)[[0]]
+    law = replace(datasets.linear_drag.truth(), noise=[0.05])
+    np.testing.assert_array_equal(
+        start_of(law.predict(trials, start=1000)), start_of(law.predict(trials, start=len(trials[0])))
+    )
+
+
+def test_bands_know_that_the_start_makes_up_for_errors_of_the_coefficients():
+    times = np.linspace(0, 3, 60)
+    measured = noisy(Trial("tank", "1", times, 4 / (1 + np.exp(-times))), 1e-4, 0).states
+    law = law_of("terms:x,x^2", ("x",), [[1.0, -0.25]], [0.02], variance=0.03**2)
+    trials = trials_of(law, measured, times=times)
+    sure = replace(law, covariance=np.zeros((1, 2, 2)))
+    squares = sure.predict(trials, start=20, spread=True).spread[0] ** 2
+    for place in range(2):
+        change = np.zeros((1, 1, 2))
+        change[..., place] = 1e-4
+        ahead, behind = (
+            replace(law, coefficients=law.coefficients + sign * change).predict(trials, start=20).trajectories[0].states
+            for sign in (1, -1)
+        )
+        squares = squares + (0.03 * (ahead - behind) / 2e-4) ** 2
+    np.testing.assert_allclose(law.predict(trials, start=20, spread=True).spread[0], np.sqrt(squares), rtol=1e-3)
+
+
+def test_a_fitted_start_keeps_a_chaotic_forecast_near_the_truth_for_longer():
+    clean, truth = datasets.lorenz(noise=0.0), datasets.lorenz.truth()
+    size = clean[0].states.std(axis=0)
+    law, kept = replace(truth, noise=0.05 * size), {None: [], 30: []}
+    for seed in range(8):
+        for trial in clean:
+            trials = clean.keep([noisy(trial, 0.05 * size, seed)])
+            for start, lengths in kept.items():
+                states = law.predict(trials, start=start).trajectories[0].states
+                far = np.linalg.norm((states - trial.states) / size, axis=1) > 0.2
+                lengths.append(np.argmax(far) if far.any() else len(far))
+    assert np.median(kept[30]) > 2 * np.median(kept[None])
+    assert min(kept[30]) > 3 * min(kept[None])
+
+
+def test_fitted_first_rates_of_falling_balls_are_nearer_to_the_truth():
+    drops = datasets.linear_drag(drag=[-0.3, -2.0], noise=0.0, trials=1)
+    law = replace(
+        datasets.linear_drag.truth(drag=[-0.3, -2.0]), noise=[0.05], differentiation=default_differentiation(2)
+    )
+    errors = {None: [], 15: []}
+    for seed in range(10):
+        trials = drops.keep([noisy(trial, 0.05, 10 * seed + i) for i, trial in enumerate(drops)])
+        for start, found in errors.items():
+            found.append([each.states[0, 1] for each in law.predict(trials, start=start).trajectories])
+    default, fitted = (np.sqrt(np.mean(np.square(each), axis=0)) for each in errors.values())
+    assert np.all(fitted < default / 2)
+
+
+def test_the_truth_is_within_the_stated_bands_as_often_as_they_say():
+    clean = datasets.lotka_volterra(noise=0.0)[[0]]
+    law = replace(datasets.lotka_volterra.truth().select(clean.objects), noise=[0.2, 0.1])
+    law = replace(law, covariance=np.zeros((1, 4, 4)))
+    trials = clean.keep([replace(noisy(clean[0], law.noise, seed), name=str(seed)) for seed in range(60)])
+    forecast = law.predict(trials, start=10, spread=True)
+    gaps = np.array([each.states - clean[0].states for each in forecast.trajectories])
+    for level, tolerance in ((0.95, 0.05), (0.5, 0.12)):
+        within = np.abs(gaps) < forecast.margins(level)
+        assert np.mean(within[:, 0]) == pytest.approx(level, abs=tolerance)
+        assert np.mean(within) == pytest.approx(level, abs=tolerance)
+
+
+def test_an_outlier_among_the_first_samples_pulls_no_harder_than_four_standard_deviations():
+    trials = datasets.linear_drag(noise=0.02, seed=2)[[0]]
+    law = replace(datasets.linear_drag.truth(), noise=[0.02])
+    states = trials[0].states.copy()
+    starts = []
+    for far in (0.0, 0.1, 5.0):
+        states[4] += far
+        starts.append(start_of(law.predict(trials.keep([replace(trials[0], states=states)]), start=15)))
+    np.testing.assert_allclose(starts[1], starts[2], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(starts[0], starts[2], atol=0.05)
+
+
+def test_inputs_drive_the_fitted_samples_too():
+    """x' = -x + u with u = t has the solution x = (x0 + 1) exp(-t) + t - 1."""
+    times = np.linspace(0, 2, 41)
+    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u",)))
+    law = Law(terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[-1.0, 1.0]]]), noise=[0.1])
+    states = 3 * np.exp(-times) + times - 1
+    states[0] += 0.3
+    trials = Trials((Trial("tank", "1", times, states, times),), law.schema)
+    weights = np.exp(-times[:15])
+    expected = 2 + 0.3 / np.sum(weights**2)
+    np.testing.assert_allclose(start_of(law.predict(trials, start=15)), expected, rtol=1e-6)
+
+
+def test_bands_of_a_trajectory_that_runs_away_are_known_as_far_as_it_and_the_first_samples_go():
+    times = np.linspace(0, 2, 41)
+    law = law_of("terms:x^2", ("x",), [[1.0]], [0.5])
+    forecast = law.predict(trials_of(law, 1 + 0 * times, times=times), start=6, spread=True)
+    lost = np.isnan(forecast.trajectories[0].states)
+    assert lost.any()
+    np.testing.assert_array_equal(np.isnan(forecast.spread[0]), lost)
+    wild = law_of("terms:v^2", ("x",), [[1e3]], [0.5], order=2, rates=("v",))
+    forecast = wild.predict(trials_of(wild, np.sin(40 * times), times=times), start=6, spread=True)
+    assert np.isnan(forecast.trajectories[0].states[1:]).all()
+    assert np.isnan(forecast.spread[0]).all()
+
+
+def test_what_no_start_can_be_fitted_to_is_refused_by_name():
+    times = np.linspace(0, 1, 20)
+    law = law_of("terms:x,y", ("x", "y"), np.eye(2), [0.1, 0.1])
+    states = np.ones((20, 2))
+    states[:8, 1] = np.nan
+    trials = trials_of(law, states, times=times)
+    with pytest.raises(CommonlawError, match=r"y is missing in sample 1, .*fit it to the first samples with start=15"):
+        law.predict(trials)
+    with pytest.raises(CommonlawError, match=r"trial 0: y was measured in 2 of the first 10 samples, .* 5 or more"):
+        law.predict(trials, start=10)
+    with pytest.raises(CommonlawError, match="start is 4: give 5 samples or more"):
+        law.predict(trials, start=4)
+    with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or leave start out"):
+        replace(law, noise=None).predict(trials, start=15)
+    with pytest.raises(CommonlawError, match=r"says that a state has no noise, .*above zero"):
+        replace(law, noise=[0.1, 0.0]).predict(trials, start=15)
+    discrete = replace(law, order=0)
+    with pytest.raises(CommonlawError, match="discrete time starts at the first sample: leave start out"):
+        discrete.predict(trials, start=15)
+    roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
+    with pytest.raises(CommonlawError, match="tank, trial 0: the law is not finite on a curve through the first 15"):
+        roots.predict(trials_of(roots, -1 - times, times=times), start=15)
