@@ -33,7 +33,7 @@ def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise(
     drops = datasets.linear_drag(drag=[-0.3, -0.5], noise=0.0, trials=1)
     rule = parse_differentiation("savgol:11:3")
     law = replace(unsure(datasets.linear_drag.truth(drag=[-0.3, -0.5]), 0.03, 0.05), differentiation=rule)
-    forecast = law.predict(drops, spread=True)
+    forecast = law.predict(drops, start=1, spread=True)
     rng = np.random.default_rng(1)
     for i, trial in enumerate(drops):
         noisy = trial.states + 0.05 * rng.standard_normal((len(trial), DRAWS))
@@ -77,7 +77,7 @@ def test_the_spread_of_an_initial_rate_is_exact_for_linear_differentiators(rule)
     method = parse_differentiation(rule)
     law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8, 0.0]]]), method, covariance=[[[0.0]]], noise=[0.2])
     weights = method.differentiate(times, np.eye(40), 1).derivatives[0][0]
-    (spread,) = law.predict(Trials((trial,), law.schema), spread=True).spread
+    (spread,) = law.predict(Trials((trial,), law.schema), start=1, spread=True).spread
     np.testing.assert_allclose(spread[:, 1], 0.2 * np.linalg.norm(weights), rtol=1e-6)
     by_sample = np.eye(40)[0] + (times - times[0])[:, np.newaxis] * weights
     np.testing.assert_allclose(spread[:, 0], 0.2 * np.linalg.norm(by_sample, axis=1), rtol=1e-6)
@@ -93,7 +93,7 @@ def test_the_spread_of_an_initial_rate_is_not_too_small_for_other_differentiator
     terms = parse_library("terms:1").bind(Variables(("x", "v")))
     law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8]]]), method, covariance=[[[0.0]]], noise=[0.2])
     trials = Trials(tuple(Trial("ball", f"{i}", times, noisy[:, i]) for i in range(20)), law.schema)
-    found = [each[0, 1] for each in law.predict(trials, spread=True).spread]
+    found = [each[0, 1] for each in law.predict(trials, start=1, spread=True).spread]
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 

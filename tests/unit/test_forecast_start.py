@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from commonlaw import datasets
-from commonlaw.differentiation import default_differentiation
+from commonlaw.differentiation import default_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
 from commonlaw.law import Law
@@ -112,13 +112,30 @@ def test_fitted_first_rates_of_falling_balls_are_nearer_to_the_truth():
     law = replace(
         datasets.linear_drag.truth(drag=[-0.3, -2.0]), noise=[0.05], differentiation=default_differentiation(2)
     )
-    errors = {None: [], 15: []}
+    errors = {1: [], 15: []}
     for seed in range(10):
         trials = drops.keep([noisy(trial, 0.05, 10 * seed + i) for i, trial in enumerate(drops)])
         for start, found in errors.items():
             found.append([each.states[0, 1] for each in law.predict(trials, start=start).trajectories])
     default, fitted = (np.sqrt(np.mean(np.square(each), axis=0)) for each in errors.values())
     assert np.all(fitted < default / 2)
+
+
+def test_a_law_of_second_order_that_knows_its_noise_starts_from_what_rates_are_estimated_from():
+    trials = datasets.linear_drag(noise=0.05, trials=1)
+    rule = parse_differentiation("savgol:11:3")
+    law = replace(datasets.linear_drag.truth(), noise=[0.05], differentiation=rule)
+    np.testing.assert_array_equal(start_of(law.predict(trials)), start_of(law.predict(trials, start=14)))
+    first = trials[0].states[0, 0]
+    assert start_of(law.predict(trials))[0] != first
+    for measured in (law.predict(trials, start=1), replace(law, noise=None).predict(trials)):
+        assert start_of(measured)[0] == first
+    short = trials.keep([trial.cut(4) for trial in trials])
+    fast = replace(law, differentiation=parse_differentiation("forward"))
+    assert start_of(fast.predict(short))[0] == first
+    pairs = datasets.lotka_volterra(noise=0.1)
+    start = start_of(replace(datasets.lotka_volterra.truth(), noise=[0.1, 0.1]).predict(pairs))
+    np.testing.assert_array_equal(start, pairs[0].states[0])
 
 
 def test_the_truth_is_within_the_stated_bands_as_often_as_they_say():
@@ -184,12 +201,12 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
         law.predict(trials, start=10)
     with pytest.raises(CommonlawError, match="start is 4: give 5 samples or more"):
         law.predict(trials, start=4)
-    with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or leave start out"):
+    with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or use start=1"):
         replace(law, noise=None).predict(trials, start=15)
     with pytest.raises(CommonlawError, match=r"says that a state has no noise, .*above zero"):
         replace(law, noise=[0.1, 0.0]).predict(trials, start=15)
     discrete = replace(law, order=0)
-    with pytest.raises(CommonlawError, match="discrete time starts at the first sample: leave start out"):
+    with pytest.raises(CommonlawError, match="discrete time starts at the first sample: use start=1"):
         discrete.predict(trials, start=15)
     roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
     with pytest.raises(CommonlawError, match="tank, trial 0: the law is not finite on a curve through the first 15"):

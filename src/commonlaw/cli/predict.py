@@ -14,7 +14,9 @@ from commonlaw.files import write_all
     "--start",
     type=int,
     metavar="N",
-    help="Fit each forecast's start to the trial's first N samples, 15 say, instead of taking it from the first one.",
+    help="How many of a trial's first samples tell where its forecast starts: 1 for the first as measured; to more the"
+    " law is fitted.  [default: 1, or for laws of second order that know their noise, what first rates would be "
+    "estimated from]",
 )
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")

@@ -391,17 +391,19 @@ class Law:
         method: str = "auto",
         tolerance: float = 1e-8,
     ) -> Forecast:
-        """Forecast each trial from its own initial state: its first measured states and its estimated first rates.
+        """Forecast each trial from its own initial state.
 
         Parameters
         ----------
         trials
             What to forecast.
         start
-            How many of each trial's first samples tell where its forecast starts, 5 or more: with its coefficients as
-            they are, the law is fitted to them by likelihood. 15 is a good number; the more, the less noise is in the
-            start, and the more it matters that the law is right. It needs the law's noise, and states may be missing.
-            By default a forecast starts at the first sample as it was measured.
+            How many of each trial's first samples tell where its forecast starts. 1: the first states as measured, and
+            for a law of second order the rates that `differentiation` estimates there. 5 or more: the law, with its
+            coefficients as they are, is fitted to so many samples by likelihood, which needs its noise; states may be
+            missing. More samples leave less noise in the start, and make it matter more that the law is right.
+            Default: 1, but for a law of second order that knows its noise the samples that the first rates would be
+            estimated from.
         spread
             Whether `Forecast.bands` is to say how far off the forecasts may be. To first order the covariance of the
             coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, Run, simulate, spread_of
-from commonlaw.law.start import FittedStart, fitted_start
+from commonlaw.law.start import LEAST, FittedStart, fits_starts, fitted_start
 from commonlaw.law.uncertainty import covariance_of
 from commonlaw.trials import Trial, Trials
 
@@ -27,7 +27,10 @@ def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: b
     """Return the forecast of each trial, see `Law.predict`."""
     _check_variables(law, trials)
     covariance, noise = (covariance_of(law), _noise_of(law)) if spread else (None, None)
-    fitted = [None if start is None else fitted_start(law, trial, start) for trial in trials]
+    counts = [_count(law, trial) if start is None else start for trial in trials]
+    fitted = [
+        None if count == 1 else fitted_start(law, trial, count) for trial, count in zip(trials, counts, strict=True)
+    ]
     runs = [_run(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
     if covariance is None or noise is None:
         return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
@@ -44,6 +47,18 @@ def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: b
             spreads.append(spread_of(moved, known, initial))
     # The derivatives have done their work, and are many times larger than the states
     return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(spreads), noise)
+
+
+def _count(law: "Law", trial: Trial) -> int:
+    """Return how many samples tell where a forecast starts, if that is left open.
+
+    The first sample, or those that the first rate would be estimated from: the law knows better than a polynomial how
+    the states move there, if it knows what the samples are worth.
+    """
+    measured = np.isfinite(trial.states).sum(axis=0).min()
+    if law.order != 2 or law.differentiation is None or not fits_starts(law) or measured < LEAST:
+        return 1
+    return max(LEAST, _samples(law.differentiation, len(trial)))
 
 
 def _run(law: "Law", trial: Trial, fitted: FittedStart | None) -> Run:

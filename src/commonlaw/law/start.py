@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_LEAST = 5
+LEAST = 5
 """Measured values of each state that the first guess, a smoothing spline, takes."""
 
 _POINTS = 4
@@ -109,8 +109,8 @@ def fitted_start(law: "Law", trial: Trial, count: int) -> FittedStart:
         cannot be evaluated on the first samples; the message names the trial.
     """
     noise = _noise_of(law)
-    if count < _LEAST:
-        raise CommonlawError(f"start is {count}: give {_LEAST} samples or more, or leave start out")
+    if count < LEAST:
+        raise CommonlawError(f"start is {count}: give {LEAST} samples or more, or 1 to start as measured")
     trial = trial.cut(count)
     _check_measured(law, trial)
     rates = RobustSpline().differentiate(trial.times, trial.states, 1)
@@ -126,20 +126,25 @@ def fitted_start(law: "Law", trial: Trial, count: int) -> FittedStart:
     if not np.isfinite(found.strain):
         raise CommonlawError(
             f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its "
-            "start was to be fitted; leave start out, or the trial"
+            "start was to be fitted; take start=1, the first sample as measured, or leave the trial out"
         )
     return FittedStart(found.states[0][0], trial, measurement)
+
+
+def fits_starts(law: "Law") -> bool:
+    """Whether the law knows what samples are worth, so that a start can be fitted to them."""
+    return law.noise is not None and bool(law.noise.all())
 
 
 def _noise_of(law: "Law") -> Floats:
     """Return the noise of a law that a start can be fitted by."""
     if law.order == 0:
-        raise CommonlawError("a law in discrete time starts at the first sample: leave start out")
-    if law.noise is None or not law.noise.all():
+        raise CommonlawError("a law in discrete time starts at the first sample: use start=1")
+    if law.noise is None or not fits_starts(law):
         lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
         raise CommonlawError(
             f"this law {lacks}, and so not what the first samples are worth: give its noise, a standard deviation "
-            "above zero for each state, or leave start out"
+            "above zero for each state, or use start=1"
         )
     return law.noise
 
@@ -147,8 +152,8 @@ def _noise_of(law: "Law") -> Floats:
 def _check_measured(law: "Law", trial: Trial) -> None:
     for name, column in zip(law.states, trial.states.T, strict=True):
         measured = int(np.isfinite(column).sum())
-        if measured < _LEAST:
+        if measured < LEAST:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
-                f"fitted to {_LEAST} or more; give a larger start, leave start out, or the trial"
+                f"fitted to {LEAST} or more; give a larger start, or start=1, or leave the trial out"
             )
