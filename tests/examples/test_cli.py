@@ -97,6 +97,19 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
 
 
 @pytest.mark.usefixtures("table")
+def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
+    for name, options in (("law", ()), ("drawn", ("--errors", "bootstrap")), ("alone", ("--no-pool",))):
+        code, _, _ = run(
+            "discover", "drops.csv", *DROPS, "--order", "2", "--library", "poly:1", *options, "--save", f"{name}.json"
+        )
+        assert code == 0
+    law, drawn, alone = (cl.Law.load(tmp_path / f"{name}.json") for name in ("law", "drawn", "alone"))
+    assert law.common is not None
+    assert alone.common is None
+    assert np.nanmax(np.abs(drawn.standard_errors - law.standard_errors)) > 0
+
+
+@pytest.mark.usefixtures("table")
 def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
     run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
     replace(cl.Law.load(tmp_path / "law.json"), noise=[0.01]).save("law.json")

@@ -57,6 +57,19 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence l
     help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
 )
 @click.option(
+    "--errors",
+    type=click.Choice(["likelihood", "bootstrap"]),
+    default="likelihood",
+    show_default=True,
+    help="How standard errors by trajectories are found: from the likelihood, or by drawing stretches of trials anew.",
+)
+@click.option(
+    "--pool/--no-pool",
+    default=True,
+    show_default=True,
+    help="Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike.",
+)
+@click.option(
     "--differentiation",
     metavar="SPEC",
     help="How rates are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
@@ -116,6 +129,8 @@ def discover(
     library: str | None,
     formulation: Literal["auto", "trajectories", "rates", "weak"],
     noises: tuple[str, ...],
+    errors: Literal["likelihood", "bootstrap"],
+    pool: bool,
     differentiation: str | None,
     solver: str | None,
     rule: str,
@@ -157,6 +172,8 @@ def discover(
             trim=trim,
             formulation=formulation,
             noise=_numbers("--noise", noises) or None,
+            errors=errors,
+            pool=pool,
             progress=show,
         )
         forecast = law.predict(_known(law, held_out) or training, spread=bool(plot) and law.has_spread)

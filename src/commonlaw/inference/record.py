@@ -61,7 +61,7 @@ def history(
         noise_step(trials.schema, objects, given),
         Step(
             "library",
-            f"{len(law.terms)} terms for each of {len(law.states)} equations",
+            f"{len(law.terms)} terms" + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
             ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
         ),
         Step(
