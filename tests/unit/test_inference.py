@@ -130,6 +130,17 @@ def test_missing_values_and_gaps_will_do():
     assert "of 516 measurements" in law.history[-1].reason
 
 
+def test_a_trial_at_rest_is_taken_among_others_that_move():
+    times = np.arange(80) / 20
+    moving = [2 * np.exp(-0.7 * times), np.exp(-0.7 * times)]
+    generator = np.random.default_rng(1)
+    states = [(each + 0.01 * generator.standard_normal(80))[:, np.newaxis] for each in moving] + [np.zeros((80, 1))]
+    law = cl.discover(cl.Trials.from_arrays([times] * 3, states, object=["cup"] * 3, names=["x"]), library="poly:2")
+    assert law.structure() == ("x' = a x",)
+    assert law.noise == pytest.approx([0.01], rel=0.2)
+    assert law.coefficients[0, 0, law.terms.index("x")] == pytest.approx(-0.7, abs=0.02)
+
+
 def test_gross_outliers_do_not_spoil_it():
     generator = np.random.default_rng(3)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.differentiation import RobustSpline, SmoothingSpline, robust_rates
+from commonlaw.differentiation import RobustSpline, SmoothingSpline
 
 DRAWS = 6
 
@@ -91,7 +91,7 @@ def test_in_gaps_stands_the_natural_spline_through_the_measured_values():
     measured, _ = noisy(states, 0.01, 1)
     gapped = measured.copy()
     gapped[gaps, 0] = np.nan
-    found = robust_rates(times, gapped, 2)
+    found = RobustSpline().differentiate(times, gapped, 2)
     kept = np.delete(np.arange(150), gaps)
     expected = SmoothingSpline().differentiate(times[kept], measured[kept, :1], 2)
     for one, other in zip((found.states, *found.derivatives), (expected.states, *expected.derivatives), strict=True):
@@ -102,12 +102,17 @@ def test_in_gaps_stands_the_natural_spline_through_the_measured_values():
     np.testing.assert_array_equal(found.states[:, 1:], whole.states)
 
 
-def test_too_few_and_constant_values_are_refused_by_the_number_of_the_state():
+def test_too_few_values_are_refused_by_the_number_of_the_state():
     times, states = oscillator()
     short = np.where(np.arange(150)[:, np.newaxis] < [150, 4], states, np.nan)
     with pytest.raises(
         cl.CommonlawError, match="state 2 has 4 measured values, fewer than the 5 that smoothing splines"
     ):
-        robust_rates(times, short, 1)
-    with pytest.raises(cl.CommonlawError, match="state 1 is 3 in every sample, which says nothing"):
-        robust_rates(times, np.where([True, False], 3.0, states), 1)
+        RobustSpline().differentiate(times, short, 1)
+
+
+def test_a_constant_state_stays():
+    times, states = oscillator()
+    found = RobustSpline().differentiate(times, np.where([True, False], 3.0, states), 2)
+    np.testing.assert_allclose(found.states[:, 0], 3.0)
+    np.testing.assert_allclose([each[:, 0] for each in found.derivatives], 0.0, atol=1e-9)

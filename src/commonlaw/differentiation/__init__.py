@@ -8,7 +8,7 @@ from commonlaw.differentiation.finite_difference import FiniteDifference
 from commonlaw.differentiation.forward import ForwardDifference
 from commonlaw.differentiation.median import MedianFilter
 from commonlaw.differentiation.noise import noise_level
-from commonlaw.differentiation.robust import RobustSpline, robust_rates
+from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.savitzky_golay import SavitzkyGolay
 from commonlaw.differentiation.smoothed import SmoothedDifference
 from commonlaw.differentiation.spectral import Spectral
@@ -38,7 +38,6 @@ __all__ = [
     "format_differentiation",
     "noise_level",
     "parse_differentiation",
-    "robust_rates",
 ]
 
 METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] = {

@@ -143,34 +143,6 @@ class RobustSpline(AbstractDifferentiator):
         return curve
 
 
-def robust_rates(times: Floats, states: Floats, order: int) -> Rates:
-    """Return curves through noisy measurements with gaps and outliers: states and rates at all times.
-
-    They are those of `RobustSpline`.
-
-    Parameters
-    ----------
-    times
-        Strictly increasing sample times, shape (n,).
-    states
-        Measured states, shape (n, d); NaN where a state was not measured.
-    order
-        Highest derivative wanted: 1 or 2.
-
-    Raises
-    ------
-    CommonlawError
-        If a state has fewer than 5 measured values, or the same one at all samples; the message counts it from 1.
-    """
-    for j, column in enumerate(states.T):
-        measured = column[~np.isnan(column)]
-        if len(measured) and np.ptp(measured) == 0:
-            raise CommonlawError(
-                f"state {j + 1} is {measured[0]:g} in every sample, which says nothing about a law; leave the trial out"
-            )
-    return RobustSpline().differentiate(times, states, order)
-
-
 def _without_spikes(times: Floats, values: Floats) -> Whole:
     """Return the indices of the values that are left when spikes are taken out, the largest first.
 

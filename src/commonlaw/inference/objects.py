@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.differentiation import noise_level, robust_rates
+from commonlaw.differentiation import RobustSpline, noise_level
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.library import Terms
@@ -155,15 +155,15 @@ def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
     """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial."""
     try:
-        rates = robust_rates(trial.times, trial.states, order)
+        rates = RobustSpline().differentiate(trial.times, trial.states, order)
     except CommonlawError as error:
         raise CommonlawError(f"{trial.label}: {error}") from None
     return np.column_stack([rates.states, *rates.derivatives[: order - 1]]), rates.derivatives[order - 1]
 
 
 def _noise(trials: Trials) -> Floats:
-    """Return the noise of each state, of all trials together."""
-    squares = np.zeros((len(trials), len(trials.schema.states)))
+    """Return the noise of each state, of all trials in which it changes."""
+    squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
     for i, trial in enumerate(trials):
         for j, column in enumerate(trial.states.T):
             seen = np.isfinite(column)
@@ -171,7 +171,7 @@ def _noise(trials: Trials) -> Floats:
                 squares[i, j] = noise_level(trial.times[seen], column[seen, np.newaxis])[0] ** 2
             except CommonlawError as error:
                 raise CommonlawError(f"{trial.label}, state {trials.schema.states[j]!r}: {error}") from None
-    weights = np.array([len(trial) for trial in trials], dtype=np.float64)
+            weights[i, j] = seen.sum() * (np.ptp(column[seen]) > 0)
     return np.asarray(np.sqrt(np.average(squares, axis=0, weights=weights)))
 
 
