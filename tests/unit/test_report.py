@@ -240,7 +240,7 @@ def test_a_name_that_is_not_of_letters_digits_and_hyphens_is_refused(make: Calla
         make(name)
 
 
-def test_a_kind_of_verdict_is_one_of_four() -> None:
+def test_a_kind_of_verdict_is_one_of_five() -> None:
     with pytest.raises(CommonlawError, match="did you mean 'reproduced'"):
         Verdict("reproducd", "")
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from commonlaw.errors import unknown
 
-KINDS = ("reproduced", "reproduced with correction", "differs", "left out")
+KINDS = ("reproduced", "reproduced with correction", "differs", "beyond the paper", "left out")
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,8 @@ class Verdict:
     ----------
     kind
         ``"reproduced"``; ``"reproduced with correction"``, where the print errs and the method gives something else;
-        ``"differs"``; or ``"left out"``, where something that it needs is missing.
+        ``"differs"``; ``"beyond the paper"``, where nothing was published; or ``"left out"``, where something that it
+        needs is missing.
     text
         The sentence, with the numbers; Markdown with mathematics between dollar signs.
 

@@ -1,4 +1,4 @@
-"""Part 8: what noise and smoothing do to rates, and how noisy the drops are."""
+"""Part 9: what noise and smoothing do to rates, and how noisy the drops are."""
 
 from collections.abc import Mapping
 from functools import partial

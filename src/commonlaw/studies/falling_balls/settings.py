@@ -163,6 +163,36 @@ LONG_AGREEMENT = 0.05
 RATE_SAMPLES = 15
 """Samples, about one second, to which an initial rate is fitted."""
 
+# What the default method says of the drops
+
+OFFERED = "terms:1,v,v^2"
+DRAG_FORMS: Mapping[str, tuple[str, ...]] = {
+    "constant acceleration": ("1",),
+    "linear drag": ("1", "v"),
+    "quadratic drag": ("1", "v^2"),
+    "both drags": ("1", "v", "v^2"),
+}
+DENSEST = ("Golf Ball", "Baseball")
+OTHERS = ("Tennis Ball", "Volleyball")
+ALL_BALLS = "ten balls together"
+BALL_GROUPS: Mapping[str, tuple[str, ...]] = {
+    ALL_BALLS: (*DENSEST, *OTHERS, *BASKETBALLS, *WHIFFLE_BALLS),
+    "whiffle balls": WHIFFLE_BALLS,
+    "closed balls": (*DENSEST, *OTHERS, *BASKETBALLS),
+    "basketballs": BASKETBALLS,
+    "golf ball and baseball": DENSEST,
+    "tennis ball and volleyball": OTHERS,
+}
+EVIDENCE_WORDS: Mapping[float, str] = {
+    2.0: "hardly worth a mention",
+    6.0: "positive evidence",
+    10.0: "strong evidence",
+    float("inf"): "very strong evidence",
+}
+"""What twice the log-evidence below these bounds is called (Kass and Raftery 1995)."""
+REDRAWS = 2000
+"""Draws of the forecasts, with repetition, that tell how sure a difference of medians is."""
+
 # How the threshold decides
 
 PATH_BALL, PATH_DROP = "Tennis Ball", "1"

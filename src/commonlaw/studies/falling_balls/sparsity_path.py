@@ -1,4 +1,4 @@
-"""Part 9: how the threshold decides which terms are in the law."""
+"""Part 10: how the threshold decides which terms are in the law."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

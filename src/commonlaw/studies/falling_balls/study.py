@@ -8,6 +8,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.report import Report, Section
 from commonlaw.studies.falling_balls.candidates import candidates
 from commonlaw.studies.falling_balls.data import data
+from commonlaw.studies.falling_balls.default_method import default_method
 from commonlaw.studies.falling_balls.drag_regimes import drag_regimes
 from commonlaw.studies.falling_balls.findings import findings
 from commonlaw.studies.falling_balls.inquiry import Inquiry
@@ -30,6 +31,7 @@ PARTS: Mapping[str, Callable[[Inquiry], Section]] = {
     "Simulated drops with linear drag": simulated_drops,
     "Simulated drops with Reynolds-dependent drag": reynolds_drag,
     "How well the models predict": model_error,
+    "What the default method says of the drops": default_method,
     "Rates from noisy heights": numerical_differentiation,
     "How the threshold decides": sparsity_path,
     "Worked examples": worked_examples,
@@ -52,7 +54,7 @@ The *group* method lets all balls vote: they share the terms, and each keeps its
 
 Each part ends in a verdict. *Reproduced* means that the printed numbers, or the statement made, come out.
 *Reproduced with correction* means that the print errs, and that the method, done right, gives what is said.
-*Differs* means that something else comes out.
+*Differs* means that something else comes out. *Beyond the paper* is what it did not ask.
 """
 
 

@@ -1,4 +1,4 @@
-"""Part 9, continued: what would have chosen the threshold."""
+"""Part 10, continued: what would have chosen the threshold."""
 
 from collections.abc import Mapping
 from functools import partial

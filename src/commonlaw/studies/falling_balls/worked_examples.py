@@ -1,4 +1,4 @@
-"""Part 10: examples without noise, on which the method works or is seen to lack a term."""
+"""Part 11: examples without noise, on which the method works or is seen to lack a term."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

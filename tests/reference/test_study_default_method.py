@@ -1,0 +1,193 @@
+"""The part of the study on the default method, beside numbers recomputed with NumPy and SciPy alone."""
+
+import numpy as np
+import pytest
+from scipy.integrate import odeint, solve_ivp
+from scipy.optimize import least_squares
+from scipy.signal import savgol_filter
+
+import commonlaw as cl
+from commonlaw.report import Section, Table
+from commonlaw.studies.falling_balls.default_method import default_method
+from commonlaw.studies.falling_balls.inquiry import Inquiry
+from commonlaw.studies.falling_balls.model_error import model_error
+from commonlaw.studies.falling_balls.settings import BALL_GROUPS, DRAG_FORMS
+
+# One worker does it all, so that the part runs no more often than it must
+pytestmark = pytest.mark.xdist_group("study-default-method")
+
+FORMS = ["constant acceleration", "linear drag", "quadratic drag", "both drags"]
+
+
+@pytest.fixture(scope="module")
+def drops(ball_drops_folder) -> cl.Trials:
+    return cl.datasets.ball_drops(ball_drops_folder)
+
+
+@pytest.fixture(scope="module")
+def section(drops) -> Section:
+    return default_method(Inquiry(drops, "", 100))
+
+
+@pytest.fixture(scope="module")
+def results(section):
+    return section.results["default_method"]
+
+
+@pytest.fixture(scope="module")
+def law(drops) -> cl.Law:
+    """What the default method learns from drop 1."""
+    return cl.discover(drops.select(trial="1"), order=2, library="terms:1,v,v^2")
+
+
+def first_speed(trial):
+    """The paper's rule: smoothed heights, and a difference of four points at the end."""
+    x, t = savgol_filter(trial.states[:, 0], 35, 3), trial.times
+    return np.array([-11 / 6, 3, -3 / 2, 1 / 3]) @ x[:4] / (t[1] - t[0])
+
+
+def heights(law, trial, speed):
+    """Integrate ``x'' = a + b v + c v^2`` from the trial's first height."""
+    a, b, c = law.of(trial.object)[0]
+    start, span = [trial.states[0, 0], speed], trial.times[[0, 41]]
+
+    def rates(_, y):
+        return [y[1], a + b * y[1] + c * y[1] ** 2]
+
+    return solve_ivp(rates, span, start, t_eval=trial.times[:42], rtol=1e-10, atol=1e-10).y[0]
+
+
+def test_every_ball_is_in_the_group_of_all_and_in_one_of_the_pairs_or_among_the_whiffle_balls(drops):
+    everybody, whiffle, closed, *pairs = BALL_GROUPS.values()
+    assert sorted(everybody) == sorted(drops.objects) == sorted([*whiffle, *closed])
+    assert sorted(closed) == sorted(sum(pairs, ()))
+
+
+def test_forecasts_are_those_of_the_law_from_the_first_height_and_the_rate_by_the_papers_rule(drops, law, results):
+    errors = results["forecasts"]["errors"]["paper_rule"]["default"]
+    assert [len(by_ball) for by_ball in errors.values()] == [10, 10]
+    for ball in ("Baseball", "Whiffle Ball 2"):
+        (trial,) = drops.select(object=ball, trial="2")
+        end = heights(law, trial, first_speed(trial))[-1]
+        assert errors["1"][ball] == pytest.approx(abs(end - trial.states[41, 0]), abs=1e-5)
+
+
+def test_the_fitted_rate_is_that_of_least_squares_on_the_first_second(drops, law, results):
+    """Heights under linear drag are a linear function of the initial rate."""
+    errors = results["forecasts"]["errors"]["fitted_to_first_second"]["default"]["1"]
+    (trial,) = drops.select(object="Golf Ball", trial="2")
+    resting, moving = heights(law, trial, 0.0), heights(law, trial, 1.0)
+    effect, missing = moving - resting, trial.states[:42, 0] - resting
+    rate = np.linalg.lstsq(effect[:15, np.newaxis], missing[:15])[0][0]
+    assert errors["Golf Ball"] == pytest.approx(abs(missing[-1] - rate * effect[-1]), abs=1e-5)
+
+
+def test_the_papers_models_have_the_errors_of_the_part_on_prediction(drops, results):
+    part = model_error(Inquiry(drops, "", 100)).results
+    found = results["forecasts"]["errors"]["paper_rule"]
+    assert {model: found[model] for model in "1234"} == part["prediction_error"]
+    fitted = results["forecasts"]["medians"]["fitted_to_first_second"]["2"]["both"]
+    assert fitted == pytest.approx(part["prediction_error_fitted_rate_median"], abs=1e-5)
+
+
+def test_the_median_errors_to_a_centimetre(results):
+    medians = results["forecasts"]["medians"]
+    assert {name: round(each["both"], 2) for name, each in medians["paper_rule"].items()} == {
+        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.24, "default, cubic": 1.28,
+    }  # fmt: skip
+    assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
+        "2": 0.72, "default": 0.92,
+    }  # fmt: skip
+    assert abs(results["forecasts"]["gain_on_best_model"]) < results["forecasts"]["doubt_of_gain"]
+
+
+def test_what_is_chosen_is_what_discover_chooses_and_its_list_says(drops, results):
+    law = cl.discover(drops.select(object=BALL_GROUPS["whiffle balls"]), order=2, library="terms:1,v,v^2")
+    found = results["choices"]["whiffle balls"]
+    listed = law.candidates().set_index("terms")
+    (chosen,) = listed.index[listed["chosen"]]
+    assert DRAG_FORMS[found["chosen"]] == tuple(chosen.split(", "))
+    for form, terms in DRAG_FORMS.items():
+        row = listed.loc[", ".join(terms)]
+        lost = row["evidence lost"] - listed["evidence lost"].min()
+        assert found["laws"][form]["evidence_lost_at_error_of_chosen"] == pytest.approx(lost, abs=1e-6)
+        assert found["laws"][form]["probability"] == pytest.approx(row["probability"], rel=1e-6)
+
+
+def test_no_group_obeys_a_law_and_the_error_in_the_history_is_the_one_of_largest_evidence(results):
+    for found in results["choices"].values():
+        error = found["laws"][found["chosen"]]["error"]
+        assert error >= 0.1
+        assert found["error"] == f"a random walk, in each step {error:g} times the noise"
+
+
+def test_choice_and_evidence_of_each_group(results):
+    found = {
+        group: (each["chosen"], min(FORMS, key=lambda form: each["laws"][form]["evidence_lost"]))
+        for group, each in results["choices"].items()
+    }
+    assert found == {
+        "ten balls together": ("linear drag", "both drags"),
+        "whiffle balls": ("linear drag", "linear drag"),
+        "closed balls": ("linear drag", "both drags"),
+        "basketballs": ("constant acceleration", "quadratic drag"),
+        "golf ball and baseball": ("constant acceleration", "quadratic drag"),
+        "tennis ball and volleyball": ("constant acceleration", "linear drag"),
+    }
+
+
+def whitened(trial, noise, error):
+    """Return the inverse factor of the covariance of heights that stray from a law: white noise and a random walk.
+
+    The walk pushes height and rate in each step; what drag does to a push is left out.
+    """
+    t, x = trial.times, trial.states[:, 0]
+    steps = error * noise * np.array([1, np.gradient(savgol_filter(x, 15, 3), t).std() / x.std()])
+    age = np.maximum(t[:, np.newaxis] - t[1:], 0)
+    pushed = np.hstack([steps[0] * (age > 0), steps[1] * age])
+    return np.linalg.inv(np.linalg.cholesky(noise**2 * np.eye(len(t)) + pushed @ pushed.T))
+
+
+def misfit(trials, noise, power):
+    """Return the least sum of squares of ``x'' = a + b v^power`` over a ball's drops, with free starts."""
+    factors = [whitened(trial, noise, 1.0) for trial in trials]
+
+    def gaps(p):
+        parts = []
+        for trial, factor, start in zip(trials, factors, p[2:].reshape(-1, 2), strict=True):
+            flow = odeint(lambda y, _: [y[1], p[0] + p[1] * y[1] ** power], start, trial.times)
+            parts.append(factor @ (flow[:, 0] - trial.states[:, 0]))
+        return np.concatenate(parts)
+
+    starts = [(trial.states[0, 0], 0.0) for trial in trials]
+    return 2 * least_squares(gaps, [-9, 0, *np.ravel(starts)], x_scale="jac", diff_step=1e-4).cost
+
+
+def test_linear_drag_suits_the_whiffle_balls_better_than_quadratic_as_a_likelihood_written_out_says(drops, results):
+    """Both have as many terms, so that the misfits alone decide."""
+    found = results["choices"]["whiffle balls"]
+    gain = sum(
+        misfit(drops.of(ball), found["noise"][0], 2) - misfit(drops.of(ball), found["noise"][0], 1)
+        for ball in BALL_GROUPS["whiffle balls"]
+    )
+    lost = {form: each["evidence_lost"] for form, each in found["laws"].items()}
+    assert lost["quadratic drag"] - lost["linear drag"] == pytest.approx(gain, rel=0.3)
+
+
+def test_the_verdicts_and_tables_say_the_numbers(section):
+    assert [verdict.kind for verdict in section.verdicts] == ["beyond the paper"] * 2
+    assert "linear drag for the ten balls together, the whiffle balls, the closed balls" in section.verdicts[0].text
+    assert "for 1 of 6 groups" in section.verdicts[0].text
+    assert "1.242 m, against 1.243 m" in section.verdicts[1].text
+    assert "a tie" in section.verdicts[1].text
+    tables = {block.name: block.frame for block in section.blocks if isinstance(block, Table)}
+    assert tables["default-choices"]["linear"].tolist() == pytest.approx(
+        [each["laws"]["linear drag"]["evidence_lost"] for each in section.results["default_method"]["choices"].values()]
+    )
+    assert len(tables["default-evidence"]) == 24
+
+
+def test_without_the_drops_the_part_is_left_out():
+    section = default_method(Inquiry(None, "no such folder", 100))
+    assert [verdict.kind for verdict in section.verdicts] == ["left out"]
+    assert "no such folder" in section.blocks[0].text
