@@ -11,7 +11,7 @@ from sklearn.base import clone
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import accuracy
+from commonlaw.inference import accuracy, record
 
 STAGES = {"noise", "library", "mesh", "error of the law", "coefficients"}
 
@@ -211,6 +211,7 @@ def test_what_does_not_move_by_itself_has_no_terms():
     assert not law.support.any()
     assert law.noise == pytest.approx([1], rel=0.2)
     assert law.history[3].choice == "none"
+    assert [each.kind for each in law.outcomes] == ["empty support"]
 
 
 def test_given_noise_is_used(drops, drag):
@@ -243,6 +244,12 @@ def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
     ]  # fmt: skip
     steps = {law: next(step for step in law.history if step.stage == "error of the law") for law in (within, without)}
     assert steps[within].choice == "none"
+    assert within.outcomes == ()
+    (told,) = without.outcomes
+    assert told.kind == "not obeyed"
+    assert steps[without].choice.removeprefix("a random walk, ") in told.text
+    assert any(each.chosen for each in without.alternatives)
+    assert "single trial" not in told.text
     assert "random walk" in steps[without].choice
     assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
     assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
@@ -256,6 +263,14 @@ def test_probabilities_are_found_however_much_better_a_rival_is():
     np.testing.assert_allclose(accuracy.inclusion([listed]), [[1, 1]])
     even = [(supports[0], 0.0), (supports[1], 2 * np.log(3))]
     np.testing.assert_allclose(accuracy.inclusion([even]), [[1, 0.25]])
+
+
+def test_the_chosen_support_is_listed_however_many_have_more_evidence(drag):
+    supports = [np.arange(len(drag.terms)) == k for k in (1, 2, 3, 4, 5, 0)] * 3
+    listed = [(support, i - 17.0) for i, support in enumerate(supports)]
+    found = record.alternatives(drag, [listed])
+    assert [each.chosen for each in found] == [False] * 12 + [True]
+    assert found[-1].terms == ("1",)
 
 
 # Other ways

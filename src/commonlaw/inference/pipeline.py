@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from commonlaw.inference.accuracy import Errors, covariances, inclusion
 from commonlaw.inference.objects import Objects, prepare
-from commonlaw.inference.record import alternatives, history
+from commonlaw.inference.record import alternatives, history, outcomes
 from commonlaw.inference.resolution import FINEST, on_finer_mesh
 from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_supports
 from commonlaw.law import Law, pooled
@@ -91,6 +91,7 @@ def find_law(
         coefficients=np.array([each.coefficients for each in found.estimates]),
         covariance=covariances(objects, found, errors),
         noise=objects.noise,
+        outcomes=outcomes(trials, law, found),
         inclusion=inclusion(others),
         alternatives=alternatives(law, others),
         history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),

@@ -9,12 +9,13 @@ from commonlaw.inference.accuracy import Rivals, probabilities
 from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
 from commonlaw.law import Alternative, Law, Step
+from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema, Trials
 
 Bools = NDArray[np.bool_]
 
 _LISTED = 12
-"""Supports of each equation that are kept as alternatives."""
+"""Supports of each equation that are kept as alternatives, besides the chosen one."""
 
 
 def alternatives(law: Law, others: Rivals) -> tuple[Alternative, ...]:
@@ -23,7 +24,8 @@ def alternatives(law: Law, others: Rivals) -> tuple[Alternative, ...]:
     for equation, listed in zip(law.left_sides, others, strict=True):
         likely = probabilities(listed)
         chosen = next(i for i, (_, above) in enumerate(listed) if above == 0)
-        for i, (support, above) in enumerate(listed[:_LISTED]):
+        for i in sorted({*range(min(_LISTED, len(listed))), chosen}):
+            support, above = listed[i]
             names = tuple(law.terms.names[k] for k in np.flatnonzero(support))
             measures = {"evidence lost": float(above), "probability": float(likely[i])}
             found.append(Alternative(equation, names, measures, False, i == chosen))
@@ -40,6 +42,31 @@ def _why(law: Law, listed: Sequence[tuple[Bools, float]]) -> str:
     if second[1] < 0:
         return f"largest evidence once fitted; before that, {runner} is {ratio:.3g} times more probable"
     return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
+
+
+def outcomes(trials: Trials, law: Law, found: Found) -> tuple[Outcome, ...]:
+    """Return what a user should know of a law that these trials gave."""
+    told = []
+    if not found.obeyed:
+        single = any(len(trials.of(name)) == 1 for name in trials.objects)
+        weak = ", which says little of objects with a single trial" if single else ""
+        told.append(
+            Outcome(
+                "not obeyed",
+                "",
+                "the trials stray further from every law of the library than their noise explains; terms were chosen "
+                f"by rates of stretches held out{weak}, and the law has an error of its own, in each step "
+                f"{found.tolerance:g} times the noise",
+                "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
+                "summary",
+            )
+        )
+    told += [
+        Outcome("empty support", side, "no candidate term explains it better than noise", "offer other terms")
+        for j, side in enumerate(law.left_sides)
+        if not any(each.coefficients[j].any() for each in found.estimates)
+    ]
+    return tuple(told)
 
 
 def history(
