@@ -130,7 +130,10 @@ def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(dra
 
 def test_intervals_are_those_of_the_normal_distribution(drag):
     frame = drag.intervals(0.9)
-    assert list(frame.columns) == ["object", "equation", "term", "coefficient", "standard error", "low", "high"]
+    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability"]
+    assert list(frame.columns) == columns
+    assert frame["term probability"].tolist() == [*drag.inclusion[0, drag.support[0]]] * 2
+    assert list(replace(drag, inclusion=None).intervals().columns) == columns[:-1]
     assert frame["object"].tolist() == ["heavy", "heavy", "light", "light"]
     for end, share in (("low", 0.05), ("high", 0.95)):
         np.testing.assert_allclose(frame[end], frame["coefficient"] + norm.ppf(share) * frame["standard error"])

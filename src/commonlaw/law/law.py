@@ -171,6 +171,8 @@ class Law:
     def intervals(self, level: float = 0.95) -> "pd.DataFrame":
         """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
 
+        And how probable it is that the term is in the law, where that is known.
+
         Parameters
         ----------
         level

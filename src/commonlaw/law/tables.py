@@ -45,10 +45,11 @@ def intervals(law: "Law", level: float) -> pd.DataFrame:
                 "standard error": error,
                 "low": value - width * error,
                 "high": value + width * error,
+                "term probability": None if law.inclusion is None else float(law.inclusion[j, k]),
             }
         )
-    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high"]
-    return pd.DataFrame(rows, columns=columns)
+    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability"]
+    return pd.DataFrame(rows, columns=columns if law.inclusion is not None else columns[:-1])
 
 
 def candidates(law: "Law") -> pd.DataFrame:
