@@ -97,6 +97,20 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
 
 
 @pytest.mark.usefixtures("table")
+def test_a_law_by_rates_is_refined(run, tmp_path):
+    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
+    arguments = ("refine", "law.json", "drops.csv", "--noise")
+    code, out, _ = run(*arguments, "height=0.01", "--save", "refined.json", "--history")
+    assert code == 0
+    assert "±" in out
+    assert "maximum likelihood of" in out
+    law, refined = (cl.Law.load(tmp_path / name) for name in ("law.json", "refined.json"))
+    np.testing.assert_array_equal(refined.support, law.support)
+    assert refined.noise == pytest.approx([0.01])
+    assert run(*arguments, "height=much")[0] == 2
+
+
+@pytest.mark.usefixtures("table")
 def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
     for name, options in (("law", ()), ("drawn", ("--errors", "bootstrap")), ("alone", ("--no-pool",))):
         code, _, _ = run(

@@ -8,8 +8,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.cli.options import errors_option, noise_option, numbers, pool_option
 from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
-from commonlaw.cli.source import Source, pairs, with_source
+from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 if TYPE_CHECKING:
@@ -49,26 +50,9 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence l
     help="How laws and measurements are compared: by whole trajectories, with standard errors; by estimated rates; in "
     "the weak form. auto: trajectories, or rates where a setting of rates is given.",
 )
-@click.option(
-    "--noise",
-    "noises",
-    metavar="STATE=VALUE",
-    multiple=True,
-    help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
-)
-@click.option(
-    "--errors",
-    type=click.Choice(["likelihood", "bootstrap"]),
-    default="likelihood",
-    show_default=True,
-    help="How standard errors by trajectories are found: from the likelihood, or by drawing stretches of trials anew.",
-)
-@click.option(
-    "--pool/--no-pool",
-    default=True,
-    show_default=True,
-    help="Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike.",
-)
+@noise_option
+@errors_option
+@pool_option
 @click.option(
     "--differentiation",
     metavar="SPEC",
@@ -166,12 +150,12 @@ def discover(
             differentiation=differentiation,
             solver=solver,
             rule=rule,
-            fixed={_key(name): value for name, value in _numbers("--fix", fixed).items()},
+            fixed={_key(name): value for name, value in numbers("--fix", fixed).items()},
             universal=[_key(name) for name in universal],
             library_states=library_states,
             trim=trim,
             formulation=formulation,
-            noise=_numbers("--noise", noises) or None,
+            noise=numbers("--noise", noises) or None,
             errors=errors,
             pool=pool,
             progress=show,
@@ -190,17 +174,6 @@ def discover(
         for path in outputs:
             click.echo(f"Wrote {path}")
     print_notes([*training.notes, *law.outcomes, *forecast.outcomes])
-
-
-def _numbers(option: str, texts: tuple[str, ...]) -> dict[str, float]:
-    """Return the numbers that an option gives by name."""
-    found = {}
-    for name, text in pairs(option, texts):
-        try:
-            found[name] = float(text)
-        except ValueError:
-            raise click.UsageError(f"{option} {name}={text}: {text!r} is not a number") from None
-    return found
 
 
 def _key(name: str) -> str | tuple[str, str]:

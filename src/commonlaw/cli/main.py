@@ -7,7 +7,7 @@ import click
 
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = {"discover": "discover", "predict": "predict", "show": "show", "data": "data", "study": "study"}
+_COMMANDS = ("discover", "refine", "predict", "show", "data", "study")
 
 
 class _Commands(click.Group):
@@ -19,7 +19,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        command = getattr(import_module(f"commonlaw.cli.{_COMMANDS[cmd_name]}"), cmd_name)
+        command = getattr(import_module(f"commonlaw.cli.{cmd_name}"), cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -41,7 +41,7 @@ def commonlaw() -> None:
 
     \b
     Without a table of your own:
-      commonlaw discover --dataset linear-drag --order 2 --differentiation savgol:25:3 --trim 8 --solver group-stlsq:1.5
+      commonlaw discover --dataset linear-drag:noise=0.05 --order 2
     """
 
 
