@@ -22,6 +22,9 @@ _BLOCKS = 30
 _RESAMPLES = 500
 """So many give standard errors to 3 %."""
 
+_UNTOLD = 1e-12
+"""Directions of columns of unit norm that are smaller say nothing."""
+
 
 def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> Floats:
     """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
@@ -63,7 +66,8 @@ def _bootstrapped(trials: Sequence[tuple[Floats, float]], places: NDArray[np.int
     norms = np.linalg.norm(np.concatenate(factors), axis=0)
     norms[norms == 0] = 1.0
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(places))
-    estimates = np.linalg.solve(reduced[:, inner, inner], reduced[:, inner, -1:])[..., 0]
+    # What no drawn block tells is zero
+    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
 
 
