@@ -48,18 +48,27 @@ def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> 
         free = (estimate.coefficients != 0) & np.isnan(objects.known[o])
         places, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if errors == "bootstrap":
-            covariance = _bootstrapped(whitened(problem, estimate, law.finest), inner)
+            trials = [rows for rows, _ in whitened(problem, estimate, law.finest)]
+            covariance = bootstrapped(trials, inner)
         else:
             covariance = _inverse(expand(problem, estimate, law.finest).system.restrict(inner.tolist()).factor[:, :-1])
         found[o][np.ix_(places, places)] = covariance
     return found
 
 
-def _bootstrapped(trials: Sequence[tuple[Floats, float]], places: NDArray[np.intp]) -> Floats:
-    """Return the covariance of least squares on whitened rows whose blocks are drawn with replacement."""
+def bootstrapped(trials: Sequence[Floats], places: NDArray[np.intp]) -> Floats:
+    """Return the covariance of least squares on rows whose blocks are drawn with replacement.
+
+    Parameters
+    ----------
+    trials
+        Rows ``[library | target]`` of each, whitened, shape (n, columns).
+    places
+        The columns of the library that are used.
+    """
     each = -(-_BLOCKS // len(trials))
     columns = [*places, -1]
-    blocks = [part for rows, _ in trials for part in np.array_split(rows[:, columns], each) if len(part)]
+    blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
     factors = np.array([System.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
     drawn = np.random.default_rng(0).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
     stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
