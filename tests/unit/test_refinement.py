@@ -97,7 +97,11 @@ def test_stretches_drawn_anew_may_tell_nothing_of_a_term():
     rows[7, 1] = 1
     covariance = accuracy.bootstrapped([rows], np.array([0, 1]))
     assert np.isfinite(covariance).all()
-    assert covariance[0, 0] == pytest.approx(1 / 60, rel=0.5)
+    # As by White's sandwich, of blocks of two rows
+    library, target = rows[:, :2], rows[:, 2]
+    pulls = (library[:, 0] * (target - library @ np.linalg.lstsq(library, target, rcond=None)[0])).reshape(30, 2)
+    expected = np.sum(pulls.sum(axis=1) ** 2) / np.sum(library[:, 0] ** 2) ** 2
+    assert covariance[0, 0] == pytest.approx(expected, rel=0.25)
 
 
 def test_known_coefficients_stay_and_other_objects_are_left_out():
