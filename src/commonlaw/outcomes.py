@@ -10,8 +10,8 @@ class Outcome:
     Parameters
     ----------
     kind
-        Its name: ``"empty support"``, ``"diverged"``, ``"ill-conditioned"``, ``"not converged"``, ``"not obeyed"``,
-        ``"one object"``.
+        Its name: ``"empty support"``, ``"diverged"``, ``"few samples"``, ``"ill-conditioned"``, ``"not converged"``,
+        ``"not obeyed"``, ``"one object"``.
     where
         The equation, object or trial that it concerns; empty when it concerns the whole.
     text

@@ -300,6 +300,8 @@ def test_methods_leave_a_constant_state_at_rest(order):
 def test_the_default_smooths_only_laws_of_second_order():
     assert default_differentiation(1) == FiniteDifference(2)
     assert default_differentiation(2) == SmoothedDifference(SavitzkyGolay(35, 3), CenteredDifference())
+    assert default_differentiation(2, 35) == default_differentiation(2)
+    assert default_differentiation(2, 34) == SmoothingSpline()
 
 
 @pytest.mark.parametrize(

@@ -328,6 +328,14 @@ def test_a_stream_has_no_trajectories(tmp_path, drops, formulation):
         cl.discover(stream, order=2, formulation=formulation)
 
 
+def test_short_trials_give_short_laws_and_say_so():
+    short = datasets.linear_drag(**DRAGS, noise=0.02, samples=12, rate=4, trials=1)
+    law = found(short, datasets.linear_drag.truth(**DRAGS), order=2, library="poly:2")
+    assert [each.kind for each in law.outcomes] == ["few samples"]
+    law.predict(short, start=1)
+    assert cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2").outcomes == ()
+
+
 def test_a_trial_that_is_too_short_is_named(drops):
     few = replace(drops, trials=(*drops.trials[:-1], kept(drops, lambda n: np.arange(n) < 5).trials[-1]))
     with pytest.raises(CommonlawError, match=drops.trials[-1].name):

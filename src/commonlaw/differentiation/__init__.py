@@ -55,15 +55,24 @@ METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] 
 """Differentiators and smoothers by the names that they have in texts."""
 
 
-def default_differentiation(order: int) -> AbstractDifferentiator:
-    """Return the method for a law of this order where none is chosen.
+_WINDOW = 35
+"""Samples; see `default_differentiation`."""
+
+
+def default_differentiation(order: int, samples: float = float("inf")) -> AbstractDifferentiator:
+    """Return the method for a law of this order where none is chosen, and no trial has fewer samples than this.
 
     First order: `FiniteDifference` of accuracy 2, exact three-point stencils on any grid. It smooths nothing, so it
     bends no fast state; where noise is visible choose a smoother. Second order: the falling-ball paper's rule,
     `SmoothedDifference` with Savitzky-Golay windows of 35 samples, as differencing twice multiplies noise by the
-    squared sampling rate and no data but synthetic ones survive that unsmoothed.
+    squared sampling rate and no data but synthetic ones survive that unsmoothed; or where these do not fit into the
+    trials, `SmoothingSpline`.
     """
-    return FiniteDifference(2) if order == 1 else SmoothedDifference(SavitzkyGolay(35, 3), CenteredDifference())
+    if order == 1:
+        return FiniteDifference(2)
+    return (
+        SmoothingSpline() if samples < _WINDOW else SmoothedDifference(SavitzkyGolay(_WINDOW, 3), CenteredDifference())
+    )
 
 
 def parse_differentiation(text: str) -> AbstractDifferentiator:

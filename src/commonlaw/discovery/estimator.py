@@ -73,7 +73,7 @@ class LawDiscovery:
     library
         Candidate terms, or their text such as ``"poly:3"``. Default: polynomials of degree 3.
     differentiation
-        How rates are estimated, or its text such as ``"savgol:35:3"``. Default: `default_differentiation` of the order.
+        How rates are estimated, or its text such as ``"savgol:35:3"``. Default: `default_differentiation`.
     solver
         How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without its setting, ``GroupSTLSQ()``,
         offers its whole path, from which `rule` chooses. Default: the paths of ``GroupSTLSQ()`` and ``BestSubset()``.
@@ -276,7 +276,7 @@ class LawDiscovery:
         """Return the law of largest evidence, by the likelihood of its trajectories."""
         states, terms = trials.schema.states, self._terms(trials.schema)
         known = known_coefficients(self.fixed or {}, states, trials.objects, terms)
-        law = Law(terms, trials.schema, self.order, trials.objects, np.nan_to_num(known), self._differentiation())
+        law = Law(terms, trials.schema, self.order, trials.objects, np.nan_to_num(known), self._differentiation(trials))
         noise = None if self.noise is None else known_noise(self.noise, states)
         if not self.outliers > 0:
             raise CommonlawError(
@@ -287,7 +287,7 @@ class LawDiscovery:
         solver = self._solver() or PATH
 
         def by_rates() -> Bools:
-            return np.asarray(self._law_of_rows(trials, self._rates_form(), None).support & np.isnan(known[0]))
+            return np.asarray(self._law_of_rows(trials, self._rates_form(trials), None).support & np.isnan(known[0]))
 
         universal = np.zeros(known.shape[1:], dtype=bool)
         for key in self.universal:
@@ -314,7 +314,7 @@ class LawDiscovery:
         is_set = solver is not None and solver.is_set
         data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, jobs=self.jobs)
         known = known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
-        rates = None if self.order == 0 else self._differentiation()
+        rates = None if self.order == 0 else self._differentiation(trials)
         law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
         universal = [place_of(key, trials.schema.states, terms) for key in self.universal]
         if solver is not None and is_set:
@@ -337,21 +337,22 @@ class LawDiscovery:
     def _form(self, trials: Trials | TrialStream, way: str) -> AbstractFormulation:
         if way == "weak" and isinstance(trials, Trials):
             return reweighted(trials, self._terms(trials.schema), WeakForm(self.order))[0]
-        return self._rates_form()
+        return self._rates_form(trials)
 
-    def _rates_form(self) -> AbstractFormulation:
+    def _rates_form(self, trials: Trials | TrialStream | None = None) -> AbstractFormulation:
         if self.order == 0:
             return DiscreteForm()
-        return StrongForm(self._differentiation(), self.order, self.library_states, self.trim)
+        return StrongForm(self._differentiation(trials), self.order, self.library_states, self.trim)
 
     def _library(self) -> AbstractLibrary:
         if self.library is None:
             return PolynomialLibrary(3)
         return parse_library(self.library) if isinstance(self.library, str) else self.library
 
-    def _differentiation(self) -> AbstractDifferentiator:
+    def _differentiation(self, trials: Trials | TrialStream | None) -> AbstractDifferentiator:
         if self.differentiation is None:
-            return default_differentiation(self.order)
+            samples = min(map(len, trials), default=np.inf) if isinstance(trials, Trials) else np.inf
+            return default_differentiation(self.order, samples)
         if isinstance(self.differentiation, str):
             return parse_differentiation(self.differentiation)
         return self.differentiation

@@ -91,7 +91,7 @@ def find_law(
         coefficients=np.array([each.coefficients for each in found.estimates]),
         covariance=covariances(objects, found, errors),
         noise=objects.noise,
-        outcomes=outcomes(trials, law, found),
+        outcomes=outcomes(trials, law, objects, found),
         inclusion=inclusion(others),
         alternatives=alternatives(law, others),
         history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),

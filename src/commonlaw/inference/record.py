@@ -10,6 +10,7 @@ from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.outcomes import Outcome
+from commonlaw.selection import MOST_TERMS
 from commonlaw.trials import Schema, Trials
 
 Bools = NDArray[np.bool_]
@@ -44,7 +45,7 @@ def _why(law: Law, listed: Sequence[tuple[Bools, float]]) -> str:
     return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
 
 
-def outcomes(trials: Trials, law: Law, found: Found) -> tuple[Outcome, ...]:
+def outcomes(trials: Trials, law: Law, objects: Objects, found: Found) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that these trials gave."""
     told = []
     if not found.obeyed:
@@ -65,6 +66,17 @@ def outcomes(trials: Trials, law: Law, found: Found) -> tuple[Outcome, ...]:
         Outcome("empty support", side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_sides)
         if not any(each.coefficients[j].any() for each in found.estimates)
+    ]
+    most = objects.most_terms
+    told += [
+        Outcome(
+            "few samples",
+            side,
+            f"it has {most} terms, as many as the object with the fewest samples can tell apart",
+            "measure more samples or trials, or offer fewer terms",
+        )
+        for side, support in zip(law.left_sides, found.supports, strict=True)
+        if support.sum() == most < min(MOST_TERMS, objects.allowed.sum(axis=1).max())
     ]
     return tuple(told)
 

@@ -17,7 +17,7 @@ Places = NDArray[np.intp]
 MOST_TERMS = 20
 """Equations of more terms are not laws that anybody can read."""
 
-SAMPLES_FOR_A_TERM = 10
+SAMPLES_FOR_A_TERM = 5
 """An object needs so many samples for each term of an equation; with fewer, terms follow the noise."""
 
 _SWEEPS = 4
