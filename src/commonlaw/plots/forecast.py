@@ -90,7 +90,7 @@ def draw_forecast(figure: Figure, place: SubplotSpec, forecast: Forecast, column
         pairs.setdefault(j, []).append(pair)
         lower.append(below)
         _draw_pair(pair)
-        above.set_title(plain(name, 24))
+        above.set_title(plain(name if states == 1 else f"{name}: {schema.states[j]}", 24))
         above.tick_params(labelbottom=False)
         # Panels of one state share their axes, so those of the first object speak for the others in the line
         for panel, what in ((above, schema.states[j]), (below, "error")):
