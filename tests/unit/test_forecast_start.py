@@ -133,6 +133,13 @@ def test_a_law_of_second_order_that_knows_its_noise_starts_from_what_rates_are_e
     short = trials.keep([trial.cut(4) for trial in trials])
     fast = replace(law, differentiation=parse_differentiation("forward"))
     assert start_of(fast.predict(short))[0] == first
+    times = np.arange(40) / 20
+    both = replace(
+        law_of("terms:1", ("x", "y"), [[-9.8], [1.0]], [0.1, 0.1], order=2, rates=("vx", "vy")), differentiation=rule
+    )
+    holed = np.column_stack([20 - 4.9 * times**2, times**2 / 2]) + 0.01
+    holed[2:20, 1] = np.nan
+    np.testing.assert_array_equal(start_of(both.predict(trials_of(both, holed, times=times)))[:2], holed[0])
     pairs = datasets.lotka_volterra(noise=0.1)
     start = start_of(replace(datasets.lotka_volterra.truth(), noise=[0.1, 0.1]).predict(pairs))
     np.testing.assert_array_equal(start, pairs[0].states[0])

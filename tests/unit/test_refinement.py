@@ -121,5 +121,14 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
         cl.refine(replace(by_rates, order=0), prey)
     with pytest.raises(CommonlawError, match="unknown object of this law"):
         cl.refine(by_rates.select(by_rates.objects[:1]), prey)
+    for setting, message in (({"errors": "guess"}, "unknown kind of errors"), ({"outliers": 0.0}, "above zero")):
+        with pytest.raises(CommonlawError, match=message):
+            cl.refine(by_rates, prey, **setting)
+    with pytest.raises(CommonlawError, match="the law has x, y, the trials have x; name"):
+        cl.refine(by_rates, datasets.linear_drag())
+    own = by_rates.coefficients.copy()
+    own[1, 0, by_rates.terms.index("x")] = 0
+    with pytest.raises(CommonlawError, match="terms of their own"):
+        cl.refine(replace(by_rates, coefficients=own), prey)
     with pytest.raises(CommonlawError, match="noise of y is missing"):
         cl.refine(by_rates, prey, noise={"x": 1.0})

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, unknown
 from commonlaw.inference.accuracy import Errors, covariances
 from commonlaw.inference.objects import Objects, known_noise, prepare
 from commonlaw.inference.pipeline import OUTLIERS
@@ -56,7 +56,8 @@ def refine(
     Raises
     ------
     CommonlawError
-        If the law is of discrete time, an object is not in it, or a trial cannot be used; the message says which.
+        If the law is of discrete time, its objects do not share their terms, an object or a variable is not in it, a
+        setting does not exist, or a trial cannot be used; the message says which.
 
     Examples
     --------
@@ -70,7 +71,20 @@ def refine(
     """
     if law.order == 0:
         raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")
+    if errors not in ("likelihood", "bootstrap"):
+        raise unknown("kind of errors", errors, ("likelihood", "bootstrap"))
+    if not outliers > 0:
+        raise CommonlawError(f"outliers is {outliers}: give standard deviations of noise, above zero")
+    wanted, given = ((*each.schema.states, *each.schema.inputs) for each in (law, trials))
+    if wanted != given:
+        raise CommonlawError(
+            f"the law has {', '.join(wanted)}, the trials have {', '.join(given)}; name the columns as in the law"
+        )
     law = law.select(trials.objects)
+    if not law.shared:
+        raise CommonlawError(
+            "the objects of this law have terms of their own: refine each by itself, law.select([name])"
+        )
     known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
     certain = law.standard_errors == 0
     known[certain] = law.coefficients[certain]

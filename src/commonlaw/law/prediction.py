@@ -55,10 +55,10 @@ def _count(law: "Law", trial: Trial) -> int:
     The first sample, or those that the first rate would be estimated from: the law knows better than a polynomial how
     the states move there, if it knows what the samples are worth.
     """
-    measured = np.isfinite(trial.states).sum(axis=0).min()
-    if law.order != 2 or law.differentiation is None or not fits_starts(law) or measured < LEAST:
+    if law.order != 2 or law.differentiation is None or not fits_starts(law):
         return 1
-    return max(LEAST, _samples(law.differentiation, len(trial)))
+    count = max(LEAST, _samples(law.differentiation, len(trial)))
+    return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= LEAST else 1
 
 
 def _run(law: "Law", trial: Trial, fitted: FittedStart | None) -> Run:

@@ -2,7 +2,7 @@
 
 from commonlaw.likelihood.collocation import Dynamics
 from commonlaw.likelihood.expansion import Expansion, expand, whitened
-from commonlaw.likelihood.fitting import Estimate, Problem, fit, judged
+from commonlaw.likelihood.fitting import Estimate, Problem, fit
 from commonlaw.likelihood.measurement import Measurement
 from commonlaw.likelihood.mesh import Mesh, meshes, spread
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -17,7 +17,6 @@ __all__ = [
     "Problem",
     "expand",
     "fit",
-    "judged",
     "meshes",
     "spread",
     "whitened",

@@ -99,7 +99,7 @@ def fit(problem: Problem, start: Estimate, support: Bools, tolerances: Sequence[
     """
     found = start
     for tolerance in tolerances:
-        found = judged(problem, found, tolerance)
+        found = _judged(problem, found, tolerance)
         for _ in range(steps):
             better = _step(problem, found, support, tolerance)
             if better is None:
@@ -111,7 +111,7 @@ def fit(problem: Problem, start: Estimate, support: Bools, tolerances: Sequence[
     return found
 
 
-def judged(problem: Problem, estimate: Estimate, tolerance: float) -> Estimate:
+def _judged(problem: Problem, estimate: Estimate, tolerance: float) -> Estimate:
     """Return the estimate with its misfit and strain at a tolerance."""
     misfit = strain = 0.0
     with np.errstate(all="ignore"):
@@ -148,7 +148,7 @@ def _step(problem: Problem, estimate: Estimate, support: Bools, tolerance: float
         coefficients = estimate.coefficients.copy()
         coefficients[support] += share * own
         states = tuple(z + share * step for z, step in zip(estimate.states, directions, strict=True))
-        found = judged(problem, Estimate(states, coefficients), tolerance)
+        found = _judged(problem, Estimate(states, coefficients), tolerance)
         if found.strain < estimate.strain:
             return found
         share *= 0.4
