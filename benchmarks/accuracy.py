@@ -29,7 +29,7 @@ def errors(library: Floats, targets: Floats) -> tuple[float, float]:
     """
     scales = np.linalg.norm(library, axis=0)
     expected = np.linalg.lstsq(library / scales, targets, rcond=None)[0]
-    system, everything = cl.System.of(library, targets), np.ones(library.shape[1], dtype=bool)
+    system, everything = cl.LeastSquaresProblem.of(library, targets), np.ones(library.shape[1], dtype=bool)
     found = np.stack([system.least_squares(everything, j) * scales for j in range(targets.shape[1])], axis=1)
     apart = np.abs(found - expected)
     return float(np.max(apart / np.abs(expected).max(axis=0))), float(np.max(apart / np.abs(expected)))

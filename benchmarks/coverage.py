@@ -54,8 +54,8 @@ def interval(share: float, count: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _line(name: str, level: float, count: int, jobs: int) -> str:
-    outcomes, truth = draw(name, level, count, jobs), experiment(name).coefficients
+def _line(name: str, level: float, count: int, n_jobs: int) -> str:
+    outcomes, truth = draw(name, level, count, n_jobs), experiment(name).coefficients
     inside, own = (held(laws, truth) for laws in zip(*((each.found, each.own) for each in outcomes), strict=True))
     start = f"| {name} | {100 * level:g} | {len(inside)} of {count} | {inside.size}"
     if not inside.size:

@@ -52,8 +52,8 @@ def relative_errors(estimates: Sequence[Floats], truth: Floats, bounds: Floats) 
     return float(np.sqrt(squares.mean())), float(np.sqrt(squares.max()))
 
 
-def _line(name: str, level: float, count: int, jobs: int) -> str:
-    known, outcomes = experiment(name), draw(name, level, count, jobs)
+def _line(name: str, level: float, count: int, n_jobs: int) -> str:
+    known, outcomes = experiment(name), draw(name, level, count, n_jobs)
     bounds = known.bounds(level)
     own = [each.own.coefficients for each in outcomes if each.own is not None]
     ours = relative_errors(own, known.coefficients, bounds)

@@ -219,12 +219,12 @@ def _cells(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _scores(folder: Path, bench: str, level: float, seeds: int, only: Sequence[str], jobs: int) -> list[Score]:
+def _scores(folder: Path, bench: str, level: float, seeds: int, only: Sequence[str], n_jobs: int) -> list[Score]:
     """Return what the collection's own program makes of `method`."""
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "scores.json"
         settings = {"--method": "benchmarks.discovery:method", "--bench": bench, "--noise": level, "--seeds": seeds}
-        settings |= {"--jobs": jobs, "--out": out} | ({"--only": ",".join(only)} if only else {})
+        settings |= {"--jobs": n_jobs, "--out": out} | ({"--only": ",".join(only)} if only else {})
         words = [str(word) for pair in settings.items() for word in pair]
         subprocess.run([sys.executable, str(folder / "run.py"), *words], cwd=ROOT, stdout=subprocess.PIPE, check=True)
         found: list[Score] = json.loads(out.read_text())

@@ -46,9 +46,9 @@ class Stated:
     errors: Floats
 
 
-def draw(name: str, level: float, count: int, jobs: int = 1) -> list[Outcome]:
+def draw(name: str, level: float, count: int, n_jobs: int = 1) -> list[Outcome]:
     """Return the outcomes of that many draws, the same whatever the number of jobs."""
-    return list(Parallel(n_jobs=jobs)(delayed(_outcome)(name, level, seed) for seed in range(count)))
+    return list(Parallel(n_jobs=n_jobs)(delayed(_outcome)(name, level, seed) for seed in range(count)))
 
 
 def add_options(parser: argparse.ArgumentParser, families: Sequence[str], count: int) -> None:

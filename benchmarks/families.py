@@ -98,17 +98,17 @@ class Experiment:
 
     def estimates(self, law: cl.Law) -> Floats | None:
         """Return the coefficients as those here are ordered; nothing if an object's support is not the true one."""
-        places = self._places(law)
+        indices = self._places(law)
         support = np.zeros(law.support.shape, dtype=bool)
-        support[tuple(places.T)] = True
+        support[tuple(indices.T)] = True
         if not np.all((law.coefficients != 0) == support):
             return None
-        return np.asarray(law.coefficients[:, places[:, 0], places[:, 1]])
+        return np.asarray(law.coefficients[:, indices[:, 0], indices[:, 1]])
 
     def errors(self, law: cl.Law) -> Floats:
         """Return the standard errors of a law of the true support, as the coefficients here are ordered."""
-        listed = [tuple(place) for place in np.argwhere(law.support)]
-        order = [listed.index(tuple(place)) for place in self._places(law)]
+        listed = [tuple(index) for index in np.argwhere(law.support)]
+        order = [listed.index(tuple(index)) for index in self._places(law)]
         return np.asarray(np.sqrt(law.covariance[:, order, order]))
 
     def _places(self, law: cl.Law) -> NDArray[np.int_]:

@@ -27,7 +27,7 @@ def thresholds(problem: Problem) -> Run:
 
     def run() -> Floats:
         form, terms, trials = _compressing(problem)
-        systems = [merge(system for trial in trials for system in form.systems(trial, terms))]
+        systems = [merge(system for trial in trials for system in form.problems(trial, terms))]
         return np.stack([_solved(systems, threshold) for threshold in problem.thresholds])
 
     return run
@@ -38,7 +38,7 @@ def path(problem: Problem) -> Run:
 
     def run() -> Floats:
         form, terms, trials = _compressing(problem)
-        systems = [merge(system for trial in trials for system in form.systems(trial, terms))]
+        systems = [merge(system for trial in trials for system in form.problems(trial, terms))]
         laws = np.zeros((len(problem.thresholds), problem.states.shape[2], len(terms)))
         for j in range(laws.shape[1]):
             candidates = cl.STLSQ().path(systems, j, np.ones(len(terms), dtype=bool))
@@ -60,7 +60,7 @@ def bootstrap_rows(problem: Problem) -> Run:
         for _ in range(problem.models):
             drawn = generator.integers(len(library), size=len(library))
             weights = np.bincount(drawn, minlength=len(library)).astype(np.float64)
-            models.append(_solved([cl.System.of(library, targets, weights)], problem.thresholds[0]))
+            models.append(_solved([cl.LeastSquaresProblem.of(library, targets, weights)], problem.thresholds[0]))
         return np.stack(models)
 
     return run
@@ -71,7 +71,7 @@ def bootstrap_blocks(problem: Problem) -> Run:
 
     def run() -> Floats:
         form, terms, (trial,) = _compressing(problem)
-        parts = form.systems(trial, terms, PARTS)
+        parts = form.problems(trial, terms, PARTS)
         generator, models = np.random.default_rng(0), []
         for _ in range(problem.models):
             counts = np.bincount(generator.integers(PARTS, size=PARTS), minlength=PARTS)
@@ -124,6 +124,6 @@ def _compressing(problem: Problem, samples: int | None = None) -> tuple[cl.Stron
     return form, cl.PolynomialLibrary(problem.degree).bind(form.variables(trials.schema)), trials
 
 
-def _solved(systems: list[cl.System], threshold: float) -> Floats:
+def _solved(systems: list[cl.LeastSquaresProblem], threshold: float) -> Floats:
     free = np.ones((systems[0].targets, systems[0].terms), dtype=bool)
     return np.asarray(cl.STLSQ(threshold).solve(systems, free).coefficients[0])

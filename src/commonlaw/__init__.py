@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from commonlaw.discovery import LawDiscovery, discover
     from commonlaw.errors import CommonlawError
     from commonlaw.forecast import Event, Forecast, Trajectory
-    from commonlaw.formulation import StrongForm, System, WeakForm
+    from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm
     from commonlaw.inference import refine
     from commonlaw.law import Law
     from commonlaw.library import (
@@ -70,7 +70,7 @@ _ROOMS = {
     "commonlaw.discovery": ("LawDiscovery", "discover"),
     "commonlaw.errors": ("CommonlawError",),
     "commonlaw.forecast": ("Event", "Forecast", "Trajectory"),
-    "commonlaw.formulation": ("StrongForm", "System", "WeakForm"),
+    "commonlaw.formulation": ("StrongForm", "LeastSquaresProblem", "WeakForm"),
     "commonlaw.inference": ("refine",),
     "commonlaw.law": ("Law",),
     "commonlaw.library": (
@@ -125,6 +125,7 @@ __all__ = [
     "Lasso",
     "Law",
     "LawDiscovery",
+    "LeastSquaresProblem",
     "Mean",
     "Median",
     "MedianFilter",
@@ -138,7 +139,6 @@ __all__ = [
     "SmoothingSpline",
     "Spectral",
     "StrongForm",
-    "System",
     "TotalVariation",
     "Trajectory",
     "Trial",

@@ -26,5 +26,5 @@ class Outcome:
     remedy: str
 
     def __str__(self) -> str:
-        place = f" ({self.where})" if self.where else ""
-        return f"{self.kind}{place}: {self.text}; {self.remedy}"
+        index = f" ({self.where})" if self.where else ""
+        return f"{self.kind}{index}: {self.text}; {self.remedy}"

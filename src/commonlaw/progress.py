@@ -7,10 +7,10 @@ from time import monotonic
 PATIENCE = 2.0
 """Seconds after which people want to know."""
 
-Told = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 
 
-def on_terminal() -> Told:
+def on_terminal() -> ProgressCallback:
     """Return what writes steps of work to a terminal on stderr, when they take long; elsewhere it writes nothing."""
     if not sys.stderr.isatty():
         return lambda _: None

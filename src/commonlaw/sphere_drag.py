@@ -1,11 +1,10 @@
 """Drag on a smooth sphere in a fluid, in SI units; by default in air at 65 degrees Fahrenheit at sea level."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-
-Floats = NDArray[np.float64]
 
 AIR_DENSITY = 1.211
 """kg/m^3 (White, Fluid Mechanics, 2003; as in de Silva et al. 2020)."""
@@ -87,7 +86,7 @@ def drag_coefficient(reynolds: ArrayLike) -> Floats:
         return _coefficient_times(number) / number
 
 
-def in_valid_range(reynolds: ArrayLike) -> NDArray[np.bool_]:
+def in_valid_range(reynolds: ArrayLike) -> Bools:
     """Return where `drag_coefficient` rests on experiments: at Reynolds numbers below `MAX_REYNOLDS`."""
     return np.asarray(_natural("Reynolds number", reynolds) < MAX_REYNOLDS)
 
@@ -195,7 +194,7 @@ def _positive(name: str, values: ArrayLike) -> Floats:
     return _checked(name, array, np.isfinite(array) & (array > 0), "be positive")
 
 
-def _checked(name: str, array: Floats, good: NDArray[np.bool_], rule: str) -> Floats:
+def _checked(name: str, array: Floats, good: Bools, rule: str) -> Floats:
     if not np.all(good):
         raise CommonlawError(f"{name} is {array[~good].flat[0]:g}: it must be finite and {rule}")
     return array

@@ -17,8 +17,8 @@ def rows(**changes):
     lines = ["ball,drop,t,height"]
     for ball in ("golf", "tennis"):
         lines += [f"{ball},1,{t},{50 - 4.9 * t**2 + 0.5 * t**3}" for t in np.arange(40) / 15]
-    for place, text in changes.items():
-        row, column = int(place[1:-1]), "bdth".index(place[-1])
+    for index, text in changes.items():
+        row, column = int(index[1:-1]), "bdth".index(index[-1])
         cells = lines[row].split(",")
         cells[column] = text
         lines[row] = ",".join(cells)

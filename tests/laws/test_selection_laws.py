@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonlaw.formulation import System, merge
+from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection import RULES, choose
 from commonlaw.solvers import STLSQ, GroupSTLSQ
 
@@ -22,7 +22,7 @@ def problem(seed, unit=1.0):
 
     def block(own):
         library = generator.standard_normal((15, 4))
-        return System.of(library, unit * (library @ own + generator.standard_normal(15))[:, np.newaxis])
+        return LeastSquaresProblem.of(library, unit * (library @ own + generator.standard_normal(15))[:, np.newaxis])
 
     return [[[block(own) for _ in range(2)] for _ in range(3)] for own in TRUTH]
 

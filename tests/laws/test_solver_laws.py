@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import IMPORTANCES, SOLVERS, GroupSTLSQ
 
 few = settings(max_examples=25, deadline=None)
@@ -43,18 +43,20 @@ TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0,
 CANDIDATES = np.ones((1, 4), dtype=bool)
 
 
-def systems(seed=0, noise=0.0, rows=60, scale=1.0):
+def problems(seed=0, noise=0.0, rows=60, scale=1.0):
     generator = np.random.default_rng(seed)
     libraries = [generator.standard_normal((rows, 4)) for _ in TRUTH]
     return [
-        System.of(library, scale * (library @ own + noise * generator.standard_normal(rows))[:, np.newaxis])
+        LeastSquaresProblem.of(
+            library, scale * (library @ own + noise * generator.standard_normal(rows))[:, np.newaxis]
+        )
         for library, own in zip(libraries, TRUTH, strict=True)
     ]
 
 
 @every_solver
 def test_the_truth_is_found_without_noise(solver):
-    fit = solver.solve(systems(), CANDIDATES)
+    fit = solver.solve(problems(), CANDIDATES)
     np.testing.assert_allclose(fit.coefficients[:, 0], TRUTH, atol=1e-12)
     assert fit.converged
 
@@ -63,7 +65,7 @@ def test_the_truth_is_found_without_noise(solver):
 @few
 @given(seed=st.integers(0, 10_000))
 def test_the_order_of_objects_does_not_matter(solver, seed):
-    given_order = systems(seed, noise=0.5)
+    given_order = problems(seed, noise=0.5)
     order = np.random.default_rng(seed).permutation(3)
     fit = solver.solve(given_order, CANDIDATES)
     shuffled = solver.solve([given_order[i] for i in order], CANDIDATES)
@@ -74,29 +76,29 @@ def test_the_order_of_objects_does_not_matter(solver, seed):
 @few
 @given(seed=st.integers(0, 10_000))
 def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver, seed):
-    problem = systems(seed, noise=0.5)
-    fit = solver.solve(problem, CANDIDATES)
-    for system, own, support in zip(problem, fit.coefficients[:, 0], fit.support[:, 0], strict=True):
-        np.testing.assert_array_equal(own, system.least_squares(support, 0))
+    given = problems(seed, noise=0.5)
+    fit = solver.solve(given, CANDIDATES)
+    for problem, own, support in zip(given, fit.coefficients[:, 0], fit.support[:, 0], strict=True):
+        np.testing.assert_array_equal(own, problem.least_squares(support, 0))
         assert not own[~support].any()
 
 
 @every_solver
 def test_terms_that_are_no_candidates_stay_out(solver):
     allowed = np.array([[True, True, False, True]])
-    assert not solver.solve(systems(), allowed).support[:, :, 2].any()
-    assert not any(candidate.support[:, 2].any() for candidate in solver.path(systems(noise=0.5), 0, allowed[0]))
+    assert not solver.solve(problems(), allowed).support[:, :, 2].any()
+    assert not any(candidate.support[:, 2].any() for candidate in solver.path(problems(noise=0.5), 0, allowed[0]))
 
 
 @every_solver
 def test_an_equation_without_candidates_stays_empty(solver):
-    assert not solver.solve(systems(), np.zeros((1, 4), dtype=bool)).coefficients.any()
-    assert solver.path(systems(), 0, np.zeros(4, dtype=bool))[-1].support.sum() == 0
+    assert not solver.solve(problems(), np.zeros((1, 4), dtype=bool)).coefficients.any()
+    assert solver.path(problems(), 0, np.zeros(4, dtype=bool))[-1].support.sum() == 0
 
 
 @every_solver
 def test_data_that_arrive_in_parts_give_the_same_fit(solver):
-    parts = [systems(seed, noise=0.1) for seed in range(3)]
+    parts = [problems(seed, noise=0.1) for seed in range(3)]
     merged = [a + b + c for a, b, c in zip(*parts, strict=True)]
     again = [a + (c + b) for a, b, c in zip(*parts, strict=True)]
     np.testing.assert_allclose(
@@ -112,8 +114,8 @@ def test_the_support_does_not_depend_on_units_where_columns_are_normalised(name)
     generator = np.random.default_rng(3)
     library = generator.standard_normal((100, 4))
     target = (library @ TRUTH[0] + 0.1 * generator.standard_normal(100))[:, np.newaxis]
-    plain = solver.solve([System.of(library, target)], CANDIDATES)
-    scaled = solver.solve([System.of(library * scales, target)], CANDIDATES)
+    plain = solver.solve([LeastSquaresProblem.of(library, target)], CANDIDATES)
+    scaled = solver.solve([LeastSquaresProblem.of(library * scales, target)], CANDIDATES)
     np.testing.assert_array_equal(plain.support, scaled.support)
     np.testing.assert_allclose(scaled.coefficients * scales, plain.coefficients, rtol=1e-9)
     assert 0 < plain.support.sum() < 4
@@ -121,9 +123,9 @@ def test_the_support_does_not_depend_on_units_where_columns_are_normalised(name)
 
 @given(seed=st.integers(0, 10_000), threshold=st.floats(0.01, 3))
 def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
-    for system in systems(seed, noise=1.0):
-        group = GroupSTLSQ(threshold).solve([system], CANDIDATES)
-        single = SOLVERS["stlsq"](threshold).solve([system], CANDIDATES)
+    for problem in problems(seed, noise=1.0):
+        group = GroupSTLSQ(threshold).solve([problem], CANDIDATES)
+        single = SOLVERS["stlsq"](threshold).solve([problem], CANDIDATES)
         np.testing.assert_array_equal(group.coefficients, single.coefficients)
 
 
@@ -131,7 +133,7 @@ def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
 @few
 @given(seed=st.integers(0, 10_000))
 def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(solver, seed):
-    problem = systems(seed, noise=0.5)
+    problem = problems(seed, noise=0.5)
     path = solver.path(problem, 0, CANDIDATES[0])
     sizes = [candidate.support.any(axis=0).sum() for candidate in path]
     assert sizes[0] == 4
@@ -147,7 +149,7 @@ def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(so
 @few
 @given(seed=st.integers(0, 10_000))
 def test_thresholds_between_two_breakpoints_of_the_path_give_the_same(name, seed):
-    problem = systems(seed, noise=0.5)
+    problem = problems(seed, noise=0.5)
     path = SOLVERS[name]().path(problem, 0, CANDIDATES[0])
     between = SOLVERS[name](threshold=(path[1].setting + path[2].setting) / 2).solve(problem, CANDIDATES)
     np.testing.assert_array_equal(between.support[:, 0], path[1].support)
@@ -159,4 +161,4 @@ def test_a_solver_without_a_setting_says_so(solver):
     assert solver.is_set
     assert not unset.is_set
     with pytest.raises(CommonlawError, match="give it one, or let one be chosen from its path"):
-        unset.solve(systems(), CANDIDATES)
+        unset.solve(problems(), CANDIDATES)

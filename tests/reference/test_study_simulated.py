@@ -83,10 +83,10 @@ def test_noise_is_drawn_drop_by_drop_with_the_noise_levels_innermost():
     clean = linear_drag(noise=0.0, trials=2)
     noisy, source = simulated(clean, (0.0, 1.0, 2.0), 5), np.random.RandomState(5)
     assert list(noisy) == [0.0, 1.0, 2.0]
-    for place, trial in enumerate(clean):
+    for index, trial in enumerate(clean):
         for noise in (0.0, 1.0, 2.0):
             expected = trial.states[:, 0] + noise * source.randn(49)
-            np.testing.assert_allclose(noisy[noise][place].states[:, 0], expected, rtol=1e-15)
+            np.testing.assert_allclose(noisy[noise][index].states[:, 0], expected, rtol=1e-15)
 
 
 def test_averages_agree_only_in_terms_and_digits():

@@ -197,7 +197,7 @@ def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
 
 
 def test_two_processes_give_the_same_law(drops):
-    one, two = (cl.discover(drops, solver="group-stlsq:1.5", jobs=jobs, **SETTINGS) for jobs in (1, 2))
+    one, two = (cl.discover(drops, solver="group-stlsq:1.5", n_jobs=n_jobs, **SETTINGS) for n_jobs in (1, 2))
     np.testing.assert_array_equal(one.coefficients, two.coefficients)
 
 
@@ -221,7 +221,7 @@ def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
 
 
 def test_known_terms_are_not_chosen_again(drops):
-    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8, fixed={"1": -9.8}, resamples=0)
+    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8, fixed={"1": -9.8}, n_resamples=0)
     assert law.structure() == ("x'' = a + b v",)
     assert (law.to_frame()["1"] == -9.8).all()
 
@@ -270,7 +270,7 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
     pairs = cl.datasets.lotka_volterra(
         growth=[1.0, 0.8], predation=0.1, decline=1.2, reproduction=0.06, noise=0.02, samples=100
     )
-    settings = {"library": "poly:2", "differentiation": "savgol:9:3", "solver": cl.GroupSTLSQ(), "resamples": 0}
+    settings = {"library": "poly:2", "differentiation": "savgol:9:3", "solver": cl.GroupSTLSQ(), "n_resamples": 0}
     law = cl.discover(pairs, judge="forecasts", **settings)
     assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
     with pytest.raises(cl.CommonlawError, match="has a single trial, so none can be held out and forecast"):

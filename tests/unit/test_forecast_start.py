@@ -81,9 +81,9 @@ def test_bands_know_that_the_start_makes_up_for_errors_of_the_coefficients():
     trials = trials_of(law, measured, times=times)
     sure = replace(law, covariance=np.zeros((1, 2, 2)))
     squares = sure.predict(trials, start=20, spread=True).spread[0] ** 2
-    for place in range(2):
+    for index in range(2):
         change = np.zeros((1, 1, 2))
-        change[..., place] = 1e-4
+        change[..., index] = 1e-4
         ahead, behind = (
             replace(law, coefficients=law.coefficients + sign * change).predict(trials, start=20).trajectories[0].states
             for sign in (1, -1)

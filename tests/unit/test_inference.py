@@ -28,7 +28,7 @@ def found(trials, truth, **settings):
     assert np.all(np.abs(scores) < 4)
     np.testing.assert_allclose(law.coefficients[~free], expected[~free])
     assert {step.stage for step in law.history} == STAGES | {
-        *(f"terms of {side}" for side in law.left_sides),
+        *(f"terms of {side}" for side in law.left_hand_sides),
         *(["pooling"] if law.common is not None else []),
     }
     assert np.all((law.inclusion >= 0) & (law.inclusion <= 1))
@@ -122,8 +122,8 @@ def test_missing_values_and_gaps_will_do():
 
     def holed(states):
         for start in (0, 1):  # Never both states of a sample
-            places = np.arange(start, len(states), 2)
-            states[generator.choice(places, 30, replace=False), start] = np.nan
+            indices = np.arange(start, len(states), 2)
+            states[generator.choice(indices, 30, replace=False), start] = np.nan
         return states
 
     law = found(with_states(measured, holed), datasets.nonlinear_oscillator.truth())
@@ -245,11 +245,11 @@ def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
     steps = {law: next(step for step in law.history if step.stage == "error of the law") for law in (within, without)}
     assert steps[within].choice == "none"
     assert within.outcomes == ()
-    (told,) = without.outcomes
-    assert told.kind == "not obeyed"
-    assert steps[without].choice.removeprefix("a random walk, ") in told.text
+    (progress,) = without.outcomes
+    assert progress.kind == "not obeyed"
+    assert steps[without].choice.removeprefix("a random walk, ") in progress.text
     assert any(each.chosen for each in without.alternatives)
-    assert "single trial" not in told.text
+    assert "single trial" not in progress.text
     assert "random walk" in steps[without].choice
     assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
     assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()

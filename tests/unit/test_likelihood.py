@@ -43,7 +43,7 @@ def plain(times, inputs=None):
 
 def information(problem, estimate, support, tolerance):
     """What the measurements hold on the coefficients of the support."""
-    columns = expand(problem, estimate, tolerance).system.factor[:, :-1][:, support.ravel()]
+    columns = expand(problem, estimate, tolerance).problem.factor[:, :-1][:, support.ravel()]
     return columns.T @ columns
 
 
@@ -508,7 +508,7 @@ def test_squared_residuals_and_volume_are_the_density_of_the_linearised_model(or
         density = multivariate_normal(mean, covariance).logpdf(np.zeros(len(mean)))
         # The density of defects becomes that of the states at the ends of their steps
         expected = -2 * (density + turned) - len(mean) * np.log(2 * np.pi)
-        found = expansion.system.residual((coefficients + change).reshape(1, -1))[0] + expansion.volume
+        found = expansion.problem.residual((coefficients + change).reshape(1, -1))[0] + expansion.volume
         assert found == pytest.approx(expected, rel=1e-8)
 
 
@@ -516,13 +516,13 @@ def test_the_expansion_about_the_best_fit_has_its_minimum_and_curvature_there():
     measured = prey()[1]
     problem, start = of_prey(measured)
     found = fit(problem, start, SUPPORT, (0.1,), 60)
-    system = expand(problem, found, 0.1).system
+    rows = expand(problem, found, 0.1).problem
     held = 0.0
     for mesh, states in zip(problem.meshes, found.states, strict=True):
         slopes, gaps = problem.dynamics.slopes(mesh, states, found.coefficients, SUPPORT), problem.gaps(mesh, states)
         weights = problem.measurement.weights(gaps)
         held = held + reduce(slopes, problem.stiffness(mesh, 0.1), weights, gaps).information
     errors = np.sqrt(np.diag(np.linalg.inv(held)))
-    again = system.least_squares(SUPPORT.ravel(), 0).reshape(SUPPORT.shape)
+    again = rows.least_squares(SUPPORT.ravel(), 0).reshape(SUPPORT.shape)
     np.testing.assert_allclose((again - found.coefficients)[SUPPORT] / errors, 0, atol=0.05)
     np.testing.assert_allclose(information(problem, found, SUPPORT, 0.1), held, rtol=1e-6)

@@ -124,7 +124,7 @@ def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_
     [StrongForm(FiniteDifference(2)), StrongForm(RobustSpline(), library_states="measured"), DiscreteForm()],
     ids=["strong", "measured", "discrete"],
 )
-@pytest.mark.parametrize("ask", ["rows", "systems"])
+@pytest.mark.parametrize("ask", ["rows", "problems"])
 def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
     terms = parse_library("poly:1").bind(form.variables(collection().schema))
     with pytest.raises(

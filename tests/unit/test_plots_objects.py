@@ -22,8 +22,8 @@ def test_each_object_has_a_line_of_its_own_the_first_at_the_top():
     first, second = _dots(left).values()
     assert (list(first[0]), list(first[1])) == ([0.2, 0.1], [0, 1])
     assert (list(second[0]), list(second[1])) == ([0.3], [0])
-    ((cone, place),) = _dots(right).values()
-    assert (list(cone), list(place)) == ([0.5], [2])
+    ((cone, index),) = _dots(right).values()
+    assert (list(cone), list(index)) == ([0.5], [2])
 
 
 def test_a_series_looks_alike_in_every_panel_and_is_in_the_legend_with_the_spans():

@@ -9,7 +9,7 @@ from commonlaw.law import Law
 from commonlaw.law.alternative import Alternative, stretches
 from commonlaw.plots import plot_path
 
-SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8, "resamples": 0}
+SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8, "n_resamples": 0}
 DROPS = cl.datasets.linear_drag()
 
 
@@ -79,7 +79,7 @@ def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law:
 
 def test_each_equation_has_its_own_column() -> None:
     pairs = cl.datasets.lotka_volterra(trials=2)
-    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(), resamples=0)
+    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(), n_resamples=0)
     figure = plot_path(law, "smallest coefficient")
     assert len(figure.axes) == 4
     assert all(figure.axes[i].get_title().startswith("equation of") for i in (0, 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System, merge
+from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection import (
     RULES,
     Evidence,
@@ -37,7 +37,7 @@ def rows(seed=0, noise=0.1, trials=3, blocks=2, samples=20):
 
 
 def compressed(data):
-    return [[[System.of(*block) for block in trial] for trial in trials] for trials in data]
+    return [[[LeastSquaresProblem.of(*block) for block in trial] for trial in trials] for trials in data]
 
 
 def wholes(parts):
@@ -50,7 +50,7 @@ def path(parts, solver=None):
 
 def candidate(support, parts):
     pairs = zip(wholes(parts), support, strict=True)
-    return Candidate(support, np.array([system.least_squares(own, 0) for system, own in pairs]), 0.0)
+    return Candidate(support, np.array([problem.least_squares(own, 0) for problem, own in pairs]), 0.0)
 
 
 def stacked(blocks):
@@ -140,7 +140,7 @@ def test_blocks_of_a_single_trial_are_held_out():
 def test_objects_count_equally_whatever_their_number_of_trials():
     parts = compressed(rows(trials=4))
     folds = make_folds([parts[0], parts[1][:2], parts[2]])
-    by_object = [sum(fold.share for fold in folds if fold.object == place) for place in range(3)]
+    by_object = [sum(fold.share for fold in folds if fold.object == index) for index in range(3)]
     np.testing.assert_allclose(by_object, 1 / 3)
 
 
@@ -173,7 +173,7 @@ def test_one_block_of_one_trial_cannot_be_held_out():
 
 def test_stability_is_high_for_true_terms_and_low_for_others():
     parts = compressed(rows(noise=0.3))
-    found = stability(parts, lambda systems: GroupSTLSQ().path(systems, 0, EVERYTHING), 50, seed=1)
+    found = stability(parts, lambda problems: GroupSTLSQ().path(problems, 0, EVERYTHING), 50, seed=1)
     frequencies = found.frequencies(6)
     np.testing.assert_array_equal(frequencies[:, [0, 2]], 1.0)
     assert found.certainty(SHARED) == 1.0
@@ -184,7 +184,7 @@ def test_stability_is_high_for_true_terms_and_low_for_others():
 def test_resamples_are_rows_repeated_as_often_as_their_block_is_drawn():
     data = rows(trials=2)
     drawn = []
-    stability(compressed(data), lambda systems: drawn.append(systems[0]) or path(compressed(data)), 1, seed=3)
+    stability(compressed(data), lambda problems: drawn.append(problems[0]) or path(compressed(data)), 1, seed=3)
     counts = np.bincount(np.random.default_rng(3).integers(4, size=4), minlength=4)
     blocks = [block for trial in data[0] for block in trial]
     library, target = stacked([block for block, count in zip(blocks, counts, strict=True) for _ in range(count)])
@@ -195,7 +195,7 @@ def test_resamples_are_rows_repeated_as_often_as_their_block_is_drawn():
 def test_the_same_seed_draws_the_same_resamples():
     parts = compressed(rows(noise=2.0))
     first, again, other = (
-        stability(parts, lambda systems: STLSQ().path(systems, 0, EVERYTHING), 20, seed).frequencies(6)
+        stability(parts, lambda problems: STLSQ().path(problems, 0, EVERYTHING), 20, seed).frequencies(6)
         for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
@@ -204,7 +204,7 @@ def test_the_same_seed_draws_the_same_resamples():
 
 def test_a_single_block_cannot_be_resampled():
     with pytest.raises(CommonlawError, match="more blocks to draw from"):
-        stability(compressed(rows(trials=1, blocks=1)), lambda systems: path([[[s]] for s in systems]))
+        stability(compressed(rows(trials=1, blocks=1)), lambda problems: path([[[s]] for s in problems]))
 
 
 # The choice
@@ -236,8 +236,8 @@ def test_the_default_rule_takes_the_smallest_candidate_within_one_standard_error
     choice = choose(path(parts), parts, 0, EVERYTHING)
     best = min(choice.table, key=lambda each: each.held_out.mean)
     within = [each.terms for each in choice.table if np.subtract(*each.held_out.excess(best.held_out)) <= 1e-15]
-    assert choice.table[choice.place].terms == min(within)
-    assert choice.table[choice.place].terms < choose(path(parts), parts, 0, EVERYTHING, rule="aic").table[-1].terms
+    assert choice.table[choice.index].terms == min(within)
+    assert choice.table[choice.index].terms < choose(path(parts), parts, 0, EVERYTHING, rule="aic").table[-1].terms
 
 
 def test_a_better_fit_does_not_count_if_the_differentiator_explains_it():
@@ -272,12 +272,12 @@ def test_candidates_of_equal_support_are_listed_once_and_a_proof_is_kept():
 def test_the_table_says_what_was_compared_and_the_reason_why():
     parts = compressed(rows())
     solver = GroupSTLSQ()
-    found = stability(parts, lambda systems: solver.path(systems, 0, EVERYTHING), 10)
+    found = stability(parts, lambda problems: solver.path(problems, 0, EVERYTHING), 10)
     choice = choose(path(parts), parts, 0, EVERYTHING, stability=found)
     sizes = [each.terms for each in choice.table]
     assert sizes == sorted(sizes)
     assert choice.chosen.support.all(axis=0).tolist() == [True, False, True, False]
-    measures = choice.table[choice.place].measures()
+    measures = choice.table[choice.index].measures()
     assert measures["stability"] == 1.0
     assert list(measures) == ["AIC", "AICc", "BIC", "EBIC", "held-out error", "standard error", "stability"]
     assert "no smaller candidate is within one standard error" in choice.reason or "larger by more" in choice.reason

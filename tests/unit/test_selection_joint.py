@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.selection import Joint
 from commonlaw.selection.pooled import log_choices, log_evidence, residuals
 from commonlaw.solvers import BestSubset, ForwardSelection
@@ -23,28 +23,28 @@ def rows(coefficients, samples=40, seed=0, noise=1.0):
     return found
 
 
-def systems(data):
-    return [System.of(library, target[:, np.newaxis]) for library, target in data]
+def problems(data):
+    return [LeastSquaresProblem.of(library, target[:, np.newaxis]) for library, target in data]
 
 
 def factors(data):
-    return np.array([system.factor for system in systems(data)])
+    return np.array([problem.factor for problem in problems(data)])
 
 
 def test_the_evidence_of_a_single_object_is_the_bic():
     data = rows([[2.0, 0.0, -1.0]])
     library, target = data[0]
-    for places in ([], [0], [0, 2], [2, 1]):
-        rest = target - library[:, places] @ np.linalg.lstsq(library[:, places], target, rcond=None)[0]
-        expected = rest @ rest + len(places) * np.log(77)
-        assert log_evidence(factors(data), np.array(places, dtype=int), 77) == pytest.approx(expected)
+    for indices in ([], [0], [0, 2], [2, 1]):
+        rest = target - library[:, indices] @ np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
+        expected = rest @ rest + len(indices) * np.log(77)
+        assert log_evidence(factors(data), np.array(indices, dtype=int), 77) == pytest.approx(expected)
 
 
-def marginal(data, places):
+def marginal(data, indices):
     """Sum of squared residuals, estimates, and minus twice their log-evidence for means and variances over objects."""
     rest, estimates, covariances = 0.0, [], []
     for library, target in data:
-        columns = library[:, places]
+        columns = library[:, indices]
         best = np.linalg.lstsq(columns, target, rcond=None)[0]
         rest += np.sum((target - columns @ best) ** 2)
         estimates.append(best)
@@ -111,8 +111,8 @@ def test_alike_coefficients_cost_less_than_scattered_ones():
 def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
-    places = np.array([0, 1, 2])
-    assert log_evidence(factors(other), places, 200) == pytest.approx(log_evidence(factors(data), places, 200))
+    indices = np.array([0, 1, 2])
+    assert log_evidence(factors(other), indices, 200) == pytest.approx(log_evidence(factors(data), indices, 200))
 
 
 def test_terms_that_cannot_be_told_apart_have_no_evidence():
@@ -127,19 +127,19 @@ def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
     assert log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
 
 
-@pytest.mark.parametrize("places", [[], [1], [0, 3]])
-def test_residuals_with_each_other_term_are_those_of_least_squares(places):
+@pytest.mark.parametrize("index", [[], [1], [0, 3]])
+def test_residuals_with_each_other_term_are_those_of_least_squares(indices):
     data = rows([[2.0, 0.0, -1.0, 1.0], [1.0, 1.0, 0.0, 0.5]])
     data = [(np.column_stack([library, library[:, 1] + 1e-9 * library[:, 0]]), target) for library, target in data]
-    found = residuals(factors(data), np.array(places, dtype=int))
+    found = residuals(factors(data), np.array(indices, dtype=int))
 
     def rest(kept):
         return sum(np.sum((y - x[:, kept] @ np.linalg.lstsq(x[:, kept], y, rcond=None)[0]) ** 2) for x, y in data)
 
-    assert found[-1] == pytest.approx(rest(places))
-    for place in range(5):
-        unclear = place in places or (place == 4 and 1 in places)
-        assert found[place] == (0.0 if unclear else pytest.approx(rest([*places, place])))
+    assert found[-1] == pytest.approx(rest(indices))
+    for index in range(5):
+        unclear = index in indices or (index == 4 and 1 in indices)
+        assert found[index] == (0.0 if unclear else pytest.approx(rest([*indices, index])))
 
 
 def test_choices_are_counted():
@@ -163,7 +163,7 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
         both = np.zeros((samples, 2, 10))
         both[:, 0, :5], both[:, 1, 5:] = library, library
         both = np.einsum("ij,njk->nik", white, both).reshape(2 * samples, 10)
-        found.append(System.of(both, (target @ white.T).reshape(-1, 1)))
+        found.append(LeastSquaresProblem.of(both, (target @ white.T).reshape(-1, 1)))
     return found
 
 
@@ -217,9 +217,9 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
     found = Joint(parts, np.ones_like(TRUTH), 240).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
-    for system, own in zip(parts, found, strict=True):
+    for problem, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
-        expected = np.linalg.lstsq(system.factor[:, columns], system.factor[:, -1], rcond=None)[0]
+        expected = np.linalg.lstsq(problem.factor[:, columns], problem.factor[:, -1], rcond=None)[0]
         np.testing.assert_allclose(own[TRUTH], expected)
         assert not own[~TRUTH].any()
 

@@ -22,12 +22,12 @@ class Problem:
         self.terms = PolynomialLibrary(3).bind(self.form.variables(trials.schema))
         self.allowed = np.ones(len(self.terms), dtype=bool)
         self.of = [trials.of(name) for name in trials.objects]
-        self.parts = [[self.form.systems(trial, self.terms, 4) for trial in own] for own in self.of]
-        self.systems = [merge(block for trial in own for block in trial) for own in self.parts]
+        self.parts = [[self.form.problems(trial, self.terms, 4) for trial in own] for own in self.of]
+        self.problems = [merge(block for trial in own for block in trial) for own in self.parts]
 
     def fits(self, support):
         """Coefficients of every object, shape (objects, equations, terms)."""
-        return np.array([[s.least_squares(own, j) for j, own in enumerate(support)] for s in self.systems])
+        return np.array([[s.least_squares(own, j) for j, own in enumerate(support)] for s in self.problems])
 
     def choose(self, target, **options):
         def accuracy(coefficients):
@@ -35,7 +35,7 @@ class Problem:
             return np.array([resolution(self.form, self.terms, own, target, fit) for own, fit in pairs])
 
         rows = np.array([effective_rows(self.form, own) for own in self.of])
-        candidates = GroupSTLSQ().path(self.systems, target, self.allowed)
+        candidates = GroupSTLSQ().path(self.problems, target, self.allowed)
         return choose(candidates, self.parts, target, self.allowed, **{"rows": rows, "resolution": accuracy, **options})
 
     def names(self, choice):
@@ -94,8 +94,8 @@ def test_forecast_errors_are_those_of_laws_fitted_to_the_other_trials():
     library, targets = pairs.form.rows(rest[0], pairs.terms)
     coefficients = np.zeros((1, 2, library.shape[1]))
     for j, support in enumerate((["x", "x y"], ["y", "x y"])):
-        places = [pairs.terms.index(term) for term in support]
-        coefficients[0, j, places] = np.linalg.lstsq(library[:, places], targets[:, j], rcond=None)[0]
+        indices = [pairs.terms.index(term) for term in support]
+        coefficients[0, j, indices] = np.linalg.lstsq(library[:, indices], targets[:, j], rcond=None)[0]
     forecast = Law(pairs.terms, held.schema, 1, (name,), coefficients).predict(held)
     gaps = forecast.trajectories[0].states - held[0].states
     spread = np.var(np.concatenate([held[0].states, rest[0].states]), axis=0)
@@ -106,7 +106,7 @@ def test_forecasts_choose_a_law_too():
     pairs = Problem(two_pairs(noise=0.05, samples=100), 1, "savgol:9:3")
     choice = pairs.choose(0, score=forecasts(pairs, 0))
     assert set(pairs.names(choice)) >= {"x", "x y"}
-    assert choice.table[choice.place].held_out.mean < 0.05
+    assert choice.table[choice.index].held_out.mean < 0.05
 
 
 def test_known_terms_keep_their_coefficients_in_forecasts():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import BestSubset, Constrained, constrained_least_squares
 
 TERMS = 4
@@ -22,22 +22,22 @@ def rows(seed=0, objects=3, noise=0.3):
 
 
 def compressed(problem):
-    return [System.of(library, target[:, np.newaxis]) for library, target in problem]
+    return [LeastSquaresProblem.of(library, target[:, np.newaxis]) for library, target in problem]
 
 
 def by_optimality_conditions(problem, support, matrix, right, weights=None):
     """Solve [[2 X'WX, C'], [C, 0]] [c, multipliers] = [2 X'Wy, d] over the terms of the support."""
-    places, size = np.flatnonzero(support), support.size
+    indices, size = np.flatnonzero(support), support.size
     gram, moment = np.zeros((size, size)), np.zeros(size)
     for index, (library, target) in enumerate(problem):
         weight = 1.0 if weights is None else weights[index]
         own = slice(index * TERMS, (index + 1) * TERMS)
         gram[own, own], moment[own] = 2 * weight * library.T @ library, 2 * weight * library.T @ target
-    kept = matrix[:, places]
+    kept = matrix[:, indices]
     zero = np.zeros((len(kept), len(kept)))
-    whole = np.block([[gram[np.ix_(places, places)], kept.T], [kept, zero]])
+    whole = np.block([[gram[np.ix_(indices, indices)], kept.T], [kept, zero]])
     solution = np.zeros(size)
-    solution[places] = np.linalg.solve(whole, np.concatenate([moment[places], right]))[: len(places)]
+    solution[indices] = np.linalg.solve(whole, np.concatenate([moment[indices], right]))[: len(indices)]
     return solution.reshape(support.shape)
 
 
@@ -56,7 +56,7 @@ def test_without_constraints_it_is_least_squares():
     problem = compressed(rows())
     support = np.ones((3, TERMS), dtype=bool)
     found = constrained_least_squares(problem, support, 0, np.zeros((0, 3 * TERMS)), np.zeros(0))
-    np.testing.assert_allclose(found, [system.least_squares(support[0], 0) for system in problem], rtol=1e-12)
+    np.testing.assert_allclose(found, [problem.least_squares(support[0], 0) for problem in problem], rtol=1e-12)
 
 
 def test_constraints_can_set_every_coefficient():
@@ -94,13 +94,13 @@ def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
 
 def test_other_equations_are_left_as_they_are():
     library, target = rows()[0]
-    system = System.of(library, np.column_stack([target, -target]))
-    free = BestSubset(2).solve([system, system], np.ones((2, TERMS), dtype=bool))
+    problem = LeastSquaresProblem.of(library, np.column_stack([target, -target]))
+    free = BestSubset(2).solve([problem, problem], np.ones((2, TERMS), dtype=bool))
     constrained = Constrained(BestSubset(2), matrix=np.eye(1, 8), right=np.array([-5.0]), equation=1)
-    fit = constrained.solve([system, system], np.ones((2, TERMS), dtype=bool))
+    fit = constrained.solve([problem, problem], np.ones((2, TERMS), dtype=bool))
     np.testing.assert_array_equal(fit.coefficients[:, 0], free.coefficients[:, 0])
     assert fit.coefficients[0, 1, 0] == pytest.approx(-5.0)
-    path = constrained.path([system, system], 0, EVERY[0])
+    path = constrained.path([problem, problem], 0, EVERY[0])
     assert path[0].proven
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import BackwardElimination, BestSubset, ForwardSelection
 
 
@@ -23,14 +23,14 @@ def problem(seed, terms=None, objects=None):
         library = generator.standard_normal((count, terms)) @ mixing
         noise = 10 ** generator.uniform(-1, 1) * generator.standard_normal(count)
         rows.append((library * scales, library @ (truth * generator.standard_normal(terms)) + noise))
-    return rows, [System.of(library, target[:, np.newaxis]) for library, target in rows]
+    return rows, [LeastSquaresProblem.of(library, target[:, np.newaxis]) for library, target in rows]
 
 
-def residual(library, target, places):
-    if not len(places):
+def residual(library, target, indices):
+    if not len(indices):
         return target @ target
-    coefficients = np.linalg.lstsq(library[:, places], target, rcond=None)[0]
-    return np.sum((library[:, places] @ coefficients - target) ** 2)
+    coefficients = np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
+    return np.sum((library[:, indices] @ coefficients - target) ** 2)
 
 
 def scaled_residuals(rows, supports):
@@ -40,7 +40,7 @@ def scaled_residuals(rows, supports):
         unit = library / np.linalg.norm(library, axis=0)
         everything = residual(unit, target, [*range(unit.shape[1])])
         variance = everything / (len(target) - unit.shape[1])
-        total += [residual(unit, target, [*places]) / variance for places in supports]
+        total += [residual(unit, target, [*indices]) / variance for indices in supports]
     return total
 
 
@@ -64,9 +64,9 @@ def places_of(candidate):
 
 @pytest.mark.parametrize("seed", range(90))
 def test_best_subset_equals_exhaustive_search(seed):
-    rows, systems = problem(seed)
-    terms = systems[0].terms
-    for candidate in BestSubset(largest=terms, nodes=100_000).path(systems, 0, np.ones(terms, dtype=bool)):
+    rows, problems = problem(seed)
+    terms = problems[0].terms
+    for candidate in BestSubset(largest=terms, nodes=100_000).path(problems, 0, np.ones(terms, dtype=bool)):
         size = int(candidate.setting)
         supports = [*combinations(range(terms), size)]
         values = scaled_residuals_by_gram(rows, supports) if size else scaled_residuals(rows, supports)
@@ -76,8 +76,8 @@ def test_best_subset_equals_exhaustive_search(seed):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_best_subset_of_14_terms_equals_exhaustive_search(seed):
-    rows, systems = problem(seed, terms=14)
-    for candidate in BestSubset(largest=14, nodes=100_000).path(systems, 0, np.ones(14, dtype=bool))[:-1]:
+    rows, problems = problem(seed, terms=14)
+    for candidate in BestSubset(largest=14, nodes=100_000).path(problems, 0, np.ones(14, dtype=bool))[:-1]:
         supports = [*combinations(range(14), int(candidate.setting))]
         assert candidate.proven
         assert places_of(candidate) == supports[np.argmin(scaled_residuals_by_gram(rows, supports))]
@@ -91,10 +91,10 @@ def test_fast_exhaustive_search_equals_least_squares_on_the_rows():
 
 @pytest.mark.parametrize("solver", [BestSubset(largest=20), ForwardSelection(), BackwardElimination()])
 def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
-    _, systems = problem(8, terms=6, objects=3)
+    _, problems = problem(8, terms=6, objects=3)
     allowed = np.ones(6, dtype=bool)
-    path = type(solver)(shared=False).path(systems, 0, allowed)
-    alone = [solver.path([system], 0, allowed) for system in systems]
+    path = type(solver)(shared=False).path(problems, 0, allowed)
+    alone = [solver.path([problem], 0, allowed) for problem in problems]
     for index, candidate in enumerate(path):
         for own, row in zip(alone, candidate.support, strict=True):
             np.testing.assert_array_equal(row, own[index].support[0])
@@ -102,20 +102,20 @@ def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
-    rows, systems = problem(seed)
-    terms, inside = systems[0].terms, []
-    path = ForwardSelection().path(systems, 0, np.ones(terms, dtype=bool))
+    rows, problems = problem(seed)
+    terms, inside = problems[0].terms, []
+    path = ForwardSelection().path(problems, 0, np.ones(terms, dtype=bool))
     for candidate in reversed(path):
         assert places_of(candidate) == tuple(sorted(inside))
-        trials = [[*inside, place] for place in range(terms) if place not in inside]
+        trials = [[*inside, index] for index in range(terms) if index not in inside]
         inside = trials[np.argmin(scaled_residuals(rows, trials))] if trials else inside
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_backward_elimination_drops_the_term_that_raises_the_residuals_least(seed):
-    rows, systems = problem(seed)
-    inside = [*range(systems[0].terms)]
-    for candidate in BackwardElimination().path(systems, 0, np.ones(len(inside), dtype=bool)):
+    rows, problems = problem(seed)
+    inside = [*range(problems[0].terms)]
+    for candidate in BackwardElimination().path(problems, 0, np.ones(len(inside), dtype=bool)):
         assert places_of(candidate) == tuple(inside)
         trials = [[*inside[:index], *inside[index + 1 :]] for index in range(len(inside))]
         inside = trials[np.argmin(scaled_residuals(rows, trials))] if trials else inside
@@ -125,7 +125,7 @@ def lorenz(noise, objects=10, samples=400):
     """Lorenz systems with different coefficients in a polynomial library of degree 5: 56 terms, condition near 1e6."""
     generator = np.random.default_rng(0)
     exponents = [each for degree in range(6) for each in combinations_with_replacement(range(3), degree)]
-    systems = []
+    problems = []
     for _ in range(objects):
         sigma, rho, beta = np.array([10, 28, 8 / 3]) * (1 + 0.05 * generator.standard_normal(3))
 
@@ -136,28 +136,28 @@ def lorenz(noise, objects=10, samples=400):
         states = solve_ivp(rates, (0, 8), [1, 1, 20], t_eval=np.linspace(0, 8, samples), rtol=1e-6).y
         library = np.stack([np.prod(states[[*each]], axis=0) for each in exponents], axis=1)
         targets = rates(0, states) + noise * generator.standard_normal((3, samples))
-        systems.append(System.of(library, targets.T))
-    return systems
+        problems.append(LeastSquaresProblem.of(library, targets.T))
+    return problems
 
 
 def test_best_subset_proves_the_truth_among_56_terms_where_greedy_selection_errs():
-    systems, truth = lorenz(noise=1.0), [(1, 2), (1, 2, 6), (3, 5)]
+    problems, truth = lorenz(noise=1.0), [(1, 2), (1, 2, 6), (3, 5)]
     allowed = np.ones((3, 56), dtype=bool)
-    for target, places in enumerate(truth):
-        fit = BestSubset(len(places)).solve([*systems], allowed)
-        assert tuple(np.flatnonzero(fit.support[0, target])) == places
+    for target, indices in enumerate(truth):
+        fit = BestSubset(len(indices)).solve([*problems], allowed)
+        assert tuple(np.flatnonzero(fit.support[0, target])) == indices
         assert fit.converged
-        greedy = ForwardSelection(len(places)).solve(systems, allowed)
-        assert tuple(np.flatnonzero(greedy.support[0, target])) != places
+        greedy = ForwardSelection(len(indices)).solve(problems, allowed)
+        assert tuple(np.flatnonzero(greedy.support[0, target])) != indices
 
 
 def test_a_search_that_runs_out_of_nodes_says_so():
-    _, systems = problem(5, terms=14)
+    _, problems = problem(5, terms=14)
     allowed = np.ones((1, 14), dtype=bool)
-    fit = BestSubset(7, nodes=1).solve(systems, allowed)
-    assert fit.support.sum(axis=2).tolist() == [[7]] * len(systems)
+    fit = BestSubset(7, nodes=1).solve(problems, allowed)
+    assert fit.support.sum(axis=2).tolist() == [[7]] * len(problems)
     assert not fit.converged
-    path = BestSubset(largest=3).path(systems, 0, allowed[0])
+    path = BestSubset(largest=3).path(problems, 0, allowed[0])
     assert [candidate.proven for candidate in path] == [True] + [False] * 10 + [True] * 4
 
 
@@ -166,8 +166,8 @@ def test_objects_count_by_their_noise_and_not_by_their_size():
     library = generator.standard_normal((200, 3))
     small = library @ [1.0, 0.1, 0.0] + 0.01 * generator.standard_normal(200)
     large = 1e6 * (library @ [1.0, 0.0, 0.0] + generator.standard_normal(200))
-    systems = [System.of(library, target[:, np.newaxis]) for target in (small, large)]
-    fit = BestSubset(2).solve(systems, np.ones((1, 3), dtype=bool))
+    problems = [LeastSquaresProblem.of(library, target[:, np.newaxis]) for target in (small, large)]
+    fit = BestSubset(2).solve(problems, np.ones((1, 3), dtype=bool))
     assert fit.support[0, 0].tolist() == [True, True, False]
 
 
@@ -177,7 +177,9 @@ def test_columns_that_depend_on_each_other_are_not_both_taken(solver):
     library = generator.standard_normal((50, 4))
     library[:, 3] = 2 * library[:, 0]
     target = library @ [3.0, 1.0, 0.0, 0.0] + 0.1 * generator.standard_normal(50)
-    support = solver.solve([System.of(library, target[:, np.newaxis])], np.ones((1, 4), dtype=bool)).support[0, 0]
+    support = solver.solve(
+        [LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 4), dtype=bool)
+    ).support[0, 0]
     assert support[1]
     assert support[[0, 3]].sum() == 1
 
@@ -185,18 +187,20 @@ def test_columns_that_depend_on_each_other_are_not_both_taken(solver):
 @pytest.mark.parametrize("solver", [BestSubset(2), BackwardElimination(2), ForwardSelection(2)])
 def test_objects_with_fewer_rows_than_terms_have_a_say(solver):
     generator = np.random.default_rng(0)
-    systems = []
+    problems = []
     for rows in (5, 40):
         library = generator.standard_normal((rows, 8))
         target = library @ [3.0, 0, 0, 0, 0, 2.0, 0, 0] + 0.01 * generator.standard_normal(rows)
-        systems.append(System.of(library, target[:, np.newaxis]))
-    assert np.flatnonzero(solver.solve(systems, np.ones((1, 8), dtype=bool)).support[0, 0]).tolist() == [0, 5]
+        problems.append(LeastSquaresProblem.of(library, target[:, np.newaxis]))
+    assert np.flatnonzero(solver.solve(problems, np.ones((1, 8), dtype=bool)).support[0, 0]).tolist() == [0, 5]
 
 
 def test_more_than_60_terms_are_searched_by_exchange_and_not_proven():
     generator = np.random.default_rng(0)
     library = generator.standard_normal((300, 150)) @ (np.eye(150) + 0.05 * generator.standard_normal((150, 150)))
     target = library[:, :5].sum(axis=1) + generator.standard_normal(300)
-    fit = BestSubset(8, nodes=50).solve([System.of(library, target[:, np.newaxis])], np.ones((1, 150), dtype=bool))
+    fit = BestSubset(8, nodes=50).solve(
+        [LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 150), dtype=bool)
+    )
     assert fit.support[0, 0, :5].all()
     assert not fit.converged

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import (
     L1,
     L2,
@@ -41,7 +41,7 @@ def test_importance_of_a_term_over_the_objects(importance, expected):
 def test_stlsq_repeats_until_the_support_is_stable():
     library = np.array([[1.0, 1.0], [1.0, 1.1], [1.0, 0.9], [1.0, 1.05]])
     target = np.array([[2.0], [2.0], [2.0], [2.1]])
-    fit = STLSQ(threshold=0.5).solve([System.of(library, target)], np.ones((1, 2), dtype=bool))
+    fit = STLSQ(threshold=0.5).solve([LeastSquaresProblem.of(library, target)], np.ones((1, 2), dtype=bool))
     full = np.linalg.lstsq(library, target, rcond=None)[0][:, 0]
     assert abs(full[1]) < 0.5 < abs(full[0])
     np.testing.assert_allclose(fit.coefficients[0, 0], [target.mean(), 0])
@@ -52,7 +52,9 @@ def test_one_sweep_is_not_enough_and_says_so():
     generator = np.random.default_rng(1)
     library = generator.standard_normal((20, 3))
     target = library @ [[1.0], [0.01], [0.0]]
-    fit = STLSQ(threshold=0.5, max_iterations=1).solve([System.of(library, target)], np.ones((1, 3), dtype=bool))
+    fit = STLSQ(threshold=0.5, max_iterations=1).solve(
+        [LeastSquaresProblem.of(library, target)], np.ones((1, 3), dtype=bool)
+    )
     assert not fit.converged
     assert fit.support[0, 0].tolist() == [True, False, False]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from commonlaw.differentiation import METHODS, CenteredDifference, parse_differentiation
-from commonlaw.formulation import StrongForm, System, merge
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, merge
 from commonlaw.library import PolynomialLibrary
 from commonlaw.trials import Schema, Trial
 
@@ -30,15 +30,15 @@ def test_a_long_trial_is_differentiated_in_pieces_that_fit_together(text, order)
 def test_the_parts_of_a_trial_are_the_systems_of_its_rows(parts):
     form, trial = StrongForm(CenteredDifference(), trim=5), long_trial(9000)
     terms = PolynomialLibrary(2).bind(form.variables(SCHEMA))
-    systems, rows = form.systems(trial, terms, parts), form.rows(trial, terms)
-    assert len(systems) == parts
-    assert sum(system.rows for system in systems) == 8990
-    everything, whole = np.ones(6, dtype=bool), System.of(*rows)
+    problems, rows = form.problems(trial, terms, parts), form.rows(trial, terms)
+    assert len(problems) == parts
+    assert sum(problem.rows for problem in problems) == 8990
+    everything, whole = np.ones(6, dtype=bool), LeastSquaresProblem.of(*rows)
     np.testing.assert_allclose(
-        merge(systems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
+        merge(problems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
     )
-    first = System.of(*(each[: systems[0].rows] for each in rows))
-    np.testing.assert_allclose(systems[0].least_squares(everything, 0), first.least_squares(everything, 0), rtol=1e-9)
+    first = LeastSquaresProblem.of(*(each[: problems[0].rows] for each in rows))
+    np.testing.assert_allclose(problems[0].least_squares(everything, 0), first.least_squares(everything, 0), rtol=1e-9)
 
 
 def test_names_of_rates_avoid_the_names_of_other_variables():

@@ -83,9 +83,9 @@ def test_good_trials_have_no_oddity():
     assert trials.check().oddities == ()
 
 
-def bumped(values, place, by):
+def bumped(values, index, by):
     values = values.copy()
-    values[place:] += by
+    values[index:] += by
     return values
 
 

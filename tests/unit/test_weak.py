@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from commonlaw import CommonlawError, FiniteDifference, SavitzkyGolay, SmoothedDifference, SmoothingSpline
-from commonlaw.formulation import StrongForm, System, WeakForm, compress, merge, reweighted
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, merge, reweighted
 from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
@@ -27,7 +27,7 @@ def uneven(samples, length):
 
 
 @cache
-def solution(system):
+def solution(problem):
     """Return exact trajectories as functions of time."""
     field, start, length = {
         "lorenz": (lambda _, y: LORENZ @ [*y, y[0] * y[1], y[0] * y[2]], [-8.0, 8, 27], 5.5),
@@ -35,12 +35,12 @@ def solution(system):
         "drag": (lambda _, y: [y[1], -9.8 - 0.38 * y[1]], [40.0, 0], 4.0),
         "van der pol": (lambda _, y: [y[1], (1 - y[0] ** 2) * y[1] - y[0]], [1.0, 0.5], 12.5),
         "v squared": (lambda _, y: [y[1], -0.1 * y[1] - y[0] + 0.2 * y[1] ** 2], [1.0, 0.5], 12.5),
-    }[system]
+    }[problem]
     return solve_ivp(field, (-0.1, length), start, method="DOP853", rtol=1e-13, atol=1e-13, dense_output=True).sol
 
 
-def trials_of(system, times, noise=0.0, seed=0, states=2):
-    exact = solution(system)(times).T[:, :states]
+def trials_of(problem, times, noise=0.0, seed=0, states=2):
+    exact = solution(problem)(times).T[:, :states]
     noisy = exact + noise * exact.std(axis=0) * np.random.default_rng(seed).standard_normal(exact.shape)
     return Trials((Trial("it", "1", times, noisy),), Schema(("x", "y", "z")[:states]))
 
@@ -71,11 +71,11 @@ def test_weights_integrate_what_adaptive_quadrature_integrates(grid, derivative)
 
 @pytest.mark.parametrize("grid", [regular, uneven])
 @pytest.mark.parametrize(
-    ("system", "library", "truth", "samples", "length"),
+    ("problem", "library", "truth", "samples", "length"),
     [("lorenz", LORENZ_TERMS, LORENZ, 1000, 5.0), ("swing", SWING_TERMS, SWING, 600, 12.0)],
 )
-def test_without_noise_rows_balance_below_1e_8(grid, system, library, truth, samples, length):
-    trials = trials_of(system, grid(samples, length), states=len(truth))
+def test_without_noise_rows_balance_below_1e_8(grid, problem, library, truth, samples, length):
+    trials = trials_of(problem, grid(samples, length), states=len(truth))
     form = WeakForm()
     rows, targets = form.rows(trials[0], bound(library, form, trials))
     assert np.abs(rows @ truth.T - targets).max() < 1e-8 * np.abs(targets).max()
@@ -85,15 +85,15 @@ def test_without_noise_rows_balance_below_1e_8(grid, system, library, truth, sam
 
 @pytest.mark.parametrize("grid", [regular, uneven])
 @pytest.mark.parametrize(
-    ("system", "library", "truth", "samples", "length"),
+    ("problem", "library", "truth", "samples", "length"),
     [
         ("drag", "terms:1,v", [-9.8, -0.38], 49, 3.0),
         ("van der pol", "terms:x,v,x**2*v,x*v", [-1, 1, -1, 0], 600, 12.0),
         ("v squared", "terms:x,v,v**2", [-1, -0.1, 0.2], 600, 12.0),
     ],
 )
-def test_a_law_of_second_order_comes_from_heights_alone(grid, system, library, truth, samples, length):
-    trials = trials_of(system, grid(samples, length), states=1)
+def test_a_law_of_second_order_comes_from_heights_alone(grid, problem, library, truth, samples, length):
+    trials = trials_of(problem, grid(samples, length), states=1)
     form = WeakForm(2)
     rows, targets = form.rows(trials[0], bound(library, form, trials))
     assert np.abs(rows @ truth - targets[:, 0]).max() < 1e-8 * np.abs(rows * truth).max()
@@ -158,15 +158,15 @@ def test_whitening_is_generalised_least_squares_with_the_dense_covariance():
     inverse = np.linalg.inv(tested.covariance(SWING[1], 1).toarray())
     normal = tested.library.T @ inverse @ tested.library
     expected = np.linalg.solve(normal, tested.library.T @ inverse @ tested.targets[:, 1])
-    found = merge(form.systems(trials[0], terms)).least_squares(np.ones(3, dtype=bool), 1)
+    found = merge(form.problems(trials[0], terms)).least_squares(np.ones(3, dtype=bool), 1)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def errors(system, library, truth, times, noise, fit, states):
+def errors(problem, library, truth, times, noise, fit, states):
     """Return the median norm of the error of coefficients over 24 draws of the noise."""
     found = []
     for seed in range(24):
-        trials = trials_of(system, times, noise, seed, states)
+        trials = trials_of(problem, times, noise, seed, states)
         found.append(np.linalg.norm(fit(trials, library) - truth))
     return np.median(found)
 
@@ -189,17 +189,17 @@ def by_rows(form):
 
 
 @pytest.mark.parametrize(
-    ("noise", "order", "system", "library", "truth", "samples", "length", "gain", "gain_on_strong"), [
+    ("noise", "order", "problem", "library", "truth", "samples", "length", "gain", "gain_on_strong"), [
         (0.01, 1, "lorenz", LORENZ_TERMS, LORENZ, 500, 5.0, 1.02, 1.15),
         (0.02, 2, "van der pol", "terms:x,v,x**2*v,x**3,1", [[-1, 1, -1, 0, 0]], 300, 12.0, 1.5, 4.0),
     ]
 )  # fmt: skip
 def test_generalised_least_squares_beats_plain_and_the_strong_form(
-    noise, order, system, library, truth, samples, length, gain, gain_on_strong
+    noise, order, problem, library, truth, samples, length, gain, gain_on_strong
 ):
     times, states = regular(samples, length), len(truth)
     best, plain, spline, windows = (
-        errors(system, library, truth, times, noise, fit, states)
+        errors(problem, library, truth, times, noise, fit, states)
         for fit in (
             by_weights(order),
             by_rows(WeakForm(order)),
@@ -240,11 +240,11 @@ def test_systems_are_the_parts_of_the_rows_and_merge():
     terms = bound(SWING_TERMS, WeakForm(), trials)
     form, _ = reweighted(trials, terms, WeakForm())
     rows, everything = form.rows(trials[0], terms), np.ones(3, dtype=bool)
-    systems = form.systems(trials[0], terms, 4)
-    assert len(systems) == 4
-    whole = System.of(*rows)
+    problems = form.problems(trials[0], terms, 4)
+    assert len(problems) == 4
+    whole = LeastSquaresProblem.of(*rows)
     np.testing.assert_allclose(
-        merge(systems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
+        merge(problems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
     )
 
 
@@ -256,7 +256,7 @@ def test_solvers_find_the_law_in_compressed_trials():
     data = compress(trials, trials.schema, form, terms, parts=4)
     names = [{"x", "y"}, {"x", "y", "x z"}, {"z", "x y"}]
     for equation, wanted in enumerate(names):
-        path = BestSubset().path(data.systems, equation, np.ones(10, dtype=bool))
+        path = BestSubset().path(data.problems, equation, np.ones(10, dtype=bool))
         found = next(each for each in path if each.support[0].sum() == len(wanted))
         assert {terms.names[i] for i in np.flatnonzero(found.support[0])} == wanted
 
@@ -314,7 +314,7 @@ def test_what_cannot_be_is_said():
     with pytest.raises(CommonlawError, match="no equation 2; the first of 2 is 0"):
         WeakForm(coefficients={"it": SWING}, equation=2).rows(trials[0], terms)
     with pytest.raises(CommonlawError, match="too few for 500 parts"):
-        WeakForm().systems(trials[0], terms, 500)
+        WeakForm().problems(trials[0], terms, 500)
     with pytest.raises(CommonlawError, match="order 3"):
         WeakForm(3)
     with pytest.raises(CommonlawError, match="each at least 2"):

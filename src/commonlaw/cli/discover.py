@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.cli.options import errors_option, noise_option, numbers, pool_option
 from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
 from commonlaw.cli.source import Source, with_source
@@ -230,7 +230,7 @@ def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> 
     units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
     errors = np.nan_to_num(law.standard_errors)
     for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
-        equation, term = law.left_sides[j], law.terms.names[k]
+        equation, term = law.left_hand_sides[j], law.terms.names[k]
         columns[_with_unit(letter, units.get((equation, term)))] = _cells(law.coefficients[:, j, k], errors[:, j, k])
         if truth is not None:
             columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
@@ -243,7 +243,7 @@ def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> 
     return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
 
 
-def _cells(coefficients: NDArray[np.float64], errors: NDArray[np.float64]) -> list[object]:
+def _cells(coefficients: Floats, errors: Floats) -> list[object]:
     """Return numbers, with their standard errors where they are known."""
     return [(float(c), float(e)) if e else float(c) for c, e in zip(coefficients, errors, strict=True)]
 
@@ -252,7 +252,7 @@ def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
     """Return head and rows of the table of candidates up to a few terms more than were chosen."""
     shown = [name for name in _MEASURES if any(each.measures.get(name) is not None for each in law.alternatives)]
     rows: list[list[object]] = []
-    for equation in law.left_sides:
+    for equation in law.left_hand_sides:
         own = [each for each in law.alternatives if each.equation == equation]
         most = next(len(each.terms) for each in own if each.chosen) + _MORE_TERMS
         for each in own:

@@ -4,15 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
 
-Floats = NDArray[np.float64]
 
 _TOLERANCE = 1e-11
 

@@ -5,18 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.measurement import (
-    Floats,
-    Measurement,
-    NormalSource,
-    Path,
-    Seed,
-    numbers,
-    sample_times,
-    together,
-)
+from commonlaw.datasets.measurement import Measurement, NormalSource, Path, Seed, numbers, sample_times, together
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
-
-Floats = NDArray[np.float64]
 
 
 class NormalSource(Protocol):

@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import Floats, Measurement, Seed, fixed, numbers, sample_times
+from commonlaw.datasets.measurement import Measurement, Seed, fixed, numbers, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:

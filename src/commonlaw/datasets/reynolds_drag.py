@@ -6,18 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw import sphere_drag
+from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import (
-    Floats,
-    Measurement,
-    Seed,
-    ball_names,
-    fixed,
-    numbers,
-    sample_times,
-    together,
-)
+from commonlaw.datasets.measurement import Measurement, Seed, ball_names, fixed, numbers, sample_times, together
 from commonlaw.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.trials import Schema, Trials
 

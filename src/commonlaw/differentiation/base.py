@@ -4,10 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from commonlaw.array_types import Floats
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.checks import need_samples
 
 _END = np.array([-11 / 6, 3, -3 / 2, 1 / 3])

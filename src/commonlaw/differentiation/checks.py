@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from commonlaw.differentiation.base import Floats
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 
 

@@ -8,7 +8,7 @@ number of samples, and digits last for 50 000 samples, where the equation for z 
 
 import numpy as np
 
-from commonlaw.differentiation.base import Floats
+from commonlaw.array_types import Floats
 
 INNER = slice(3, -1, 2)
 """Where the multipliers of the inner samples stand."""

@@ -5,7 +5,8 @@ from math import factorial
 
 import numpy as np
 
-from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.checks import check_whole, need_samples
 from commonlaw.errors import CommonlawError
 

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from commonlaw.differentiation.base import AbstractSmoother, Floats
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractSmoother
 from commonlaw.differentiation.checks import check_window, fit_window
 
 

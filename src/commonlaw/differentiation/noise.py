@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.differentiation.base import Floats
+from commonlaw.array_types import Floats
 from commonlaw.differentiation.checks import need_samples
 from commonlaw.errors import CommonlawError
 

@@ -6,13 +6,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.checks import check_positive
 from commonlaw.differentiation.noise import differences
 from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 
-Flags = NDArray[np.bool_]
+Flags = Bools
 Whole = NDArray[np.int64]
 
 _LEAST = 5

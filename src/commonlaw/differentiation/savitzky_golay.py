@@ -5,7 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from commonlaw.differentiation.base import AbstractSmoother, Floats
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractSmoother
 from commonlaw.differentiation.checks import check_uniform, check_whole, check_window, fit_window
 from commonlaw.errors import CommonlawError
 

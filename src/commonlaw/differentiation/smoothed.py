@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Floats, Rates
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
 from commonlaw.differentiation.centered import CenteredDifference
 from commonlaw.differentiation.savitzky_golay import SavitzkyGolay
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from commonlaw.differentiation.base import AbstractDifferentiator, Floats, Rates
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.checks import check_positive, need_samples
 from commonlaw.differentiation.curvature import INNER, log_determinant, slope_bands, solve
 from commonlaw.errors import CommonlawError

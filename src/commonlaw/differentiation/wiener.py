@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from commonlaw.differentiation.base import AbstractSmoother, Floats
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractSmoother
 from commonlaw.differentiation.checks import check_window, fit_window
 
 

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.discovery.known import Fixed, Key, known_coefficients, place_of
 from commonlaw.discovery.rows import default_solvers, forecast_scores, sharing, some_trials
@@ -24,7 +24,7 @@ from commonlaw.formulation import (
 from commonlaw.inference import OUTLIERS, PATH, find_law, known_noise
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
-from commonlaw.progress import Told, on_terminal
+from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.selection import (
     BLOCKS,
     Accuracy,
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     from commonlaw.forecast import Forecast
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 _MANY_CANDIDATES = 70
 """More terms for each equation make the likelihood of trajectories too slow to be the default."""
 
@@ -55,7 +53,7 @@ _MANY_SAMPLES = 50_000
 FORMULATIONS = ("auto", "trajectories", "rates", "weak")
 """How measurements and laws are compared."""
 
-_OF_RATES = ("differentiation", "library_states", "trim", "rule", "judge", "resamples")
+_OF_RATES = ("differentiation", "library_states", "trim", "rule", "judge", "n_resamples")
 """Settings that only rates have."""
 
 _OF_TRAJECTORIES = ("noise", "outliers", "errors", "pool")
@@ -86,13 +84,13 @@ class LawDiscovery:
         Whether terms are evaluated on the ``"smoothed"`` or on the ``"measured"`` states, see `StrongForm`.
     trim
         Rows left out at each end of a trial, see `StrongForm`.
-    jobs
+    n_jobs
         Processes that share the trials; each computes with one thread.
     rule
         How an equation is chosen from the candidates when the solver has no setting, see `commonlaw.selection.choose`.
     judge
         What candidates are judged by on held-out trials: the ``"rates"``, or their ``"forecasts"``, which takes longer.
-    resamples
+    n_resamples
         Bootstrap resamples that judge how stable the candidates are.
     formulation
         How measurements and laws are compared. ``"trajectories"``: states and coefficients are fitted together to what
@@ -140,16 +138,16 @@ class LawDiscovery:
         universal: Sequence[Key] = (),
         library_states: Literal["smoothed", "measured"] = "smoothed",
         trim: int = 0,
-        jobs: int = 1,
+        n_jobs: int = 1,
         rule: str = "one-standard-error",
         judge: Literal["rates", "forecasts"] = "rates",
-        resamples: int = 20,
+        n_resamples: int = 20,
         formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
         noise: Mapping[str, float] | None = None,
         outliers: float = OUTLIERS,
         errors: Literal["likelihood", "bootstrap"] = "likelihood",
         pool: bool = True,
-        progress: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> None:
         self.order = order
         self.library = library
@@ -159,10 +157,10 @@ class LawDiscovery:
         self.universal = universal
         self.library_states = library_states
         self.trim = trim
-        self.jobs = jobs
+        self.n_jobs = n_jobs
         self.rule = rule
         self.judge = judge
-        self.resamples = resamples
+        self.n_resamples = n_resamples
         self.formulation = formulation
         self.noise = noise
         self.outliers = outliers
@@ -283,7 +281,7 @@ class LawDiscovery:
                 f"outliers is {self.outliers}: give how many standard deviations of noise a measurement must be off to "
                 "be one, above zero"
             )
-        told = on_terminal() if self.progress is None else self.progress
+        progress = on_terminal() if self.progress is None else self.progress
         solver = self._solver() or PATH
 
         def by_rates() -> Bools:
@@ -303,7 +301,7 @@ class LawDiscovery:
             errors=self.errors,
             universal=universal,
             pool=self.pool,
-            told=told,
+            progress=progress,
         )
 
     def _law_of_rows(
@@ -312,24 +310,24 @@ class LawDiscovery:
         """Return the law that a solver finds, or that is chosen from solvers' paths, on the rows of a formulation."""
         terms = self._library().bind(form.variables(trials.schema))
         is_set = solver is not None and solver.is_set
-        data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, jobs=self.jobs)
+        data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, n_jobs=self.n_jobs)
         known = known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
         rates = None if self.order == 0 else self._differentiation(trials)
         law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
         universal = [place_of(key, trials.schema.states, terms) for key in self.universal]
         if solver is not None and is_set:
-            fit = sharing(solver, universal).solve(data.subtract(law.coefficients).systems, np.isnan(known[0]))
+            fit = sharing(solver, universal).solve(data.subtract(law.coefficients).problems, np.isnan(known[0]))
             found = fitted_law(law, fit, solver)
         else:
             accuracy = Accuracy(form, terms, some_trials(trials, data.objects))
             listed = default_solvers(len(terms)) if solver is None else (solver,)
             solvers = [sharing(each, universal) for each in listed]
-            choose = partial(select, data, known, solvers, accuracy, rule=self.rule, resamples=self.resamples)
+            choose = partial(select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples)
             found = chosen_law(law, choose())
             if self.judge == "forecasts":
                 scores = forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
-        return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.systems)))
+        return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.problems)))
 
     def _terms(self, schema: Schema) -> Terms:
         return self._library().bind(self._rates_form().variables(schema))
@@ -376,16 +374,16 @@ def discover(
     universal: Sequence[Key] = (),
     library_states: Literal["smoothed", "measured"] = "smoothed",
     trim: int = 0,
-    jobs: int = 1,
+    n_jobs: int = 1,
     rule: str = "one-standard-error",
     judge: Literal["rates", "forecasts"] = "rates",
-    resamples: int = 20,
+    n_resamples: int = 20,
     formulation: Literal["auto", "trajectories", "rates", "weak"] = "auto",
     noise: Mapping[str, float] | None = None,
     outliers: float = OUTLIERS,
     errors: Literal["likelihood", "bootstrap"] = "likelihood",
     pool: bool = True,
-    progress: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Law:
     """Find the law that the objects of these trials share.
 
@@ -406,5 +404,5 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, jobs, rule, judge)
-    return LawDiscovery(*settings, resamples, formulation, noise, outliers, errors, pool, progress).fit(trials).law_
+    settings = (order, library, differentiation, solver, fixed, universal, library_states, trim, n_jobs, rule, judge)
+    return LawDiscovery(*settings, n_resamples, formulation, noise, outliers, errors, pool, progress).fit(trials).law_

@@ -3,12 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library import Terms
-
-Floats = NDArray[np.float64]
 
 Key = str | tuple[str, str]
 """A term, with the state of its equation before it when there are several."""
@@ -20,15 +18,15 @@ def known_coefficients(fixed: Fixed, states: Sequence[str], objects: Sequence[st
     """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
     known = np.full((len(objects), len(states), len(terms)), np.nan)
     for key, value in fixed.items():
-        equation, place = place_of(key, states, terms)
-        term = terms.names[place]
+        equation, index = place_of(key, states, terms)
+        term = terms.names[index]
         values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
         missing = [name for name in objects if name not in values]
         if missing:
             raise CommonlawError(
                 f"fixed term {term!r} has no coefficient for {', '.join(missing)}; give one for each object"
             )
-        known[:, equation, place] = [values[name] for name in objects]
+        known[:, equation, index] = [values[name] for name in objects]
     return known
 
 

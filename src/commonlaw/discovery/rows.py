@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import MOST_GROUPS, Compressed
 from commonlaw.law import Law
@@ -51,9 +49,7 @@ def some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Tr
     return list(found.values())
 
 
-def forecast_scores(
-    trials: Trials | TrialStream, data: Compressed, law: Law, free: NDArray[np.bool_]
-) -> list[ForecastError]:
+def forecast_scores(trials: Trials | TrialStream, data: Compressed, law: Law, free: Bools) -> list[ForecastError]:
     """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
     if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
         raise CommonlawError(

@@ -5,15 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.event import Event
 from commonlaw.forecast.trajectory import Trajectory
 from commonlaw.forecast.vector_field import VectorField
 from commonlaw.outcomes import Outcome
 
-Floats = NDArray[np.float64]
 Function = Callable[[float, Floats], Floats]
 
 MOST_STEPS = 100_000
@@ -85,11 +84,11 @@ class AbstractIntegrator(ABC):
 
 def check_start(initial: Floats, times: Floats, where: str) -> None:
     """Refuse initial states and times that cannot be integrated."""
-    place = f"{where}: " if where else ""
+    index = f"{where}: " if where else ""
     if not np.all(np.isfinite(initial)):
-        raise CommonlawError(f"{place}the initial state {initial} is not finite; give numbers")
+        raise CommonlawError(f"{index}the initial state {initial} is not finite; give numbers")
     if times.ndim != 1 or not len(times) or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-        raise CommonlawError(f"{place}the times to forecast must be finite and increase")
+        raise CommonlawError(f"{index}the times to forecast must be finite and increase")
 
 
 def size_of(initial: Floats, rates: Function, times: Floats) -> float:

@@ -8,8 +8,8 @@ from typing import Any
 
 import heyoka
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.forecast.base import Run, Wanted
 from commonlaw.forecast.event import event_terms
 from commonlaw.forecast.translation import translated
@@ -19,7 +19,6 @@ from commonlaw.library import AbstractTerm
 # A home that cannot be written to costs heyoka its cache on disk, and is nothing to tell a user of each time.
 heyoka.set_logger_level_error()
 
-Floats = NDArray[np.float64]
 Found = list[tuple[int, float, Floats]]
 
 _LARGE = 100
@@ -98,9 +97,9 @@ class Compiled:
     def start(self, run: Run, levels: Floats) -> None:
         """Set parameters, state and time to the start of a run."""
         self.stepper.pars[:] = np.concatenate([run.field.parameters, levels])
-        self.place(run.start, np.concatenate([run.initial, self.slopes]))
+        self.reset(run.start, np.concatenate([run.initial, self.slopes]))
 
-    def place(self, time: float, row: Floats) -> None:
+    def reset(self, time: float, row: Floats) -> None:
         """Set time and state, and forget what was found."""
         self.stepper.time = time
         self.stepper.state[:] = row
@@ -127,8 +126,8 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
     variables = [*states, heyoka.time]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
-    for i, (equation, place) in enumerate(structure.pairs):
-        sums[equation].append(heyoka.par[i] * terms[place])
+    for i, (equation, index) in enumerate(structure.pairs):
+        sums[equation].append(heyoka.par[i] * terms[index])
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
     rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest
     system: Any = list(zip(states, rates, strict=True))
@@ -160,20 +159,20 @@ def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Foun
     found: Found = []
     width = structure.equations * structure.order
 
-    def writer(place: int) -> Callable[[Any, float, int], None]:
+    def writer(index: int) -> Callable[[Any, float, int], None]:
         def write(stepper: Any, time: float, _: int) -> None:
             stepper.update_d_output(time)
-            found.append((place, time, stepper.d_output[:width].copy()))
+            found.append((index, time, stepper.d_output[:width].copy()))
 
         return write
 
-    passing, terminal, places = [], [], []
+    passing, terminal, indices = [], [], []
     for i, (term, sign, ends) in enumerate(structure.events):
         gap = translated(term, variables) - heyoka.par[len(structure.pairs) + i]
         if ends:
             terminal.append(heyoka.t_event(gap, direction=directions[sign]))
-            places.append(i)
+            indices.append(i)
         else:
             passing.append(heyoka.nt_event(gap, writer(i), direction=directions[sign]))
     lists = {"t_events": terminal, "nt_events": passing}
-    return places, found, {name: each for name, each in lists.items() if each}
+    return indices, found, {name: each for name, each in lists.items() if each}

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.vector_field import VectorField
 from commonlaw.library import Terms, Variables, parse_term
-
-Floats = NDArray[np.float64]
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
 _ROUNDING = 4 * np.finfo(float).eps
@@ -85,7 +83,7 @@ def occurrences(
 ) -> tuple[Occurrences, ...]:
     """Return what was found, (place of the event, time, states), by event and in order of time."""
     lists = [
-        sorted(((t, y) for i, t, y in found if i == place), key=lambda each: each[0]) for place in range(len(events))
+        sorted(((t, y) for i, t, y in found if i == index), key=lambda each: each[0]) for index in range(len(events))
     ]
     return tuple(
         Occurrences(event, np.array([t for t, _ in each]), np.array([y for _, y in each]).reshape(len(each), width))

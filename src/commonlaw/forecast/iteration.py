@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.base import FAR, AbstractIntegrator, Run, Wanted
 from commonlaw.forecast.trajectory import Trajectory, diverged
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

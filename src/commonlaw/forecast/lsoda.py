@@ -4,16 +4,14 @@ import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
+from commonlaw.array_types import Floats
 from commonlaw.forecast.base import FAR, MOST_STEPS, AbstractIntegrator, Function, Run, Wanted, size_of
 from commonlaw.forecast.event import Gaps, event_terms, occurrences
 from commonlaw.forecast.trajectory import Trajectory, diverged
 from commonlaw.forecast.vector_field import VectorField
-
-Floats = NDArray[np.float64]
 
 _LOOKS = 8
 """How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""

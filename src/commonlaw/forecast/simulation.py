@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.base import NOT_INTEGRATED, AbstractIntegrator, Run, Wanted, check_start
 from commonlaw.forecast.event import Event
 from commonlaw.forecast.iteration import Iteration
 from commonlaw.forecast.trajectory import Trajectory
 from commonlaw.forecast.vector_field import VectorField
-
-Floats = NDArray[np.float64]
 
 METHODS = ("auto", "heyoka", "scipy")
 

@@ -3,12 +3,10 @@
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 
 def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:

@@ -10,8 +10,8 @@ from typing import Any
 
 import heyoka
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.forecast.base import FAR, MOST_STEPS, AbstractIntegrator, Run, Wanted, not_integrated, size_of
 from commonlaw.forecast.compiled import Compiled, Found, Structure, compiled
 from commonlaw.forecast.event import Gaps, event_terms, occurrences
@@ -19,7 +19,6 @@ from commonlaw.forecast.trajectory import Trajectory, diverged
 from commonlaw.forecast.vector_field import VectorField
 from commonlaw.outcomes import Outcome
 
-Floats = NDArray[np.float64]
 Dense = Callable[[Floats], Floats]
 
 _NOT_FINITE = "a state is not finite"
@@ -149,7 +148,7 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
 def _runaway(law: Compiled, run: Run, row: Floats, time: float) -> tuple[float, Outcome]:
     """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
     limit = FAR * size_of(run.initial, run.field, run.times)
-    law.place(time, row)
+    law.reset(time, row)
     for _ in range(MOST_STEPS):
         law.stepper.step()
         peak = float(np.max(np.abs(law.stepper.state[: law.width])))

@@ -4,13 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.event import Occurrences
 from commonlaw.outcomes import Outcome
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

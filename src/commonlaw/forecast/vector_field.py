@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.library import Terms
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +63,9 @@ class VectorField:
     def slopes(self, t: float, y: Floats) -> Floats:
         """Return the derivatives of ``f(t, y)`` by the parameters, shape (d, parameters)."""
         row = self.terms.take(self._used).evaluate(self.values(t, y))[0]
-        equations, places = np.nonzero(self.kept[:, self._used])
-        result = np.zeros((len(y), len(places)))
-        result[len(y) - len(self.coefficients) + equations, np.arange(len(places))] = row[places]
+        equations, indices = np.nonzero(self.kept[:, self._used])
+        result = np.zeros((len(y), len(indices)))
+        result[len(y) - len(self.coefficients) + equations, np.arange(len(indices))] = row[indices]
         return result
 
     @cached_property

@@ -4,10 +4,10 @@ from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.compress import MOST_GROUPS, Compressed, compress, refuse_constant_states
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.independence import effective_rows, independent_share
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, leave_one_out, merge
 from commonlaw.formulation.resolution import resolution
 from commonlaw.formulation.reweighting import reweighted
 from commonlaw.formulation.strong import StrongForm
-from commonlaw.formulation.system import System, leave_one_out, merge
 from commonlaw.formulation.weak import WeakForm
 
 __all__ = [
@@ -15,8 +15,8 @@ __all__ = [
     "AbstractFormulation",
     "Compressed",
     "DiscreteForm",
+    "LeastSquaresProblem",
     "StrongForm",
-    "System",
     "WeakForm",
     "compress",
     "effective_rows",

@@ -6,14 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.system import System
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
 
-Floats = NDArray[np.float64]
 Piece = tuple[int, Floats, Floats]
 """The first sample of a stretch of a trial, and there the values of the variables and the targets, a row a sample."""
 
@@ -39,7 +38,7 @@ class AbstractFormulation(ABC):
         """
 
     @abstractmethod
-    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
         """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time."""
 
 
@@ -83,7 +82,7 @@ class AbstractSampledForm(AbstractFormulation):
         terms.check_finite(library, values, trial.label, self.span(trial)[0])
         return library, targets
 
-    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
         """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time.
 
         They are the systems of `rows`, but no more than a piece of them is held at a time.
@@ -93,8 +92,10 @@ class AbstractSampledForm(AbstractFormulation):
         cuts = [first + (last - first) * i // parts for i in range(1, parts)]
         width = len(terms) + trial.states.shape[1]
         by_part = groupby(self.pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
-        found = [System.of_blocks(_blocks(pieces, terms, width), len(terms), width) for _, pieces in by_part]
-        if not all(np.isfinite(system.factor).all() for system in found):
+        found = [
+            LeastSquaresProblem.of_blocks(_blocks(pieces, terms, width), len(terms), width) for _, pieces in by_part
+        ]
+        if not all(np.isfinite(problem.factor).all() for problem in found):
             self.rows(trial, terms)  # Its message names the term and the sample
             raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
         return found

@@ -5,12 +5,12 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonlaw.array_types import Bools, Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Floats = NDArray[np.float64]
 
 LEAST_RADIUS = 14
 """In samples. The trapezoidal rule errs by the transform of a bump's derivative at the sampling rate, which is below
@@ -122,10 +122,10 @@ class Bumps:
         fit = _interpolation(times, points, _DEGREE + 1 if even else _NEAR)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
         fitted = [narrow._values(points.ravel(), factors, each) @ fit for each in range(highest + 1)]
-        places = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
-        return [vstack(pair, format="csr")[places] for pair in zip(summed, fitted, strict=True)]
+        indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
+        return [vstack(pair, format="csr")[indices] for pair in zip(summed, fitted, strict=True)]
 
-    def _take(self, chosen: NDArray[np.bool_]) -> "Bumps":
+    def _take(self, chosen: Bools) -> "Bumps":
         return Bumps(self.centres[chosen], self.radii[chosen])
 
     def _without_gaps(self, times: Floats) -> "Bumps":
@@ -144,10 +144,10 @@ class Bumps:
         counts = np.searchsorted(points, self.centres + self.radii) - first
         starts = np.append(0, np.cumsum(counts))
         bump = np.repeat(np.arange(len(counts)), counts)
-        place = np.arange(starts[-1]) + np.repeat(first - starts[:-1], counts)
-        s = (points[place] - self.centres[bump]) / self.radii[bump]
-        values = _bump(s, derivative) / self.radii[bump] ** derivative * factors[place]
-        return csr_array((values, place, starts), shape=(len(counts), len(points)))
+        index = np.arange(starts[-1]) + np.repeat(first - starts[:-1], counts)
+        s = (points[index] - self.centres[bump]) / self.radii[bump]
+        values = _bump(s, derivative) / self.radii[bump] ** derivative * factors[index]
+        return csr_array((values, index, starts), shape=(len(counts), len(points)))
 
 
 def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
@@ -204,12 +204,12 @@ def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
 
     size = min(size, len(times))
     first = np.clip(np.arange(len(times) - 1) - size // 2 + 1, 0, len(times) - size)
-    places = first[:, np.newaxis] + np.arange(size)
-    near = times[places]
+    indices = first[:, np.newaxis] + np.arange(size)
+    near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
     powers = np.arange(min(_DEGREE, size - 1) + 1)
     samples, wanted = (((each - middle) / half)[:, :, np.newaxis] ** powers for each in (near, points))
     weights = wanted @ np.linalg.pinv(samples)
-    columns = np.broadcast_to(places[:, np.newaxis, :], weights.shape)
+    columns = np.broadcast_to(indices[:, np.newaxis, :], weights.shape)
     starts = np.arange(0, weights.size + 1, size)
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(points.size, len(times)))

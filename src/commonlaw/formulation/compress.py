@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
-from commonlaw.formulation.system import System, merge
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.library import Terms
 from commonlaw.trials import Schema, Trial
-
-Floats = NDArray[np.float64]
 
 MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
@@ -33,7 +31,7 @@ class Compressed:
     """
 
     objects: tuple[str, ...]
-    groups: tuple[tuple[tuple[System, ...], ...], ...]
+    groups: tuple[tuple[tuple[LeastSquaresProblem, ...], ...], ...]
 
     def subtract(self, coefficients: Floats) -> "Compressed":
         """Return the systems whose targets are what coefficients, shape (objects, equations, terms), do not explain."""
@@ -42,13 +40,13 @@ class Compressed:
         return Compressed(self.objects, groups)
 
     @cached_property
-    def systems(self) -> tuple[System, ...]:
+    def problems(self) -> tuple[LeastSquaresProblem, ...]:
         """One system for each object."""
-        return tuple(merge(system for trial in trials for system in trial) for trials in self.groups)
+        return tuple(merge(problem for trial in trials for problem in trial) for trials in self.groups)
 
 
 def compress(
-    trials: Iterable[Trial], schema: Schema, form: AbstractFormulation, terms: Terms, *, parts: int = 1, jobs: int = 1
+    trials: Iterable[Trial], schema: Schema, form: AbstractFormulation, terms: Terms, *, parts: int = 1, n_jobs: int = 1
 ) -> Compressed:
     """Compress trials one by one; they may come from a stream that is larger than memory.
 
@@ -64,7 +62,7 @@ def compress(
         The library.
     parts
         Stretches of time into which a trial is cut.
-    jobs
+    n_jobs
         Processes that share the work; 1 stays in this one.
 
     Raises
@@ -72,16 +70,16 @@ def compress(
     CommonlawError
         If a trial cannot be used, or a state of an object never changes.
     """
-    found: dict[str, list[list[System]]] = {}
+    found: dict[str, list[list[LeastSquaresProblem]]] = {}
     counts: dict[str, int] = {}
     extremes: dict[str, Floats] = {}
-    for trial, systems in _with_systems(trials, form, terms, parts, jobs):
+    for trial, problems in _with_systems(trials, form, terms, parts, n_jobs):
         groups = found.setdefault(trial.object, [])
-        place = counts.get(trial.object, 0) % MOST_GROUPS
-        if place < len(groups):
-            groups[place] = [one + other for one, other in zip(groups[place], systems, strict=True)]
+        index = counts.get(trial.object, 0) % MOST_GROUPS
+        if index < len(groups):
+            groups[index] = [one + other for one, other in zip(groups[index], problems, strict=True)]
         else:
-            groups.append(systems)
+            groups.append(problems)
         counts[trial.object] = counts.get(trial.object, 0) + 1
         ends = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
         before = extremes.get(trial.object, ends)
@@ -91,18 +89,18 @@ def compress(
 
 
 def _with_systems(
-    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, parts: int, jobs: int
-) -> Iterator[tuple[Trial, list[System]]]:
-    if jobs == 1:
+    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, parts: int, n_jobs: int
+) -> Iterator[tuple[Trial, list[LeastSquaresProblem]]]:
+    if n_jobs == 1:
         for trial in trials:
-            yield trial, form.systems(trial, terms, parts)
+            yield trial, form.problems(trial, terms, parts)
         return
     from joblib import Parallel, delayed
 
-    def work(trial: Trial) -> tuple[Trial, list[System]]:
-        return trial, form.systems(trial, terms, parts)
+    def work(trial: Trial) -> tuple[Trial, list[LeastSquaresProblem]]:
+        return trial, form.problems(trial, terms, parts)
 
-    yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
+    yield from Parallel(n_jobs=n_jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

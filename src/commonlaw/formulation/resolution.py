@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.library import Terms
 from commonlaw.trials import Trial
-
-Floats = NDArray[np.float64]
 
 
 def resolution(form: StrongForm, terms: Terms, trials: Sequence[Trial], target: int, coefficients: Floats) -> float:

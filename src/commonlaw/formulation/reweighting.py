@@ -4,17 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.system import System, merge
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.formulation.weak import WeakForm
 from commonlaw.formulation.weak_rows import WeakRows
 from commonlaw.library import Terms
 from commonlaw.trials import Trials
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _SETTLED = 1e-6
 """Relative change of a fit below which reweighting ends; the steps after it would change no digit that noise leaves."""
@@ -59,12 +56,14 @@ def reweighted(
 
 def _settled(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
     """Return the coefficients of one object, shape (equations, terms)."""
-    plain = merge(System.of(each.library, each.targets) for each in tested)
+    plain = merge(LeastSquaresProblem.of(each.library, each.targets) for each in tested)
     found = np.array([plain.least_squares(own, j) for j, own in enumerate(support)])
     for j, own in enumerate(support):
         for _ in range(sweeps):
-            system = merge(each.system(found, (j,)) for each in tested)
-            before, found[j] = found[j].copy(), system.least_squares(own, j)
-            if np.linalg.norm(system.norms * (found[j] - before)) <= _SETTLED * np.linalg.norm(system.norms * found[j]):
+            problem = merge(each.problem(found, (j,)) for each in tested)
+            before, found[j] = found[j].copy(), problem.least_squares(own, j)
+            if np.linalg.norm(problem.norms * (found[j] - before)) <= _SETTLED * np.linalg.norm(
+                problem.norms * found[j]
+            ):
                 break
     return found

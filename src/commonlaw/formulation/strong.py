@@ -6,15 +6,12 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Piece
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
-
-Floats = NDArray[np.float64]
 
 _PIECE = 8192
 """Samples that are differentiated together: few enough to stay in cache."""

@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, SmoothingSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.formulation.strong import rate_names
-from commonlaw.formulation.system import System
 from commonlaw.formulation.weak_rows import WeakRows
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
-
-Floats = NDArray[np.float64]
 
 _EXACT = 1e-7
 """Noise below this share of a state's range is none: the state is taken as measured."""
@@ -96,7 +94,7 @@ class WeakForm(AbstractFormulation):
             return tested.library, tested.targets
         return tested.whitened(self._known(trial, tested), self._equations(trial))
 
-    def systems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[System]:
+    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
         library, targets = self.rows(trial, terms)
         if len(library) < parts:
             raise CommonlawError(
@@ -104,7 +102,7 @@ class WeakForm(AbstractFormulation):
                 "give smaller radii or a longer trial"
             )
         stretches = zip(np.array_split(library, parts), np.array_split(targets, parts), strict=True)
-        return [System.of(*each) for each in stretches]
+        return [LeastSquaresProblem.of(*each) for each in stretches]
 
     def tested(self, trial: Trial, terms: Terms) -> WeakRows:
         """Return the rows of a trial as they are, before they are whitened, with what makes their covariance.

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.formulation.bumps import Bumps
-from commonlaw.formulation.system import System
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.library import AbstractTerm, Monomial, Terms
 from commonlaw.trials import Trial
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Floats = NDArray[np.float64]
 
 _RIDGE = 1e-10
 """Share of the mean variance of rows that is added to each variance. Combinations of rows with less noise than that are
@@ -137,9 +136,9 @@ class WeakRows:
         white, _ = lapack.dtbtrs(cholesky_banded(bands, lower=True), rows, uplo="L")
         return white[:, : self.library.shape[1]], white[:, self.library.shape[1] :]
 
-    def system(self, coefficients: Floats, equations: Sequence[int]) -> System:
+    def problem(self, coefficients: Floats, equations: Sequence[int]) -> LeastSquaresProblem:
         """Return the whitened rows, compressed."""
-        return System.of(*self.whitened(coefficients, equations))
+        return LeastSquaresProblem.of(*self.whitened(coefficients, equations))
 
 
 def antiderivative(term: AbstractTerm, states: int) -> tuple[float, Monomial] | None:

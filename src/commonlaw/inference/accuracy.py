@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
 from commonlaw.likelihood import expand, whitened
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rivals = Sequence[Sequence[tuple[Bools, float]]]
 Errors = Literal["likelihood", "bootstrap"]
 
@@ -46,35 +44,35 @@ def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> 
     found = np.zeros((len(law.estimates), support.sum(), support.sum()))
     for o, (problem, estimate) in enumerate(zip(objects.problems, law.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(objects.known[o])
-        places, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
+        indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if errors == "bootstrap":
             trials = [rows for rows, _ in whitened(problem, estimate, law.finest)]
             covariance = bootstrapped(trials, inner)
         else:
-            covariance = _inverse(expand(problem, estimate, law.finest).system.restrict(inner.tolist()).factor[:, :-1])
-        found[o][np.ix_(places, places)] = covariance
+            covariance = _inverse(expand(problem, estimate, law.finest).problem.restrict(inner.tolist()).factor[:, :-1])
+        found[o][np.ix_(indices, indices)] = covariance
     return found
 
 
-def bootstrapped(trials: Sequence[Floats], places: NDArray[np.intp]) -> Floats:
+def bootstrapped(trials: Sequence[Floats], indices: Indices) -> Floats:
     """Return the covariance of least squares on rows whose blocks are drawn with replacement.
 
     Parameters
     ----------
     trials
         Rows ``[library | target]`` of each, whitened, shape (n, columns).
-    places
+    indices
         The columns of the library that are used.
     """
     each = -(-_BLOCKS // len(trials))
-    columns = [*places, -1]
+    columns = [*indices, -1]
     blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
-    factors = np.array([System.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
+    factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
     drawn = np.random.default_rng(0).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
     stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
     norms = np.linalg.norm(np.concatenate(factors), axis=0)
     norms[norms == 0] = 1.0
-    reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(places))
+    reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
     # What no drawn block tells is zero
     estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline, noise_level
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import refuse_constant_states
@@ -13,9 +13,6 @@ from commonlaw.library import Terms
 from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, meshes, spread
 from commonlaw.selection import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.trials import Trial, Trials
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more

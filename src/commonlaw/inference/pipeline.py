@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.accuracy import Errors, covariances, inclusion
 from commonlaw.inference.objects import Objects, prepare
 from commonlaw.inference.record import alternatives, history, outcomes
@@ -16,9 +16,7 @@ from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Told = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -39,7 +37,7 @@ def find_law(
     errors: Errors = "likelihood",
     universal: Bools | None = None,
     pool: bool = True,
-    told: Told = lambda _: None,
+    progress: ProgressCallback = lambda _: None,
 ) -> Law:
     """Return the law of these trials: its terms, coefficients, their covariance, and every choice on the way.
 
@@ -66,7 +64,7 @@ def find_law(
         Coefficients that all objects have in common, shape (equations, terms).
     pool
         Whether the others are drawn to their means as far as the objects are alike, see `Law.pooled`.
-    told
+    progress
         Takes what is being done.
 
     Raises
@@ -74,14 +72,14 @@ def find_law(
     CommonlawError
         If a trial is too short, or a term is not finite on it; the message names the trial.
     """
-    told("estimating noise, smoothing")
+    progress("estimating noise, smoothing")
     objects = prepare(trials, law.terms, law.order, known, noise=noise, bound=outliers)
-    objects, found = _searched(trials, objects, solver, told)
+    objects, found = _searched(trials, objects, solver, progress)
     if not found.obeyed:
-        told("no law is obeyed: choosing terms by trials held out")
+        progress("no law is obeyed: choosing terms by trials held out")
         found = with_supports(objects, by_rates())
-    objects, found = _settled(trials, objects, found, solver, told)
-    told("judging terms and coefficients")
+    objects, found = _settled(trials, objects, found, solver, progress)
+    progress("judging terms and coefficients")
     others = [
         [(support | given, above) for support, above in listed]
         for given, listed in zip(law.support, rivals(objects, found), strict=True)
@@ -99,29 +97,31 @@ def find_law(
     return pooled(law, universal, pool)
 
 
-def _searched(trials: Trials, objects: Objects, solver: AbstractSolver, told: Told) -> tuple[Objects, Found]:
+def _searched(
+    trials: Trials, objects: Objects, solver: AbstractSolver, progress: ProgressCallback
+) -> tuple[Objects, Found]:
     """Search, on finer meshes too where no law is obeyed and these matter: a coarse one looks like an error."""
-    found = search(objects, solver, told)
+    found = search(objects, solver, progress)
     while not found.obeyed:
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(trials, objects, found, (found.tolerance / np.sqrt(2),))
         if finer is None:
             break
-        told("searching again on a finer mesh")
+        progress("searching again on a finer mesh")
         objects, _ = finer
-        found = search(objects, solver, told)
+        found = search(objects, solver, progress)
     return objects, found
 
 
 def _settled(
-    trials: Trials, objects: Objects, found: Found, solver: AbstractSolver, told: Told
+    trials: Trials, objects: Objects, found: Found, solver: AbstractSolver, progress: ProgressCallback
 ) -> tuple[Objects, Found]:
     """Choose again on finer meshes until these do not matter, for laws that move fast between samples."""
     while found.obeyed:
         finer = on_finer_mesh(trials, objects, found, FINAL)
         if finer is None:
             break
-        told("choosing terms again on a finer mesh")
+        progress("choosing terms again on a finer mesh")
         try:
             objects, found = finer[0], settle(finer[0], found.supports, finer[1], found.tolerance, solver)
         except NotPositiveError:

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.inference.accuracy import Rivals, probabilities
 from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
@@ -13,8 +13,6 @@ from commonlaw.outcomes import Outcome
 from commonlaw.selection import MOST_TERMS
 from commonlaw.trials import Schema, Trials
 
-Bools = NDArray[np.bool_]
-
 _LISTED = 12
 """Supports of each equation that are kept as alternatives, besides the chosen one."""
 
@@ -22,7 +20,7 @@ _LISTED = 12
 def alternatives(law: Law, others: Rivals) -> tuple[Alternative, ...]:
     """Return the supports that each equation was chosen from, the best first."""
     found = []
-    for equation, listed in zip(law.left_sides, others, strict=True):
+    for equation, listed in zip(law.left_hand_sides, others, strict=True):
         likely = probabilities(listed)
         chosen = next(i for i, (_, above) in enumerate(listed) if above == 0)
         for i in sorted({*range(min(_LISTED, len(listed))), chosen}):
@@ -47,11 +45,11 @@ def _why(law: Law, listed: Sequence[tuple[Bools, float]]) -> str:
 
 def outcomes(trials: Trials, law: Law, objects: Objects, found: Found) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that these trials gave."""
-    told = []
+    progress = []
     if not found.obeyed:
         single = any(len(trials.of(name)) == 1 for name in trials.objects)
         weak = ", which says little of objects with a single trial" if single else ""
-        told.append(
+        progress.append(
             Outcome(
                 "not obeyed",
                 "",
@@ -62,23 +60,23 @@ def outcomes(trials: Trials, law: Law, objects: Objects, found: Found) -> tuple[
                 "summary",
             )
         )
-    told += [
+    progress += [
         Outcome("empty support", side, "no candidate term explains it better than noise", "offer other terms")
-        for j, side in enumerate(law.left_sides)
+        for j, side in enumerate(law.left_hand_sides)
         if not any(each.coefficients[j].any() for each in found.estimates)
     ]
     most = objects.most_terms
-    told += [
+    progress += [
         Outcome(
             "few samples",
             side,
             f"it has {most} terms, as many as the object with the fewest samples can tell apart",
             "measure more samples or trials, or offer fewer terms",
         )
-        for side, support in zip(law.left_sides, found.supports, strict=True)
+        for side, support in zip(law.left_hand_sides, found.supports, strict=True)
         if support.sum() == most < min(MOST_TERMS, objects.allowed.sum(axis=1).max())
     ]
-    return tuple(told)
+    return tuple(progress)
 
 
 def history(
@@ -109,7 +107,7 @@ def history(
             mesh if found.obeyed else "a law with an error needs no finer one",
         ),
     ]
-    for equation, listed in zip(law.left_sides, others, strict=True):
+    for equation, listed in zip(law.left_hand_sides, others, strict=True):
         chosen = next(support for support, above in listed if above == 0)
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
         reason = _why(law, listed) if found.obeyed else "the fewest within one standard error, on trials held out"

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.inference.accuracy import Errors, covariances
@@ -15,8 +14,6 @@ from commonlaw.inference.resolution import on_finer_mesh
 from commonlaw.inference.search import ERRORS, FINAL, OBEYED, Found, with_supports
 from commonlaw.law import Law, pooled
 from commonlaw.trials import Trials
-
-Floats = NDArray[np.float64]
 
 
 def refine(

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
 from commonlaw.likelihood import Estimate, fit
 from commonlaw.trials import Trials
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FINEST = 4
 """Points for each sampling step; laws that need more are not resolved by their samples."""
@@ -50,6 +47,6 @@ def _change(objects: Objects, coarse: Sequence[Estimate], finer: Objects, fine: 
 
 def _at_samples(states: Floats, linked: Bools, stride: int) -> Floats:
     """Return the rows of a finer mesh at the points of a coarser one, whose links are given."""
-    places = np.concatenate([[0], np.cumsum(np.where(linked, stride, 1))])
-    rows: Floats = states[places]
+    indices = np.concatenate([[0], np.cumsum(np.where(linked, stride, 1))])
+    rows: Floats = states[indices]
     return rows

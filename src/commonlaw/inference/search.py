@@ -10,16 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.objects import Objects
 from commonlaw.likelihood import Estimate, NotPositiveError, expand, fit
 from commonlaw.selection import Joint
 from commonlaw.solvers import AbstractSolver
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.03), (0.3, 0.03), (0.1, 0.03))
 """Tolerances, relative to the noise, at which supports are chosen. Different ways find different supports; the best is
@@ -71,7 +68,7 @@ class Found:
         return FINAL[-1] if self.obeyed else self.tolerance
 
 
-def search(objects: Objects, solver: AbstractSolver, told: Callable[[str], None]) -> Found:
+def search(objects: Objects, solver: AbstractSolver, progress: Callable[[str], None]) -> Found:
     """Return the supports and tolerance of largest evidence that are found, and the estimates with them.
 
     Parameters
@@ -80,7 +77,7 @@ def search(objects: Objects, solver: AbstractSolver, told: Callable[[str], None]
         Where to look.
     solver
         Whose path lists candidates.
-    told
+    progress
         Takes what is being done.
 
     Raises
@@ -90,7 +87,7 @@ def search(objects: Objects, solver: AbstractSolver, told: Callable[[str], None]
     """
     found = []
     for number, tolerances in enumerate(SCHEDULES, start=1):
-        told(f"choosing terms, way {number} of {len(SCHEDULES)}")
+        progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
         found += _anneal(objects, solver, tolerances)
     return _best(found)
 
@@ -200,8 +197,8 @@ def _linearised(objects: Objects, estimates: Sequence[Estimate], tolerance: floa
     pairs = zip(objects.problems, estimates, strict=True)
     expansions = [expand(problem, estimate, tolerance) for problem, estimate in pairs]
     known = np.nan_to_num(objects.known)
-    systems = [each.system.subtract(own.reshape(1, -1)) for each, own in zip(expansions, known, strict=True)]
-    joint = Joint(systems, objects.allowed, sum(objects.measured), objects.most_terms)
+    problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(expansions, known, strict=True)]
+    joint = Joint(problems, objects.allowed, sum(objects.measured), objects.most_terms)
     # An error of the law is one more number to be found, at the price of any (BIC)
     price = 0.0 if tolerance <= OBEYED else float(np.log(joint.measured))
     return _Linear(joint, sum(each.volume for each in expansions) + price)

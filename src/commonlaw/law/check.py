@@ -1,11 +1,10 @@
 """Checks of the arrays that a law is made of."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-
-Floats = NDArray[np.float64]
 
 _ASYMMETRY = 1e-6
 """Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""

@@ -6,8 +6,8 @@ from typing import Literal, cast
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.law.alternative import Alternative
@@ -16,8 +16,6 @@ from commonlaw.law.law import Law
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
-
-Floats = NDArray[np.float64]
 
 VERSION = 2
 

@@ -7,8 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.files import write_whole
@@ -23,9 +24,6 @@ from commonlaw.trials import Schema, Trials
 if TYPE_CHECKING:
     import pandas as pd
     import sympy
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +120,7 @@ class Law:
         CommonlawError
             If the law has no such object.
         """
-        return np.asarray(self.coefficients[self.place(name)])
+        return np.asarray(self.coefficients[self.index(name)])
 
     def average(self) -> "Law":
         """Return the law of one object, "average", whose coefficients are the mean over all objects.
@@ -217,7 +215,7 @@ class Law:
         from commonlaw.law.uncertainty import shown_errors
 
         name = self._only(name)
-        parts = zip(self.left_sides, self.of(name), shown_errors(self, name, errors), strict=True)
+        parts = zip(self.left_hand_sides, self.of(name), shown_errors(self, name, errors), strict=True)
         return tuple(equation(left, row, doubts, self.terms.names, digits) for left, row, doubts in parts)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
@@ -238,7 +236,7 @@ class Law:
             sympy.Symbol(left, real=True): sympy.Add(
                 *(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c)
             )
-            for left, row in zip(self.left_sides, self.of(self._only(name)), strict=True)
+            for left, row in zip(self.left_hand_sides, self.of(self._only(name)), strict=True)
         }
 
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
@@ -315,7 +313,7 @@ class Law:
         return law_text(self)
 
     @property
-    def left_sides(self) -> tuple[str, ...]:
+    def left_hand_sides(self) -> tuple[str, ...]:
         """What each equation gives, as text: ``x'``, ``x''``, or ``x[k+1]`` in a discrete-time law."""
         mark = "'" * self.order if self.order else "[k+1]"
         return tuple(f"{state}{mark}" for state in self.states)
@@ -460,7 +458,7 @@ class Law:
 
         return read(path)
 
-    def place(self, name: object) -> int:
+    def index(self, name: object) -> int:
         """Return the place of an object among those of the law.
 
         Raises

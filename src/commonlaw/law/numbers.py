@@ -55,10 +55,10 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     if size - last >= _MOST:
         return f"{value:.{_MOST}g}", f"{error:.{_DIGITS}g}", 0
     exponent = 0 if -4 <= size < 6 else size
-    places = exponent - last
+    indices = exponent - last
 
     def text(number: float) -> str:
-        return f"{round(number / 10.0**exponent, places):z.{max(places, 0)}f}"
+        return f"{round(number / 10.0**exponent, indices):z.{max(indices, 0)}f}"
 
     return text(value), text(error), exponent
 

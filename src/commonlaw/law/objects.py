@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.history import Step
 from commonlaw.law.pooling import pool
@@ -15,8 +15,6 @@ from commonlaw.law.uncertainty import covariance_of
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
@@ -37,10 +35,10 @@ def average(law: "Law") -> "Law":
 
 def select(law: "Law", objects: Sequence[str]) -> "Law":
     """Return the law of some objects, see `Law.select`."""
-    places = [law.place(name) for name in objects]
-    covariance = None if law.covariance is None else law.covariance[places]
-    common = None if law.common is None else law.common[places]
-    return _of_others(law, tuple(objects), law.coefficients[places], covariance, common)
+    indices = [law.index(name) for name in objects]
+    covariance = None if law.covariance is None else law.covariance[indices]
+    common = None if law.common is None else law.common[indices]
+    return _of_others(law, tuple(objects), law.coefficients[indices], covariance, common)
 
 
 def pooled(law: "Law", universal: Bools | None = None, others: bool = True) -> "Law":
@@ -68,14 +66,14 @@ def pooled(law: "Law", universal: Bools | None = None, others: bool = True) -> "
     free = np.all(np.diagonal(covariance, axis1=1, axis2=2) > 0, axis=0)
     if len(law.objects) == 1 or not free.any() or not (others or shared.any()):
         return law
-    places = np.argwhere(law.support)[free].T
+    indices = np.argwhere(law.support)[free].T
     variances = np.where(shared[law.support][free], 0.0, np.nan if others else np.inf)
-    found = pool(law.coefficients[:, *places], covariance[:, free][:, :, free], variances)
+    found = pool(law.coefficients[:, *indices], covariance[:, free][:, :, free], variances)
     coefficients, errors, common = law.coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
     inner = np.ix_(np.arange(len(law.objects)), free, free)
-    coefficients[:, *places], errors[inner], common[inner] = found.estimates, found.covariances, found.common
+    coefficients[:, *indices], errors[inner], common[inner] = found.estimates, found.covariances, found.common
     shrinkage = np.zeros(law.support.shape)
-    shrinkage[*places] = found.shrinkage
+    shrinkage[*indices] = found.shrinkage
     step = _step(law, shrinkage)
     return replace(law, coefficients=coefficients, covariance=errors, common=common, history=(*law.history, step))
 
@@ -85,7 +83,7 @@ def _step(law: "Law", shrinkage: Floats) -> Step:
     for equation, term in np.argwhere(law.support):
         share = shrinkage[equation, term]
         how = "alike" if share > _ALIKE else "each its own" if share < _OWN else "partly alike"
-        words.append(f"{law.terms.names[term]} in {law.left_sides[equation]}: {how} ({share:.2f})")
+        words.append(f"{law.terms.names[term]} in {law.left_hand_sides[equation]}: {how} ({share:.2f})")
     reason = "how far each object's coefficient is drawn to the mean of all, by how much these scatter beyond errors"
     return Step("pooling", "; ".join(words), reason)
 

@@ -9,9 +9,8 @@ and what that leaves open is added to the covariance (Morris 1983).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from commonlaw.array_types import Floats
 
 _SWEEPS = 3
 """How often each variance is found again, given the others."""
@@ -70,7 +69,7 @@ def pool(estimates: Floats, covariances: Floats, variances: Floats) -> Pooled:
     own = estimates / units
     errors = covariances / np.outer(units, units) + _JITTER * np.eye(len(units))
     grids = _grids(own, errors)
-    asked = [int(place) for place in np.flatnonzero(np.isnan(variances))]
+    asked = [int(index) for index in np.flatnonzero(np.isnan(variances))]
     variances = np.where(variances == 0, 0.0, np.where(np.isinf(variances), _OWN, 1.0) * [grid[-1] for grid in grids])
     doubts = np.zeros_like(errors)
     for _ in range(_SWEEPS):

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, Run, simulate, spread_of
@@ -17,7 +17,6 @@ from commonlaw.trials import Trial, Trials
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
 
-Floats = NDArray[np.float64]
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
@@ -117,8 +116,8 @@ def _start_covariance(law: "Law", trial: Trial, noise: Floats) -> Floats:
         draws = level * _white(samples)
         noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
         noisy[:samples] += draws
-        places = np.ix_((j, states + j), (j, states + j))
-        covariance[places] = np.cov(draws[0], _first_rates(law, trial, noisy), bias=True)
+        indices = np.ix_((j, states + j), (j, states + j))
+        covariance[indices] = np.cov(draws[0], _first_rates(law, trial, noisy), bias=True)
     return covariance
 
 

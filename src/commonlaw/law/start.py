@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Trajectory
@@ -15,7 +15,6 @@ from commonlaw.trials import Trial
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
 
-Floats = NDArray[np.float64]
 
 LEAST = 5
 """Measured values of each state that the first guess, a smoothing spline, takes."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def coefficients(law: "Law", errors: bool) -> pd.DataFrame:
     """Return the coefficients, objects by terms, see `Law.to_frame`."""
-    keys = [(law.left_sides[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
+    keys = [(law.left_hand_sides[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
     values = law.coefficients[:, law.support]
     if errors:
         covariance_of(law)
@@ -39,7 +39,7 @@ def intervals(law: "Law", level: float) -> pd.DataFrame:
         rows.append(
             {
                 "object": law.objects[i],
-                "equation": law.left_sides[j],
+                "equation": law.left_hand_sides[j],
                 "term": law.terms.names[k],
                 "coefficient": value,
                 "standard error": error,
@@ -80,7 +80,7 @@ def path(law: "Law") -> pd.DataFrame:
             **each.measures,
             "chosen": each.chosen,
         }
-        for equation in law.left_sides
+        for equation in law.left_hand_sides
         for begin, end, each in stretches([each for each in law.alternatives if each.equation == equation])
     ]
     if not rows:

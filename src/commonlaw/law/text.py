@@ -5,15 +5,13 @@ from string import ascii_lowercase
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library.naming import latex_name
 
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
-
-Floats = NDArray[np.float64]
 
 
 def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int) -> str:
@@ -75,7 +73,7 @@ def structure(law: "Law") -> tuple[str, ...]:
     for letter, (j, k) in zip(letters(law), np.argwhere(law.support), strict=True):
         name = law.terms.names[k]
         parts[j].append(letter if name == "1" else f"{letter} {name}")
-    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(law.left_sides, parts, strict=True))
+    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(law.left_hand_sides, parts, strict=True))
 
 
 def letters(law: "Law") -> tuple[str, ...]:

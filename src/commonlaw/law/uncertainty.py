@@ -3,14 +3,12 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
-
-Floats = NDArray[np.float64]
 
 
 def covariance_of(law: "Law") -> Floats:

@@ -28,5 +28,5 @@ def coefficient_units(law: "Law") -> dict[tuple[str, str], str]:
         below = term_unit(law.terms.terms[k], law.terms.variables, units)
         if below is not None:
             left = parse_unit(law.schema.units[law.states[j]]) / time**law.order
-            found[law.left_sides[j], law.terms.names[k]] = f"{left / below:~P}"
+            found[law.left_hand_sides[j], law.terms.names[k]] = f"{left / below:~P}"
     return found

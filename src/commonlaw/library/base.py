@@ -7,15 +7,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.evaluation import Plan
 
 if TYPE_CHECKING:
     import sympy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -158,9 +156,9 @@ class Terms:
             raise unknown("term", name, self.names)
         return folded.index(_folded(name))
 
-    def take(self, places: Sequence[int]) -> "Terms":
+    def take(self, indices: Sequence[int]) -> "Terms":
         """Return the terms at these places."""
-        return Terms(self.variables, tuple(self.terms[i] for i in places))
+        return Terms(self.variables, tuple(self.terms[i] for i in indices))
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the matrix of terms, shape (n, number of terms), in Fortran order, at the rows of `values`.

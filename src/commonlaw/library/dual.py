@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.library.grammar import FUNCTIONS, Algebra
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

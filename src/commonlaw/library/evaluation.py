@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonlaw.array_types import Floats
 
 if TYPE_CHECKING:
     from commonlaw.library.base import AbstractTerm
 
-Floats = NDArray[np.float64]
 Operation = tuple[np.ufunc, int, int]
 
 
@@ -44,12 +44,12 @@ class Plan:
     ----------
     steps
         What is computed, in order: a term, and either the operation and the earlier steps that make it, or nothing.
-    places
+    indices
         The step that gives each wanted term.
     """
 
     steps: tuple[tuple["AbstractTerm", Operation | None], ...]
-    places: tuple[int, ...]
+    indices: tuple[int, ...]
 
     @classmethod
     def of(cls, terms: Sequence["AbstractTerm"]) -> "Plan":
@@ -57,26 +57,26 @@ class Plan:
         found: dict[AbstractTerm, int] = {}
         steps: list[tuple[AbstractTerm, Operation | None]] = []
 
-        def place(term: "AbstractTerm") -> int:
+        def index(term: "AbstractTerm") -> int:
             if term not in found:
                 parts = term.parts()
-                operation = None if parts is None else (parts[0], place(parts[1]), place(parts[2]))
+                operation = None if parts is None else (parts[0], index(parts[1]), index(parts[2]))
                 found[term] = len(steps)
                 steps.append((term, operation))
             return found[term]
 
-        places = tuple(place(term) for term in terms)
-        return cls(tuple(steps), places)
+        indices = tuple(index(term) for term in terms)
+        return cls(tuple(steps), indices)
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the wanted terms as the columns of a matrix in Fortran order, shape (n, terms)."""
-        matrix = np.empty((len(values), len(self.places)), order="F") if out is None else out
+        matrix = np.empty((len(values), len(self.indices)), order="F") if out is None else out
         self._fill(values, matrix)
         return matrix
 
     def jacobian(self, values: Floats) -> Floats:
         """Return the derivatives of the wanted terms by every variable, shape (n, terms, variables)."""
-        columns = self._fill(values, np.empty((len(values), len(self.places)), order="F"))
+        columns = self._fill(values, np.empty((len(values), len(self.indices)), order="F"))
         slopes: list[Floats] = []
         with np.errstate(all="ignore"):
             for term, operation in self.steps:
@@ -85,8 +85,8 @@ class Plan:
                 else:
                     kind, left, right = operation
                     slopes.append(slope(kind, columns[left], columns[right], slopes[left], slopes[right]))
-        result = np.empty((len(self.places), values.shape[1], len(values)))
-        for block, step in zip(result, self.places, strict=True):
+        result = np.empty((len(self.indices), values.shape[1], len(values)))
+        for block, step in zip(result, self.indices, strict=True):
             block[:] = slopes[step]
         return result.transpose(2, 0, 1)
 
@@ -94,7 +94,7 @@ class Plan:
         """Fill the matrix of wanted terms and return the column of every step."""
         columns: list[Floats | None] = [None] * len(self.steps)
         wanted = list(matrix.T)
-        for column, step in zip(wanted, self.places, strict=True):
+        for column, step in zip(wanted, self.indices, strict=True):
             columns[step] = column
         done: list[Floats] = []
         with np.errstate(all="ignore"):
@@ -107,7 +107,7 @@ class Plan:
                 else:
                     out[:] = term.evaluate(values)
                     done.append(out)
-        for column, step in zip(wanted, self.places, strict=True):
+        for column, step in zip(wanted, self.indices, strict=True):
             if done[step] is not column:  # A term that is wanted twice
                 column[:] = done[step]
         return done

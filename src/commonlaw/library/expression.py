@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.library.base import AbstractTerm
 from commonlaw.library.dual import DUAL, Dual
@@ -16,8 +16,6 @@ from commonlaw.library.naming import latex_name, quoted
 
 if TYPE_CHECKING:
     import sympy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

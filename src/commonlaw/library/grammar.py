@@ -149,8 +149,8 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
     try:
         return ast.parse(code, mode="eval").body
     except SyntaxError as error:
-        place = with_names(code[max(0, (error.offset or 1) - 1) :], names)
-        where = f"near {place[:30]!r}" if place else "at its end"
+        index = with_names(code[max(0, (error.offset or 1) - 1) :], names)
+        where = f"near {index[:30]!r}" if index else "at its end"
         raise CommonlawError(f"it goes wrong {where}; write it like 'x**2*v' or 'v*abs(v)'") from None
 
 

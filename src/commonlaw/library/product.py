@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.library.base import AbstractTerm
 from commonlaw.library.evaluation import slope
@@ -17,8 +17,6 @@ from commonlaw.library.monomial import Monomial
 
 if TYPE_CHECKING:
     import sympy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.library.base import AbstractTerm
 from commonlaw.library.naming import latex_name, quoted
 
 if TYPE_CHECKING:
     import sympy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,10 @@ is implicit, so that stiff laws need no small steps. All steps are worked on at 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.library import Terms
 from commonlaw.likelihood.mesh import Mesh
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +103,8 @@ class Dynamics:
 
     def _used(self, kept: Bools, coefficients: Floats) -> tuple[Terms, Floats]:
         """Return the terms that are in some equation, and the coefficients of these."""
-        places = np.flatnonzero(kept.any(axis=0))
-        return self.terms.take([int(k) for k in places]), coefficients[:, places]
+        indices = np.flatnonzero(kept.any(axis=0))
+        return self.terms.take([int(k) for k in indices]), coefficients[:, indices]
 
     def _rates(self, terms: Terms, values: Floats, coefficients: Floats) -> Floats:
         """Return z' at the rows of values, shape (n, D)."""

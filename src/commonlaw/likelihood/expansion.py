@@ -9,15 +9,13 @@ and Dukic 2023 do the same in the weak form, where this takes every test functio
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Floats
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.likelihood.collocation import Slopes
 from commonlaw.likelihood.fitting import Estimate, Problem
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
-
-Floats = NDArray[np.float64]
 
 _MISSING = 100.0
 """Noise of a state that was not measured, relative to that of one that was. It says next to nothing, and is small
@@ -34,7 +32,7 @@ class Expansion:
 
     Parameters
     ----------
-    system
+    problem
         Its columns are all terms of the first equation, then of the second, and so on; one target; residuals have unit
         variance.
     volume
@@ -43,7 +41,7 @@ class Expansion:
         of all steps, so that tolerances and estimates can be compared.
     """
 
-    system: System
+    problem: LeastSquaresProblem
     volume: float
 
 
@@ -66,8 +64,8 @@ def expand(problem: Problem, estimate: Estimate, tolerance: float) -> Expansion:
     """
     columns = estimate.coefficients.size
     parts = whitened(problem, estimate, tolerance)
-    system = System.of_blocks((rows for rows, _ in parts), columns, columns + 1)
-    return Expansion(system, sum(volume for _, volume in parts))
+    rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), columns, columns + 1)
+    return Expansion(rows, sum(volume for _, volume in parts))
 
 
 def whitened(problem: Problem, estimate: Estimate, tolerance: float) -> list[tuple[Floats, float]]:

@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.likelihood.collocation import Dynamics
 from commonlaw.likelihood.measurement import Measurement
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError, Reduced, reduce
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _SHORTEST = 1e-4
 """Steps shorter than this share of the Gauss-Newton step are not tried."""

@@ -6,12 +6,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.trials import Trial
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _POINTS = 4000
 """Points that are worked on together; longer stretches would leave the cache and fill memory."""
@@ -85,14 +82,14 @@ def _groups(lengths: Sequence[int]) -> Iterator[list[tuple[int, slice]]]:
     """Yield trials, by their place, in groups of at most so many samples; long trials are cut into even stretches."""
     group: list[tuple[int, slice]] = []
     size = 0
-    for place, length in enumerate(lengths):
+    for index, length in enumerate(lengths):
         pieces = -(-length // _POINTS)
         cuts = [length * i // pieces for i in range(pieces + 1)]
         for start, stop in pairwise(cuts):
             if group and size + stop - start > _POINTS:
                 yield group
                 group, size = [], 0
-            group.append((place, slice(start, stop)))
+            group.append((index, slice(start, stop)))
             size += stop - start
     yield group
 

@@ -8,11 +8,9 @@ left is the information on the coefficients (a Schur complement).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.likelihood.collocation import Slopes
-
-Floats = NDArray[np.float64]
 
 _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
 """By which share of itself the diagonal is lifted until the factorisation succeeds despite rounding."""

@@ -15,14 +15,12 @@ from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import unknown
 from commonlaw.law import Law
-from commonlaw.plots.equations import left_sides, term_labels
+from commonlaw.plots.equations import left_hand_sides, term_labels
 from commonlaw.plots.style import ABSENT, COLORS, key, number_text, plain, settled, styled
-
-Floats = NDArray[np.float64]
 
 
 @styled()
@@ -67,11 +65,11 @@ class HeatMaps:
     """
 
     law: Law
-    chosen: NDArray[np.bool_]
+    chosen: Bools
     truth: Law | None = None
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> Bools:
         """Which terms get a column: those chosen, or all of them to show that none is there."""
         return self.chosen if self.chosen.any() else np.ones_like(self.chosen)
 
@@ -101,12 +99,12 @@ class HeatMaps:
         """Height in inches."""
         return 1 + len(self.law.states) * (0.7 + 0.34 * len(self.names))
 
-    def draw(self, figure: Figure, place: SubplotSpec) -> None:
+    def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
-        panels = place.subgridspec(len(self.law.states), 1).subplots(squeeze=False)[:, 0]
+        panels = index.subgridspec(len(self.law.states), 1).subplots(squeeze=False)[:, 0]
         norm = scale(self.law.coefficients)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
-        for j, (panel, left) in enumerate(zip(panels, left_sides(self.law), strict=True)):
+        for j, (panel, left) in enumerate(zip(panels, left_hand_sides(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
             mesh = heat_map(panel, values, norm)
             panel.set_title(f"terms of {left}" + ("" if values.any() else ": none is there"), loc="left")
@@ -137,8 +135,8 @@ def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
     """Return the true coefficients of a term for the law's objects, shape (objects,); NaN where it is not there."""
     if term not in truth.terms.names:
         return np.full(len(law.objects), np.nan)
-    place = truth.terms.index(term)
-    values = [truth.of(name)[equation, place] if name in truth.objects else 0.0 for name in law.objects]
+    index = truth.terms.index(term)
+    values = [truth.of(name)[equation, index] if name in truth.objects else 0.0 for name in law.objects]
     return absent_as_nan(np.array(values))
 
 

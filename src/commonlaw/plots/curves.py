@@ -76,13 +76,13 @@ def plot_curves(
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(1.9 + 3.4 * columns, 0.7 + 2.9 * lines), layout="constrained")
     labels = list(dict.fromkeys(curve.label for curves in panels.values() for curve in curves))
-    places = {label: i for i, label in enumerate(labels)}
+    indices = {label: i for i, label in enumerate(labels)}
     drawn: list[Axes] = []
     shared = [axis for axis, wanted in (("sharex", share_x), ("sharey", share_y)) if wanted]
     for i, (title, curves) in enumerate(panels.items()):
         panel = figure.add_subplot(lines, columns, i + 1, **dict.fromkeys(shared, drawn[0]) if drawn else {})
         for curve in curves:
-            _draw(panel, curve, places[curve.label])
+            _draw(panel, curve, indices[curve.label])
         panel.set_title(plain(title, 60))
         panel.set_xlabel(x_label if isinstance(x_label, str) else x_label[title])
         y_name = y_label if isinstance(y_label, str) else y_label[title]
@@ -96,12 +96,12 @@ def plot_curves(
             panel.set_ylim(y_limits)
         drawn.append(panel)
     shown = {curve.label: curve for curves in panels.values() for curve in curves}
-    add_legend(figure, [key(plain(label), **_look(curve, places[label])) for label, curve in shown.items()])
+    add_legend(figure, [key(plain(label), **_look(curve, indices[label])) for label, curve in shown.items()])
     return settled(figure)
 
 
-def _draw(panel: Axes, curve: Curve, place: int) -> None:
-    look = _look(curve, place)
+def _draw(panel: Axes, curve: Curve, index: int) -> None:
+    look = _look(curve, index)
     style = "steps-post" if curve.step else "default"
     panel.plot(np.asarray(curve.x), np.asarray(curve.y), drawstyle=style, **look)
     if curve.low is not None and curve.high is not None:
@@ -109,6 +109,6 @@ def _draw(panel: Axes, curve: Curve, place: int) -> None:
         panel.fill_between(curve.x, curve.low, curve.high, color=look["color"], alpha=0.18, linewidth=0, step=step)
 
 
-def _look(curve: Curve, place: int) -> dict[str, Any]:
-    marker = MARKERS[place % len(MARKERS)] if curve.points or not curve.line else ""
-    return {"color": COLORS[place % len(COLORS)], "linestyle": curve.line, "marker": marker}
+def _look(curve: Curve, index: int) -> dict[str, Any]:
+    marker = MARKERS[index % len(MARKERS)] if curve.points or not curve.line else ""
+    return {"color": COLORS[index % len(COLORS)], "linestyle": curve.line, "marker": marker}

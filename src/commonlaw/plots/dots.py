@@ -11,16 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Floats
 from commonlaw.forecast import normal_quantile
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
 from commonlaw.plots.coefficients import absent_as_nan, true_values
-from commonlaw.plots.equations import left_sides, letter_of, term_labels
+from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
-
-Floats = NDArray[np.float64]
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _OPEN: Mapping[str, Any] = {
@@ -82,7 +81,7 @@ class DotPlot:
             name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
             true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
             if np.any(np.isfinite([learned, true])):
-                unit = unit_text(units.get((law.left_sides[j], name), ""))
+                unit = unit_text(units.get((law.left_hand_sides[j], name), ""))
                 errors = np.nan_to_num(law.standard_errors[:, j, k])
                 found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true, errors))
         return found
@@ -113,12 +112,12 @@ class DotPlot:
         marks = len(self.law.objects) * self.lines if self.several else len(self.coefficients)
         return 0.9 * self.lines + 0.24 * marks
 
-    def draw(self, figure: Figure, place: SubplotSpec) -> None:
+    def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         if self.several:
-            self._draw_panels(figure, place)
+            self._draw_panels(figure, index)
         else:
-            self._draw_lines(place)
+            self._draw_lines(index)
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
@@ -126,9 +125,9 @@ class DotPlot:
         bars = [] if self.law.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
-    def _draw_panels(self, figure: Figure, place: SubplotSpec) -> None:
-        grid = place.subgridspec(self.lines, self.columns)
-        heights, lefts = np.arange(len(self.law.objects)), left_sides(self.law)
+    def _draw_panels(self, figure: Figure, index: SubplotSpec) -> None:
+        grid = index.subgridspec(self.lines, self.columns)
+        heights, lefts = np.arange(len(self.law.objects)), left_hand_sides(self.law)
         for i, each in enumerate(self.coefficients):
             panel = figure.add_subplot(grid[i])
             panel.plot(each.learned, heights, **_DOT)
@@ -143,11 +142,11 @@ class DotPlot:
             panel.set_title(where + ("constant term" if each.term == "$1$" else f"{each.term} term"))
             panel.set_xlabel(" ".join(filter(None, (each.letter, f"({each.unit})" if each.unit else ""))))
 
-    def _draw_lines(self, place: SubplotSpec) -> None:
+    def _draw_lines(self, index: SubplotSpec) -> None:
         groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
         ratios = [1 + len(group) for group in groups]
-        panels = place.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
-        for panel, group, left in zip(panels, groups, left_sides(self.law), strict=True):
+        panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
+        for panel, group, left in zip(panels, groups, left_hand_sides(self.law), strict=True):
             heights = np.arange(len(group))
             panel.plot([each.learned[0] for each in group], heights, **_DOT)
             panel.plot([each.true[0] for each in group], heights, **_OPEN)
@@ -186,6 +185,6 @@ def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
     value, error = each.learned[0], each.errors[0]
     if np.isfinite(value):
         number = with_error(value, error).replace("-", "−") if error else number_text(value, 4)
-        place = (value + normal_quantile(0.95) * error, height)
+        index = (value + normal_quantile(0.95) * error, height)
         text = f"{number} {each.unit}".rstrip()
-        panel.annotate(text, place, (8, 0), textcoords="offset points", va="center", fontsize=9)
+        panel.annotate(text, index, (8, 0), textcoords="offset points", va="center", fontsize=9)

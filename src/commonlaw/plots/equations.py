@@ -20,9 +20,9 @@ def term_labels(terms: Terms) -> list[str]:
     return [math(term.latex(names), text) for term, text in zip(terms.terms, terms.names, strict=True)]
 
 
-def left_sides(law: Law) -> list[str]:
+def left_hand_sides(law: Law) -> list[str]:
     """Return the left-hand side of every equation as a label."""
-    return [math(latex, text) for latex, text in zip(latex_left_sides(law), law.left_sides, strict=True)]
+    return [math(latex, text) for latex, text in zip(latex_left_sides(law), law.left_hand_sides, strict=True)]
 
 
 def equation_lines(law: Law) -> str:
@@ -31,7 +31,7 @@ def equation_lines(law: Law) -> str:
     A law of second order has a last line that says what the rates are.
     """
     lines = []
-    for j, left in enumerate(left_sides(law)):
+    for j, left in enumerate(left_hand_sides(law)):
         lines += _broken(f"{left} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")

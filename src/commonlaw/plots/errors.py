@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.plots.style import SETTINGS, Look, add_legend, columns_for, key, looks, plain, settled, styled
-
-Floats = NDArray[np.float64]
 
 _APART = 1.3 * SETTINGS["lines.markersize"]
 """Least distance between the middles of two dots, points."""
@@ -58,17 +56,17 @@ def plot_errors(panels: Mapping[str, Mapping[str, Mapping[str, float]]], y_label
     # Dots are spread by their size on paper, which is known when the layout is settled
     settled(figure)
     for panel, groups in zip(drawn, panels.values(), strict=True):
-        for place, group in enumerate(groups.values()):
-            _draw(panel, place, group, look)
+        for index, group in enumerate(groups.values()):
+            _draw(panel, index, group, look)
     return figure
 
 
-def _draw(panel: Axes, place: int, group: Mapping[str, float], look: Mapping[str, Look]) -> None:
+def _draw(panel: Axes, index: int, group: Mapping[str, float], look: Mapping[str, Look]) -> None:
     """Draw the dots and the median of one category."""
     values = np.array(list(group.values()))
     heights = np.where(np.isfinite(values), values, panel.get_ylim()[1])
     scale = np.abs(np.diff(panel.transData.transform([(0, 0), (1, 1)]), axis=0)[0]) * 72 / panel.figure.dpi
-    across = place + _spread(heights * scale[1]) / scale[0]
+    across = index + _spread(heights * scale[1]) / scale[0]
     for name, value, x, y in zip(group, values, across, heights, strict=True):
         fill = look[name].color if np.isfinite(value) else "none"
         panel.plot(
@@ -76,7 +74,7 @@ def _draw(panel: Axes, place: int, group: Mapping[str, float], look: Mapping[str
         )
     median = np.median(values)
     if np.isfinite(median):
-        panel.plot([place - 0.3, place + 0.3], [median, median], **_MEDIAN)
+        panel.plot([index - 0.3, index + 0.3], [median, median], **_MEDIAN)
 
 
 def _spread(heights: Floats) -> Floats:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.forecast import Forecast
 from commonlaw.plots.style import (
     COLORS,
@@ -25,8 +25,6 @@ from commonlaw.plots.style import (
     styled,
 )
 from commonlaw.trials import Trials
-
-Floats = NDArray[np.float64]
 
 _MOST_POINTS = 150
 """Measured points that are drawn of one trial; more would hide the forecast."""
@@ -73,12 +71,12 @@ def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
     return across * states, -(-objects // across)
 
 
-def draw_forecast(figure: Figure, place: SubplotSpec, forecast: Forecast, columns: int) -> None:
+def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, columns: int) -> None:
     """Draw all pairs of panels into a part of a figure."""
     schema, colors = forecast.trials.schema, _trial_colors(forecast.trials)
     states = len(schema.states)
     lines = -(-len(forecast.trials.objects) * states // columns)
-    grid = place.subgridspec(2 * lines, columns, height_ratios=[2, 1] * lines)
+    grid = index.subgridspec(2 * lines, columns, height_ratios=[2, 1] * lines)
     pairs: dict[int, list[_Pair]] = {}
     lower = []
     for i, (name, j) in enumerate(product(forecast.trials.objects, range(states))):

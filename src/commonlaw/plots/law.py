@@ -44,9 +44,9 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     height = 1.1 + 0.3 * equations.count("\n") + max(2.8 * lines, coefficients.height)
     figure = Figure(figsize=(sum(widths) + 1.4, height), layout="constrained")
     figure.suptitle(equations)
-    places = figure.add_gridspec(1, 2, width_ratios=widths)
-    coefficients.draw(figure, places[0])
-    draw_forecast(figure, places[1], forecast, columns)
+    indices = figure.add_gridspec(1, 2, width_ratios=widths)
+    coefficients.draw(figure, indices[0])
+    draw_forecast(figure, indices[1], forecast, columns)
     add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)])
     return settled(figure)
 

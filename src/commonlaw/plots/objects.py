@@ -30,7 +30,7 @@ def plot_by_object(
     """
     names = list(dict.fromkeys(name for series in panels.values() for group in series.values() for name in group))
     look = looks(list(dict.fromkeys(label for series in panels.values() for label in series)))
-    places = {name: i for i, name in enumerate(names)}
+    indices = {name: i for i, name in enumerate(names)}
     columns = columns_for(len(panels), 3)
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(3.4 + 3.1 * columns, (1.1 + 0.3 * len(names)) * lines), layout="constrained")
@@ -40,7 +40,7 @@ def plot_by_object(
         for low, high in (spans or {}).values():
             panel.axvspan(low, high, **_SPAN)
         for label, group in series.items():
-            heights = [places[name] for name in group]
+            heights = [indices[name] for name in group]
             panel.plot(
                 list(group.values()), heights, look[label].marker, color=look[label].color, alpha=0.9, clip_on=False
             )

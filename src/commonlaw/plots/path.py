@@ -7,16 +7,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.law import Law
-from commonlaw.plots.equations import left_sides
+from commonlaw.plots.equations import left_hand_sides
 from commonlaw.plots.style import COLORS, DASHES, add_legend, key, plain, settled, styled
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
 
 _ERROR, _SPREAD = "held-out error", "standard error"
 
@@ -46,7 +45,7 @@ def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float
     lined = [(name, DASHES[1:][i % 3]) for i, name in enumerate(marks)]
     figure = Figure(figsize=(1.2 + 5 * columns, 5.2), layout="constrained")
     panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
-    for (above, below), equation, label in zip(panels.T, law.left_sides, left_sides(law), strict=True):
+    for (above, below), equation, label in zip(panels.T, law.left_hand_sides, left_hand_sides(law), strict=True):
         own = path[path["equation"] == equation]
         edges = _edges(own, marks)
         _step(above, edges, own["size"].to_numpy(dtype=np.float64), COLORS[0])

@@ -39,16 +39,16 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
     CommonlawError
         If no object has the property, or it is a text.
     """
-    places = _numbers(trials, name)
-    low, high = min(places.values()), max(places.values())
+    indices = _numbers(trials, name)
+    low, high = min(indices.values()), max(indices.values())
     columns = columns_for(len(values), 3)
     lines = -(-len(values) // columns)
     figure = Figure(figsize=(2 + 3.8 * columns, 0.7 + 3.2 * lines), layout="constrained")
     look, first = looks(trials.objects), None
     for i, (title, points) in enumerate(values.items()):
         panel: Axes = figure.add_subplot(lines, columns, i + 1, sharex=first, sharey=first)
-        for each in filter(places.__contains__, points):
-            panel.plot(places[each], points[each], look[each].marker, color=look[each].color, **_OPEN)
+        for each in filter(indices.__contains__, points):
+            panel.plot(indices[each], points[each], look[each].marker, color=look[each].color, **_OPEN)
         panel.set_title(plain(title, 60))
         panel.set_xlabel(axis_label(name, trials.schema.units.get(name, "")))
         if i % columns == 0:
@@ -56,7 +56,7 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
         if first is None and 0 < low * _LOGARITHMIC <= high:
             panel.set_xscale("log")
         first = first or panel
-    shown = [each for each in places if any(each in points for points in values.values())]
+    shown = [each for each in indices if any(each in points for points in values.values())]
     add_legend(figure, [key(plain(each), color=look[each].color, marker=look[each].marker, **_OPEN) for each in shown])
     return settled(figure)
 

@@ -7,14 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import unknown
 from commonlaw.plots.curves import Curve
 from commonlaw.plots.style import DASHES, GREY, add_legend, axis_label, key, looks, plain, settled, styled
 from commonlaw.trials import Trial, Trials
-
-Floats = NDArray[np.float64]
 
 
 @styled()

@@ -4,19 +4,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.formulation import System, merge
+from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection.criteria import CRITERIA, Evidence
 from commonlaw.selection.cross_validation import HeldOut, RateError
 from commonlaw.selection.folds import Parts, make_folds
 from commonlaw.selection.misfit import ROUNDING, misfit, size
 from commonlaw.selection.stability import Stability
 from commonlaw.solvers import Candidate
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _LABELS = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "ebic": "EBIC"}
 
@@ -72,7 +69,7 @@ class Choice:
     ----------
     table
         The candidates, from the fewest coefficients to the most; those of as many by their held-out error.
-    place
+    index
         The place of the chosen one.
     rule
         The name of the rule.
@@ -81,14 +78,14 @@ class Choice:
     """
 
     table: tuple[Scored, ...]
-    place: int
+    index: int
     rule: str
     reason: str
 
     @property
     def chosen(self) -> Candidate:
         """The chosen candidate."""
-        return self.table[self.place].candidate
+        return self.table[self.index].candidate
 
 
 def choose(
@@ -151,12 +148,12 @@ def choose(
         ((each, measure(each.support)) for each in _distinct(candidates)),
         key=lambda pair: (int(pair[0].support.sum()), pair[1].mean),
     )
-    systems = [merge(block for trial in trials for block in trial) for trials in parts]
-    sizes = np.array([size(system, target) / system.rows for system in systems])
+    problems = [merge(block for trial in trials for block in trial) for trials in parts]
+    sizes = np.array([size(problem, target) / problem.rows for problem in problems])
     best = min(scored, key=lambda pair: pair[1].mean)[0]
     blur = ROUNDING * sizes + (0.0 if resolution is None else resolution(best.coefficients))
-    effective = np.array([system.rows for system in systems], dtype=float) if rows is None else rows
-    criteria = _criteria([each for each, _ in scored], systems, target, int(allowed.sum()), effective, blur)
+    effective = np.array([problem.rows for problem in problems], dtype=float) if rows is None else rows
+    criteria = _criteria([each for each, _ in scored], problems, target, int(allowed.sum()), effective, blur)
     settings = _settings(candidates)
     table = [
         Scored(
@@ -176,20 +173,20 @@ def _by_rule(table: Sequence[Scored], rule: str, blur: float) -> tuple[int, str,
     """Return the place of the chosen candidate, the rule, and why; `blur` is a held-out error that means nothing."""
     if rule in CRITERIA:
         values = [each.criteria[rule] for each in table]
-        place = int(np.argmin(values))
-        return place, rule, f"its {_LABELS[rule]}, {values[place]:.4g}, is the smallest of {len(table)} candidates"
+        index = int(np.argmin(values))
+        return index, rule, f"its {_LABELS[rule]}, {values[index]:.4g}, is the smallest of {len(table)} candidates"
     best = min(table, key=lambda each: each.held_out.mean)
     if not np.isfinite(best.held_out.mean):
         raise CommonlawError("forecasts diverge for every candidate: choose on held-out rates instead")
     gaps = (each.held_out.excess(best.held_out) for each in table)
     weight = 1.0 if rule == "one-standard-error" else 0.0
-    place = next(i for i, (excess, error) in enumerate(gaps) if excess <= blur + weight * error)
-    each = table[place]
+    index = next(i for i, (excess, error) in enumerate(gaps) if excess <= blur + weight * error)
+    each = table[index]
     text = f"its held-out error is {each.held_out.mean:.3g}"
     if each is best:
-        return place, rule, f"{text}, and that of every smaller candidate is larger by more than {_slack(rule)}"
+        return index, rule, f"{text}, and that of every smaller candidate is larger by more than {_slack(rule)}"
     return (
-        place,
+        index,
         rule,
         (
             f"{text}, the smallest is {best.held_out.mean:.3g} with {best.terms} terms, and no smaller candidate "
@@ -204,10 +201,15 @@ def _slack(rule: str) -> str:
 
 
 def _criteria(
-    candidates: Sequence[Candidate], systems: Sequence[System], target: int, library: int, rows: Floats, blur: Floats
+    candidates: Sequence[Candidate],
+    problems: Sequence[LeastSquaresProblem],
+    target: int,
+    library: int,
+    rows: Floats,
+    blur: Floats,
 ) -> list[dict[str, float]]:
     """Return the information criteria of each candidate; fits that are as good as the best but for blur are equal."""
-    variances = np.array([_variances(each, systems, target) for each in candidates])
+    variances = np.array([_variances(each, problems, target) for each in candidates])
     variances = np.maximum(variances, variances.min(axis=0) + np.maximum(blur, np.finfo(float).tiny))
     found = []
     for each, own in zip(candidates, variances, strict=True):
@@ -217,9 +219,9 @@ def _criteria(
     return found
 
 
-def _variances(candidate: Candidate, systems: Sequence[System], target: int) -> Floats:
+def _variances(candidate: Candidate, problems: Sequence[LeastSquaresProblem], target: int) -> Floats:
     """Return the mean squared residual of each object after least squares on the support, shape (objects,)."""
-    pairs = zip(systems, candidate.support, strict=True)
+    pairs = zip(problems, candidate.support, strict=True)
     return np.array([misfit(s, target, s.least_squares(own, target)) / s.rows for s, own in pairs])
 
 

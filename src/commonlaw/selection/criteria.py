@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from math import lgamma
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from commonlaw.array_types import Floats
 
 
 @dataclass(frozen=True, eq=False)

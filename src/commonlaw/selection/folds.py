@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System, leave_one_out, merge
+from commonlaw.formulation import LeastSquaresProblem, leave_one_out, merge
 
-Parts = Sequence[Sequence[Sequence[System]]]
+Parts = Sequence[Sequence[Sequence[LeastSquaresProblem]]]
 """Systems of parts of the data: for each object its trials, for each trial its blocks in the order of time."""
 
 
@@ -27,8 +27,8 @@ class Fold:
     """
 
     object: int
-    held: System
-    rest: System
+    held: LeastSquaresProblem
+    rest: LeastSquaresProblem
     trials: tuple[int, ...]
     share: float
 
@@ -48,7 +48,7 @@ def make_folds(parts: Parts, count: int = 10) -> tuple[Fold, ...]:
     if count < 2:
         raise CommonlawError(f"{count} folds are not enough: hold out each of at least 2 parts of the data")
     folds = []
-    for place, trials in enumerate(parts):
+    for index, trials in enumerate(parts):
         several = len(trials) > 1
         groups = [merge(blocks) for blocks in trials] if several else list(trials[0])
         if len(groups) < 2:
@@ -57,5 +57,5 @@ def make_folds(parts: Parts, count: int = 10) -> tuple[Fold, ...]:
         held = [merge(groups[k::used]) for k in range(used)]
         for k, (own, rest) in enumerate(zip(held, leave_one_out(held), strict=True)):
             out = tuple(range(k, len(groups), used)) if several else ()
-            folds.append(Fold(place, own, rest, out, 1 / (used * len(parts))))
+            folds.append(Fold(index, own, rest, out, 1 / (used * len(parts))))
     return tuple(folds)

@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.selection.cross_validation import HeldOut, held_out
 from commonlaw.selection.folds import Fold
 from commonlaw.trials import Trials
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

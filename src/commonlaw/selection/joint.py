@@ -4,15 +4,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.selection.pooled import log_choices, log_evidence, price, residuals
 from commonlaw.solvers import AbstractSolver
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Places = NDArray[np.intp]
 
 MOST_TERMS = 20
 """Equations of more terms are not laws that anybody can read."""
@@ -30,7 +26,7 @@ class Joint:
 
     Parameters
     ----------
-    systems
+    problems
         One for each object, of unit variance: columns are all terms of the first equation, then of the second, ...
     allowed
         Which terms may enter which equation, shape (equations, terms).
@@ -40,7 +36,7 @@ class Joint:
         No equation has more terms.
     """
 
-    systems: Sequence[System]
+    problems: Sequence[LeastSquaresProblem]
     allowed: Bools
     measured: int
     most: int = MOST_TERMS
@@ -66,7 +62,7 @@ class Joint:
 
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
-        factors = np.array([system.factor for system in self.systems])
+        factors = np.array([problem.factor for problem in self.problems])
         evidence = log_evidence(factors, np.flatnonzero(supports), self.measured)
         sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
         return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
@@ -88,14 +84,14 @@ class Joint:
 
     def coefficients(self, supports: Bools) -> Floats:
         """Return each object's least-squares coefficients, shape (objects, equations, terms)."""
-        found = [system.least_squares(supports.ravel(), 0) for system in self.systems]
-        return np.array(found).reshape(len(self.systems), *supports.shape)
+        found = [problem.least_squares(supports.ravel(), 0) for problem in self.problems]
+        return np.array(found).reshape(len(self.problems), *supports.shape)
 
     def _equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
-        systems = self._alone(supports, equation)
-        scores, allowed = _Scores.of(systems, self.measured), self.allowed[equation]
-        listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(systems, 0, allowed)]
+        problems = self._alone(supports, equation)
+        scores, allowed = _Scores.of(problems, self.measured), self.allowed[equation]
+        listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
@@ -107,16 +103,18 @@ class Joint:
                 return best
             best = better
 
-    def _alone(self, supports: Bools, equation: int) -> list[System]:
+    def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
         """Return the systems of one equation, with what the terms of the others explain taken out."""
         terms = supports.shape[1]
         mine = np.arange(equation * terms, (equation + 1) * terms)
         others = np.setdiff1d(np.flatnonzero(supports), mine)
         columns = [*others, *mine, supports.size]
         found = []
-        for system in self.systems:
-            factor = np.asarray(np.linalg.qr(system.factor[:, columns], mode="r"))
-            found.append(System(np.asfortranarray(factor[len(others) :, len(others) :]), terms, system.rows))
+        for problem in self.problems:
+            factor = np.asarray(np.linalg.qr(problem.factor[:, columns], mode="r"))
+            found.append(
+                LeastSquaresProblem(np.asfortranarray(factor[len(others) :, len(others) :]), terms, problem.rows)
+            )
         return found
 
 
@@ -136,9 +134,9 @@ class _Scores:
     measured: int
 
     @classmethod
-    def of(cls, systems: Sequence[System], measured: int) -> "_Scores":
+    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int) -> "_Scores":
         """Return the scores on these systems."""
-        return cls(np.array([system.factor for system in systems]), measured)
+        return cls(np.array([problem.factor for problem in problems]), measured)
 
     def value(self, support: Bools, least: float = np.inf) -> float:
         """Return minus twice the log-evidence of a support, with what choosing it costs.
@@ -165,22 +163,22 @@ class _Scores:
         """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value."""
         for staying, entering in _changes(support, allowed):
             rests = residuals(self.factors, np.flatnonzero(staying))
-            for place in entering:
-                changed = _with(staying, place)
+            for index in entering:
+                changed = _with(staying, index)
                 size = int(changed.sum())
                 if size <= most:
                     choices = 2 * log_choices(len(support), size)
-                    yield rests[place] + price(size, len(self.factors), self.measured) + choices, changed
+                    yield rests[index] + price(size, len(self.factors), self.measured) + choices, changed
 
 
 def _neighbours(support: Bools, allowed: Bools) -> list[Bools]:
     """Return the supports with one term more, less, or exchanged."""
-    return [_with(staying, place) for staying, entering in _changes(support, allowed) for place in entering]
+    return [_with(staying, index) for staying, entering in _changes(support, allowed) for index in entering]
 
 
 def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:
     """Return what stays of a support when none or one term leaves, and which places may then enter; none is -1."""
-    outside = [int(place) for place in np.flatnonzero(allowed & ~support)]
+    outside = [int(index) for index in np.flatnonzero(allowed & ~support)]
     found = [(support, outside)]
     for leaving in np.flatnonzero(support):
         staying = support.copy()
@@ -189,8 +187,8 @@ def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:
     return found
 
 
-def _with(support: Bools, place: int) -> Bools:
+def _with(support: Bools, index: int) -> Bools:
     changed = support.copy()
-    if place >= 0:
-        changed[place] = True
+    if index >= 0:
+        changed[index] = True
     return changed

@@ -9,10 +9,8 @@ For a single object the evidence is the BIC.
 from math import lgamma
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+from commonlaw.array_types import Floats, Indices
 
 _VARIANCES = np.concatenate([[0.0], 10.0 ** np.arange(-4, 2.1, 0.5)])
 """Variances over objects that are tried, relative to the mean square of a coefficient."""
@@ -27,7 +25,7 @@ _RIDGE = 1e-12
 """Of a mean that the data do not tell, relative to the others."""
 
 
-def log_evidence(factors: Floats, places: Places, measured: int, least: float = np.inf) -> float:
+def log_evidence(factors: Floats, indices: Indices, measured: int, least: float = np.inf) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
 
     Parameters
@@ -35,7 +33,7 @@ def log_evidence(factors: Floats, places: Places, measured: int, least: float = 
     factors
         The triangular factor of each object's system, which has one target and residuals of unit variance, shape
         (objects, terms + 1, terms + 1).
-    places
+    indices
         The terms of the support.
     measured
         How many numbers were measured on all objects; a mean costs the logarithm of that, and a variance the logarithm
@@ -43,8 +41,8 @@ def log_evidence(factors: Floats, places: Places, measured: int, least: float = 
     least
         Supports that do not come below this get a lower bound of theirs, which takes less time.
     """
-    size = len(places)
-    reduced = np.asarray(np.linalg.qr(factors[:, :, [*places, -1]], mode="r"))
+    size = len(indices)
+    reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
     floor = float(np.sum(reduced[:, size:, size] ** 2)) + price(size, len(factors), measured)
     if not size or floor >= least:
         return floor
@@ -62,13 +60,13 @@ def price(size: int, objects: int, measured: int) -> float:
     return float(size * (np.log(measured) + np.log(objects)))
 
 
-def residuals(factors: Floats, places: Places) -> Floats:
+def residuals(factors: Floats, indices: Indices) -> Floats:
     """Return the sums of squared residuals of a support with each one of the other terms, and last with none.
 
     Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
     zero, a lower bound.
     """
-    basis, _ = np.linalg.qr(factors[:, :, places])
+    basis, _ = np.linalg.qr(factors[:, :, indices])
     rest = factors - np.matmul(basis, np.matmul(basis.transpose(0, 2, 1), factors))
     before, after = np.sum(factors**2, axis=1), np.sum(rest**2, axis=1)
     inner = np.einsum("opt,op->ot", rest, rest[..., -1])

@@ -5,8 +5,8 @@ from math import sqrt
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 
@@ -68,7 +68,7 @@ class Recovery:
         return min(self.share, max(0.0, middle - half)), max(self.share, min(1.0, middle + half))
 
 
-def recovered(law: Law, truth: Law) -> NDArray[np.bool_]:
+def recovered(law: Law, truth: Law) -> Bools:
     """Return which objects of a law have exactly the terms of the true law in every equation, shape (objects,).
 
     Terms are compared by their names; the libraries may differ.
@@ -78,9 +78,9 @@ def recovered(law: Law, truth: Law) -> NDArray[np.bool_]:
     CommonlawError
         If the true law has no such object, or other equations.
     """
-    if law.left_sides != truth.left_sides:
+    if law.left_hand_sides != truth.left_hand_sides:
         raise CommonlawError(
-            f"the law gives {', '.join(law.left_sides)}, the true law {', '.join(truth.left_sides)}; "
+            f"the law gives {', '.join(law.left_hand_sides)}, the true law {', '.join(truth.left_hand_sides)}; "
             "compare laws of the same states and order"
         )
     return np.array([_terms(law, name) == _terms(truth, name) for name in law.objects])

@@ -5,18 +5,22 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import AbstractFormulation, Compressed, StrongForm, System, independent_share, resolution
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import (
+    AbstractFormulation,
+    Compressed,
+    LeastSquaresProblem,
+    StrongForm,
+    independent_share,
+    resolution,
+)
 from commonlaw.library import Terms
 from commonlaw.selection.choice import Choice, choose
 from commonlaw.selection.cross_validation import HeldOut
 from commonlaw.selection.stability import stability
 from commonlaw.solvers import AbstractSolver, Candidate
 from commonlaw.trials import Trial
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 BLOCKS = 4
 """Stretches of time into which a trial is cut, so that single trials can be held out in part and resampled."""
@@ -62,7 +66,7 @@ def select(
     accuracy: Accuracy,
     *,
     rule: str = "one-standard-error",
-    resamples: int = 0,
+    n_resamples: int = 0,
     seed: int = 0,
     scores: Sequence[Callable[[Bools], HeldOut]] | None = None,
 ) -> tuple[Choice, ...]:
@@ -81,7 +85,7 @@ def select(
         What the rows are worth.
     rule
         See `choose`.
-    resamples
+    n_resamples
         How many resamples judge the stability of the candidates; none by default.
     seed
         Of the resamples.
@@ -90,16 +94,16 @@ def select(
     """
     given, free = np.nan_to_num(known), np.isnan(known[0])
     rest = data.subtract(given)
-    rows = accuracy.rows([system.rows for system in rest.systems])
+    rows = accuracy.rows([problem.rows for problem in rest.problems])
 
     def choice(target: int) -> Choice:
-        def path(systems: Sequence[System]) -> Sequence[Candidate]:
-            return solvers[0].path(systems, target, free[target])
+        def path(problems: Sequence[LeastSquaresProblem]) -> Sequence[Candidate]:
+            return solvers[0].path(problems, target, free[target])
 
         def blur(own: Floats) -> Floats:
             return accuracy.blur(target, own + given[:, target])
 
-        listed = list(chain.from_iterable(solver.path(rest.systems, target, free[target]) for solver in solvers))
+        listed = list(chain.from_iterable(solver.path(rest.problems, target, free[target]) for solver in solvers))
         return choose(
             listed if len(solvers) == 1 else [replace(each, setting=np.nan) for each in listed],
             rest.groups,
@@ -109,7 +113,7 @@ def select(
             rows=rows,
             resolution=blur,
             score=None if scores is None else scores[target],
-            stability=stability(rest.groups, path, resamples, seed) if resamples else None,
+            stability=stability(rest.groups, path, n_resamples, seed) if n_resamples else None,
         )
 
     return tuple(choice(target) for target in range(len(free)))

@@ -4,16 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System, merge
+from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection.folds import Parts
 from commonlaw.solvers import Candidate
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Path = Callable[[Sequence[System]], Sequence[Candidate]]
+Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 """From one system for each object to candidates, from the most terms to the fewest."""
 
 
@@ -41,7 +39,7 @@ class Stability:
         return float(self.frequencies(int(support.sum()))[support].min(initial=1.0))
 
 
-def stability(parts: Parts, path: Path, resamples: int = 100, seed: int | np.random.Generator = 0) -> Stability:
+def stability(parts: Parts, path: Path, n_resamples: int = 100, seed: int | np.random.Generator = 0) -> Stability:
     """Return what a solver finds on resamples of the blocks of each object's trials.
 
     Stability selection (Meinshausen and Bühlmann 2010, "Stability selection") with the block bootstrap in place of
@@ -55,7 +53,7 @@ def stability(parts: Parts, path: Path, resamples: int = 100, seed: int | np.ran
         smoothing window.
     path
         The solver's path, or a single candidate at a fixed setting.
-    resamples
+    n_resamples
         How many.
     seed
         A whole number or a NumPy generator.
@@ -69,11 +67,11 @@ def stability(parts: Parts, path: Path, resamples: int = 100, seed: int | np.ran
     if min(map(len, blocks)) < 2:
         raise CommonlawError("an object has one trial in one block: cut it into more blocks to draw from")
     generator = np.random.default_rng(seed)
-    drawn = ([_draw(own, generator) for own in blocks] for _ in range(resamples))
-    return Stability(tuple(tuple(each.support for each in path(systems)) for systems in drawn))
+    drawn = ([_draw(own, generator) for own in blocks] for _ in range(n_resamples))
+    return Stability(tuple(tuple(each.support for each in path(problems)) for problems in drawn))
 
 
-def _draw(blocks: Sequence[System], generator: np.random.Generator) -> System:
+def _draw(blocks: Sequence[LeastSquaresProblem], generator: np.random.Generator) -> LeastSquaresProblem:
     """Return the system of as many blocks as there are, drawn with replacement."""
     counts = np.bincount(generator.integers(len(blocks), size=len(blocks)), minlength=len(blocks))
     return merge(block.weighted(count) for block, count in zip(blocks, counts, strict=True) if count)

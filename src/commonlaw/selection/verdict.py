@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.law import Alternative, Law
 from commonlaw.outcomes import Outcome
 from commonlaw.selection.choice import Choice
@@ -19,12 +19,12 @@ def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
     coefficients = law.coefficients + np.stack([choice.chosen.coefficients for choice in choices], axis=1)
     outcomes, alternatives = [], []
-    for equation, choice in zip(law.left_sides, choices, strict=True):
+    for equation, choice in zip(law.left_hand_sides, choices, strict=True):
         outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
         for i, each in enumerate(choice.table):
             used = np.flatnonzero(each.candidate.support.any(axis=0))
             names = tuple(law.terms.names[k] for k in used)
-            chosen = i == choice.place
+            chosen = i == choice.index
             alternatives.append(
                 Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.settings)
             )
@@ -50,7 +50,7 @@ def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
         yield Outcome(
             "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
         )
-    for j, equation in enumerate(law.left_sides):
+    for j, equation in enumerate(law.left_hand_sides):
         if not law.support[j].any():
             yield Outcome(
                 "empty support",
@@ -61,11 +61,11 @@ def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
             )
 
 
-def ill_conditions(law: Law, systems: Sequence[System]) -> Iterator[Outcome]:
+def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterator[Outcome]:
     """Yield the equations whose coefficients mean little because their terms nearly depend on each other."""
-    for j, equation in enumerate(law.left_sides):
-        for system, name, support in zip(systems, law.objects, law.coefficients[:, j] != 0, strict=True):
-            condition = system.condition(support)
+    for j, equation in enumerate(law.left_hand_sides):
+        for problem, name, support in zip(problems, law.objects, law.coefficients[:, j] != 0, strict=True):
+            condition = problem.condition(support)
             if condition > _ILL_CONDITIONED:
                 yield Outcome(
                     "ill-conditioned",

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Indices
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.sized import Choice, Sized
@@ -40,23 +40,23 @@ class BackwardElimination(AbstractSolver):
     def is_set(self) -> bool:
         return self.terms is not None
 
-    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the last `terms` that stay, and their coefficients."""
-        return Sized(_choose, self.shared).solve(systems, candidates, self.terms)
+        return Sized(_choose, self.shared).solve(problems, candidates, self.terms)
 
-    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return one candidate for each number of terms, from all to none."""
-        return Sized(_choose, self.shared).path(systems, target, allowed)
+        return Sized(_choose, self.shared).path(problems, target, allowed)
 
 
-def left(stack: Stack, least: int = 0) -> NDArray[np.intp]:
+def left(stack: Stack, least: int = 0) -> Indices:
     """Return the places of all terms, those that stay longest first, as found on the way down to `least` terms."""
     directions, gone = stack.leaving(), np.zeros(0, dtype=np.intp)
-    while len(directions.places) > least:
+    while len(directions.indices) > least:
         index = int(np.argmin(directions.gains))
-        gone = np.append(directions.places[index], gone)
+        gone = np.append(directions.indices[index], gone)
         directions = directions.take(index)
-    return np.concatenate([directions.places, gone])
+    return np.concatenate([directions.indices, gone])
 
 
 def _choose(stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:

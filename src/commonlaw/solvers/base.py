@@ -4,13 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from commonlaw.formulation import System
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import LeastSquaresProblem
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +63,12 @@ class AbstractSolver(ABC):
         """Whether the setting (threshold, penalty, number of terms) is given, so that `solve` can be called."""
 
     @abstractmethod
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return every equation that some setting gives, from the most terms to the fewest.
 
         Parameters
         ----------
-        systems
+        problems
             One for each object, all of the same library.
         target
             The equation.
@@ -82,12 +77,12 @@ class AbstractSolver(ABC):
         """
 
     @abstractmethod
-    def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the coefficients of the terms that matter at the solver's own setting.
 
         Parameters
         ----------
-        systems
+        problems
             One for each object, all of the same library.
         candidates
             Which terms may enter which equation, shape (equations, terms).

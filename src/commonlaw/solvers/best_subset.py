@@ -4,17 +4,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Indices
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.backward import left
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.forward import entered
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.sized import Choice, Sized
 from commonlaw.solvers.stack import Directions, Stack
-
-Places = NDArray[np.intp]
 
 _MANY = 60
 """Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
@@ -62,13 +60,13 @@ class BestSubset(AbstractSolver):
     def is_set(self) -> bool:
         return self.terms is not None
 
-    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the best `terms` of each equation, and their coefficients."""
-        return Sized(self._search, self.shared, exact=True).solve(systems, candidates, self.terms)
+        return Sized(self._search, self.shared, exact=True).solve(problems, candidates, self.terms)
 
-    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return one candidate for each number of terms, from all to none."""
-        return Sized(self._choose, self.shared).path(systems, target, allowed)
+        return Sized(self._choose, self.shared).path(problems, target, allowed)
 
     def _choose(self, stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:
         order = left(stack)
@@ -88,14 +86,14 @@ class _Node:
     Parameters
     ----------
     inside
-        Places of the terms that are in.
+        Indices of the terms that are in.
     entering, leaving
         What the terms in question explain beside those inside, and what it costs when they leave; in the same order.
     bound
         What the terms inside and those in question leave unexplained.
     """
 
-    inside: Places
+    inside: Indices
     entering: Directions
     leaving: Directions
     bound: float
@@ -114,7 +112,7 @@ class _Search:
         Supports of this size to begin with.
     """
 
-    def __init__(self, stack: Stack, size: int, starts: Sequence[Places]) -> None:
+    def __init__(self, stack: Stack, size: int, starts: Sequence[Indices]) -> None:
         self.stack, self.size = stack, size
         self.best = min(starts, key=stack.residual)
         self.least = stack.residual(self.best)
@@ -136,7 +134,7 @@ class _Search:
         """What a support must stay below to be better than the best so far, beyond rounding."""
         return self.least * (1 - _TOLERANCE) - self.stack.rounding
 
-    def _accept(self, supports: Iterator[Places]) -> bool:
+    def _accept(self, supports: Iterator[Indices]) -> bool:
         """Take the first support that is better than the best so far."""
         for support in supports:
             value = self.stack.residual(support)
@@ -145,15 +143,15 @@ class _Search:
                 return True
         return False
 
-    def _swaps(self) -> Iterator[Places]:
+    def _swaps(self) -> Iterator[Indices]:
         """Yield supports in which one term of the best is replaced by the one that then explains most."""
         for stay in (np.delete(self.best, index) for index in range(self.size)):
             directions = self.stack.entering(stay)
-            yield np.append(stay, directions.places[np.argmax(directions.gains)])
+            yield np.append(stay, directions.indices[np.argmax(directions.gains)])
 
     def _branch(self, node: _Node) -> list[_Node]:
         """Decide on the term whose leaving would cost most, or settle the node."""
-        costs, open_ = node.leaving.gains, node.leaving.places
+        costs, open_ = node.leaving.gains, node.leaving.indices
         need = self.size - len(node.inside)
         surplus = len(open_) - need
         # Of the terms in question `surplus` must leave, together at no less than the dearest of them costs alone.
@@ -173,18 +171,18 @@ class _Search:
         return children
 
 
-def _best_of_few(node: _Node, need: int, surplus: int) -> Places:
+def _best_of_few(node: _Node, need: int, surplus: int) -> Indices:
     """Return which terms in question to take in where that, or what must leave, is at most two terms."""
-    open_ = node.entering.places
+    open_ = node.entering.indices
     entering = need <= surplus
     few, directions = (need, node.entering) if entering else (surplus, node.leaving)
     if few == 0:
-        places = open_[:0]
+        indices = open_[:0]
     elif few == 1:
-        places = open_[[np.argmax(directions.gains) if entering else np.argmin(directions.gains)]]
+        indices = open_[[np.argmax(directions.gains) if entering else np.argmin(directions.gains)]]
     else:
         first, second = np.triu_indices(len(open_), 1)
         pairs = directions.pair_gains()[first, second]
         index = np.argmax(pairs) if entering else np.argmin(pairs)
-        places = open_[[first[index], second[index]]]
-    return places if entering else np.setdiff1d(open_, places)
+        indices = open_[[first[index], second[index]]]
+    return indices if entering else np.setdiff1d(open_, indices)

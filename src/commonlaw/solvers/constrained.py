@@ -5,15 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.stack import Stack
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _RANK = 1e-12
 """Singular values of constraints, with rows of unit norm, that are not told from zero."""
@@ -62,37 +59,37 @@ class Constrained(AbstractSolver):
     def is_set(self) -> bool:
         return self.solver.is_set
 
-    def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the solver's fit with the coefficients of the equation refitted."""
-        fit = self.solver.solve(systems, candidates)
+        fit = self.solver.solve(problems, candidates)
         coefficients = fit.coefficients.copy()
-        coefficients[:, self.equation] = self._refit(systems, fit.support[:, self.equation])
+        coefficients[:, self.equation] = self._refit(problems, fit.support[:, self.equation])
         return replace(fit, coefficients=coefficients)
 
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
 
         The path ends early where constraints need terms.
         """
-        path = self.solver.path(systems, target, allowed)
+        path = self.solver.path(problems, target, allowed)
         if target != self.equation:
             return path
         met = [each for each in path if can_be_met(each.support, *self._constraints(each.support))]
-        return tuple(replace(each, coefficients=self._refit(systems, each.support), proven=False) for each in met)
+        return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in met)
 
-    def _refit(self, systems: Sequence[System], support: Bools) -> Floats:
-        variance = Stack.of(systems, self.equation, np.asarray(support.any(axis=0))).variance
-        weighted = [system.weighted(weight) for system, weight in zip(systems, 1 / variance, strict=True)]
+    def _refit(self, problems: Sequence[LeastSquaresProblem], support: Bools) -> Floats:
+        variance = Stack.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
+        weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
         return constrained_least_squares(weighted, support, self.equation, *self._constraints(support))
 
     def _constraints(self, support: Bools) -> tuple[Floats, Floats]:
         """Return all constraints that hold for a support, as a matrix and a right-hand side."""
         objects, terms = support.shape
-        if any(not 0 <= place < terms for place in self.equal):
+        if any(not 0 <= index < terms for index in self.equal):
             raise CommonlawError(f"equal terms {self.equal} do not fit: places of terms are from 0 to {terms - 1}")
         rows = []
-        for place in self.equal:
-            own = np.flatnonzero(support[:, place]) * terms + place
+        for index in self.equal:
+            own = np.flatnonzero(support[:, index]) * terms + index
             for pair in pairwise(own):
                 rows.append(np.zeros(objects * terms))
                 rows[-1][[*pair]] = 1.0, -1.0
@@ -105,7 +102,7 @@ class Constrained(AbstractSolver):
 
 
 def constrained_least_squares(
-    systems: Sequence[System], support: Bools, target: int, matrix: Floats, right: Floats
+    problems: Sequence[LeastSquaresProblem], support: Bools, target: int, matrix: Floats, right: Floats
 ) -> Floats:
     """Return the coefficients of all objects that minimise the sum of their squared residuals under constraints.
 
@@ -114,7 +111,7 @@ def constrained_least_squares(
 
     Parameters
     ----------
-    systems
+    problems
         One for each object, all of the same library.
     support
         Which terms may be used, shape (objects, terms); all others get zero.
@@ -136,13 +133,13 @@ def constrained_least_squares(
     from scipy.linalg import block_diag
 
     _check(matrix, right, support)
-    norms = np.array([system.norms for system in systems])
+    norms = np.array([problem.norms for problem in problems])
     scales = np.where(norms > 0, norms, 1.0)
-    terms = systems[0].terms
+    terms = problems[0].terms
     blocks = [
-        (system.factor[:, :terms] / own)[:, row] for system, own, row in zip(systems, scales, support, strict=True)
+        (problem.factor[:, :terms] / own)[:, row] for problem, own, row in zip(problems, scales, support, strict=True)
     ]
-    columns, goal = block_diag(*blocks), np.concatenate([system.factor[:, terms + target] for system in systems])
+    columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
     point, along = _solutions(matrix[:, support.ravel()] / scales[support], right)
     point = point + along @ np.linalg.lstsq(columns @ along, goal - columns @ point, rcond=1e-14)[0]
     coefficients = np.zeros(support.shape)

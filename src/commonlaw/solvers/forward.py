@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Indices
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.sized import Choice, Sized
@@ -40,21 +40,21 @@ class ForwardSelection(AbstractSolver):
     def is_set(self) -> bool:
         return self.terms is not None
 
-    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the first `terms` that enter, and their coefficients."""
-        return Sized(_choose, self.shared).solve(systems, candidates, self.terms)
+        return Sized(_choose, self.shared).solve(problems, candidates, self.terms)
 
-    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return one candidate for each number of terms, from all to none."""
-        return Sized(_choose, self.shared).path(systems, target, allowed)
+        return Sized(_choose, self.shared).path(problems, target, allowed)
 
 
-def entered(stack: Stack, terms: int) -> NDArray[np.intp]:
+def entered(stack: Stack, terms: int) -> Indices:
     """Return the places of the first terms that enter, in their order."""
     directions, order = stack.entering(), np.zeros(0, dtype=np.intp)
     while len(order) < terms:
         index = int(np.argmax(directions.gains))
-        order = np.append(order, directions.places[index])
+        order = np.append(order, directions.indices[index])
         directions = directions.take(index)
     return order
 

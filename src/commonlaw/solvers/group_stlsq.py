@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.importance import L1, AbstractImportance
 from commonlaw.solvers.settings import check_setting
@@ -51,17 +51,17 @@ class GroupSTLSQ(AbstractSolver):
     def is_set(self) -> bool:
         return self.threshold is not None
 
-    def solve(self, systems: Sequence[System], candidates: NDArray[np.bool_]) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the shared support and each object's coefficients."""
-        return self._method.solve(systems, candidates, self.threshold)
+        return self._method.solve(problems, candidates, self.threshold)
 
-    def path(self, systems: Sequence[System], target: int, allowed: NDArray[np.bool_]) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return the equations of all thresholds, by their exact breakpoints."""
-        return self._method.path(systems, target, allowed)
+        return self._method.path(problems, target, allowed)
 
     @property
     def _method(self) -> Thresholding:
-        def measure(magnitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+        def measure(magnitudes: Floats) -> Floats:
             return np.broadcast_to(self.importance.measure(magnitudes), magnitudes.shape)
 
         return Thresholding(measure, self.ridge, self.max_iterations, self.normalize)

@@ -4,17 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.sized import fit_of, refit
 from commonlaw.solvers.stack import Stack
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 
@@ -57,7 +54,7 @@ class Lasso(AbstractSolver):
     def is_set(self) -> bool:
         return self.penalty is not None
 
-    def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the terms that the penalty leaves, and their least-squares coefficients.
 
         Raises
@@ -70,26 +67,26 @@ class Lasso(AbstractSolver):
         penalties = [*_PENALTIES[self.penalty < _PENALTIES], self.penalty]
         chosen, converged = [], True
         for target, allowed in enumerate(candidates):
-            supports, reached = self._supports(systems, target, allowed, penalties)
-            chosen.append(refit(systems, target, supports[-1], self.penalty))
+            supports, reached = self._supports(problems, target, allowed, penalties)
+            chosen.append(refit(problems, target, supports[-1], self.penalty))
             converged &= bool(reached[-1])
-        return fit_of(chosen, np.ones((len(systems), len(candidates))), converged)
+        return fit_of(chosen, np.ones((len(problems), len(candidates))), converged)
 
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return the equations of a geometric row of penalties, from 0 to 1, each support once in a row."""
         penalties = [*_PENALTIES, 0.0]
-        supports, _ = self._supports(systems, target, allowed, penalties)
+        supports, _ = self._supports(problems, target, allowed, penalties)
         found: list[Candidate] = []
         for penalty, support in reversed([*zip(penalties, supports, strict=True)]):
             if not found or not np.array_equal(found[-1].support[: len(support)], support):
-                found.append(refit(systems, target, support, float(penalty)))
+                found.append(refit(problems, target, support, float(penalty)))
         return tuple(found)
 
     def _supports(
-        self, systems: Sequence[System], target: int, allowed: Bools, penalties: Sequence[float]
+        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, penalties: Sequence[float]
     ) -> tuple[Bools, Bools]:
         """Return the supports, shape (penalties, objects or 1, terms), and whether each minimum was reached."""
-        groups = [systems] if self.shared else [[system] for system in systems]
+        groups = [problems] if self.shared else [[problem] for problem in problems]
         supports = np.zeros((len(penalties), len(groups), len(allowed)), dtype=bool)
         reached = np.ones(len(penalties), dtype=bool)
         for index, group in enumerate(groups):

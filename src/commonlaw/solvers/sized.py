@@ -4,22 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import Candidate, Fit
 from commonlaw.solvers.stack import Stack
-
-Bools = NDArray[np.bool_]
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
     """The places that were chosen for one number of terms, and whether they are proved to be the best."""
 
-    places: Places
+    indices: Indices
     proven: bool = False
 
 
@@ -41,11 +38,11 @@ class Sized:
     shared: bool
     exact: bool = False
 
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return one candidate for each number of terms, from all to none."""
-        return self._candidates(systems, target, allowed, range(int(allowed.sum()), -1, -1))
+        return self._candidates(problems, target, allowed, range(int(allowed.sum()), -1, -1))
 
-    def solve(self, systems: Sequence[System], candidates: Bools, terms: int | None) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools, terms: int | None) -> Fit:
         """Return the fit with so many terms in each equation, or with all where fewer are allowed.
 
         Raises
@@ -57,22 +54,22 @@ class Sized:
             raise CommonlawError("the solver has no number of terms: give it one, or let one be chosen from its path")
         sizes = np.minimum(terms, candidates.sum(axis=1))
         chosen = [
-            self._candidates(systems, target, allowed, [int(size)])[0]
+            self._candidates(problems, target, allowed, [int(size)])[0]
             for target, (allowed, size) in enumerate(zip(candidates, sizes, strict=True))
         ]
-        largest = np.repeat(candidates.sum(axis=1)[np.newaxis].astype(np.float64), len(systems), axis=0)
+        largest = np.repeat(candidates.sum(axis=1)[np.newaxis].astype(np.float64), len(problems), axis=0)
         return fit_of(chosen, largest, not self.exact or all(each.proven for each in chosen))
 
     def _candidates(
-        self, systems: Sequence[System], target: int, allowed: Bools, sizes: Sequence[int]
+        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, sizes: Sequence[int]
     ) -> tuple[Candidate, ...]:
-        groups = [systems] if self.shared else [[system] for system in systems]
+        groups = [problems] if self.shared else [[problem] for problem in problems]
         choices = [self.choose(Stack.of(group, target, allowed), sizes) for group in groups]
         return tuple(
             refit(
-                systems,
+                problems,
                 target,
-                np.array([_support(allowed, own[size].places) for own in choices]),
+                np.array([_support(allowed, own[size].indices) for own in choices]),
                 float(size),
                 all(own[size].proven for own in choices),
             )
@@ -80,15 +77,17 @@ class Sized:
         )
 
 
-def refit(systems: Sequence[System], target: int, support: Bools, setting: float, proven: bool = False) -> Candidate:
+def refit(
+    problems: Sequence[LeastSquaresProblem], target: int, support: Bools, setting: float, proven: bool = False
+) -> Candidate:
     """Return the candidate of a support, shape (objects or 1, terms), with its least-squares coefficients."""
-    support = np.repeat(support, len(systems) // len(support), axis=0)
-    rows = zip(systems, support, strict=True)
-    coefficients = np.array([system.least_squares(terms, target) for system, terms in rows])
+    support = np.repeat(support, len(problems) // len(support), axis=0)
+    rows = zip(problems, support, strict=True)
+    coefficients = np.array([problem.least_squares(terms, target) for problem, terms in rows])
     return Candidate(support, coefficients, setting, proven)
 
 
-def fit_of(candidates: Sequence[Candidate], largest: NDArray[np.float64], converged: bool) -> Fit:
+def fit_of(candidates: Sequence[Candidate], largest: Floats, converged: bool) -> Fit:
     """Return the fit that one candidate for each equation makes."""
     return Fit(
         np.stack([each.coefficients for each in candidates], axis=1),
@@ -98,7 +97,7 @@ def fit_of(candidates: Sequence[Candidate], largest: NDArray[np.float64], conver
     )
 
 
-def _support(allowed: Bools, places: Places) -> Bools:
+def _support(allowed: Bools, indices: Indices) -> Bools:
     support = np.zeros(len(allowed), dtype=bool)
-    support[np.flatnonzero(allowed)[places]] = True
+    support[np.flatnonzero(allowed)[indices]] = True
     return support

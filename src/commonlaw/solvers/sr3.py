@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.sized import fit_of, refit
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +73,7 @@ class SR3(AbstractSolver):
     def is_set(self) -> bool:
         return self.threshold is not None
 
-    def solve(self, systems: Sequence[System], candidates: Bools) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
         """Return the terms that stay, and their least-squares coefficients.
 
         Raises
@@ -86,12 +83,12 @@ class SR3(AbstractSolver):
         """
         if self.threshold is None:
             raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
-        relaxed = [self._relax(systems, target, allowed, self.threshold) for target, allowed in enumerate(candidates)]
-        chosen = [refit(systems, target, each.support, self.threshold) for target, each in enumerate(relaxed)]
+        relaxed = [self._relax(problems, target, allowed, self.threshold) for target, allowed in enumerate(candidates)]
+        chosen = [refit(problems, target, each.support, self.threshold) for target, each in enumerate(relaxed)]
         largest = np.stack([each.values.max(axis=1, initial=0.0) for each in relaxed], axis=1)
         return fit_of(chosen, largest, all(each.converged for each in relaxed))
 
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return the equations of growing thresholds, from all terms to none.
 
         Where the iteration rests, every value that stayed is at least the threshold; it cannot rest there once the
@@ -100,25 +97,27 @@ class SR3(AbstractSolver):
         found: list[Candidate] = []
         threshold = 0.0
         while True:
-            relaxed = self._relax(systems, target, allowed, threshold)
+            relaxed = self._relax(problems, target, allowed, threshold)
             if not found or not np.array_equal(found[-1].support, relaxed.support):
-                found.append(refit(systems, target, relaxed.support, threshold))
+                found.append(refit(problems, target, relaxed.support, threshold))
             if not relaxed.support.any():
                 return tuple(found)
             smallest = relaxed.values[relaxed.support].min()
             threshold = float(np.nextafter(max(smallest, threshold), np.inf))
 
-    def _relax(self, systems: Sequence[System], target: int, allowed: Bools, threshold: float) -> _Relaxed:
+    def _relax(
+        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, threshold: float
+    ) -> _Relaxed:
         """Iterate from the least-squares coefficients of all allowed terms."""
-        norms = np.array([system.norms for system in systems])
+        norms = np.array([problem.norms for problem in problems])
         scale = np.sqrt(np.mean(norms**2, axis=0))
         scale = np.where(allowed & (scale > 0), scale, 1.0)
-        size = systems[0].terms
-        columns = np.array([system.factor[:, :size] * allowed for system in systems]) / scale
-        right = np.array([system.factor[:, size + target] for system in systems])
+        size = problems[0].terms
+        columns = np.array([problem.factor[:, :size] * allowed for problem in problems]) / scale
+        right = np.array([problem.factor[:, size + target] for problem in problems])
         back = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(size) / self.nu)
         pulled = np.matmul(back, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
-        sparse = np.array([system.least_squares(allowed, target) for system in systems]) * scale
+        sparse = np.array([problem.least_squares(allowed, target) for problem in problems]) * scale
         unit = np.ones(size) if self.normalize else scale
         for _ in range(self.max_iterations):
             dense = pulled + np.matmul(back, sparse[..., np.newaxis])[..., 0] / self.nu

@@ -4,13 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.formulation import System
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Places = NDArray[np.intp]
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.formulation import LeastSquaresProblem
 
 _RIDGE = 1e-11
 """Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""
@@ -49,20 +45,20 @@ class Stack:
     variance: Floats
 
     @classmethod
-    def of(cls, systems: Sequence[System], target: int, allowed: Bools) -> "Stack":
+    def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "Stack":
         """Stack the systems of all objects.
 
         Dependent columns are parted by a small ridge.
         """
         size = int(allowed.sum())
-        factors = np.array([system.factor for system in systems])
-        norms = np.array([system.norms[allowed] for system in systems])
-        columns = factors[:, :, : systems[0].terms][:, :, allowed] / np.where(norms > 0, norms, 1.0)[:, np.newaxis]
-        right = factors[:, :, systems[0].terms + target, np.newaxis]
-        ridge = np.broadcast_to(np.eye(size, size + 1) * _RIDGE, (len(systems), size, size + 1))
+        factors = np.array([problem.factor for problem in problems])
+        norms = np.array([problem.norms[allowed] for problem in problems])
+        columns = factors[:, :, : problems[0].terms][:, :, allowed] / np.where(norms > 0, norms, 1.0)[:, np.newaxis]
+        right = factors[:, :, problems[0].terms + target, np.newaxis]
+        ridge = np.broadcast_to(np.eye(size, size + 1) * _RIDGE, (len(problems), size, size + 1))
         reduced = _triangles(np.concatenate([np.concatenate([columns, right], axis=2), ridge], axis=1))
         rest = reduced[:, size, size] ** 2
-        rows = np.array([system.rows for system in systems])
+        rows = np.array([problem.rows for problem in problems])
         variance = _variance(rest, np.sum(right[..., 0] ** 2, axis=1), rows, size)
         scaled = reduced[:, :size, size] / np.sqrt(variance)[:, np.newaxis]
         return cls(reduced[:, :size, :size], scaled, float(np.sum(rest / variance)), variance)
@@ -77,7 +73,7 @@ class Stack:
         """The size of what the ridge and rounding add to a sum of squared residuals."""
         return float(_RIDGE**2 * np.sum(self.right**2))
 
-    def entering(self, inside: Sequence[int] | Places = ()) -> "Directions":
+    def entering(self, inside: Sequence[int] | Indices = ()) -> "Directions":
         """Return what each of the other terms explains when it enters beside those inside."""
         others = np.delete(np.arange(self.size), np.asarray(inside, dtype=np.intp))
         basis, _ = np.linalg.qr(self.columns[:, :, np.asarray(inside, dtype=np.intp)])
@@ -96,10 +92,10 @@ class Stack:
         """
         return Directions.of(np.asarray(np.linalg.inv(self.columns)), self.right, np.arange(self.size))
 
-    def residual(self, places: Sequence[int] | Places) -> float:
+    def residual(self, indices: Sequence[int] | Indices) -> float:
         """Return the sum over objects of scaled squared residuals of least squares on these of the allowed terms."""
-        chosen = np.concatenate([self.columns[:, :, places], self.right[:, :, np.newaxis]], axis=2)
-        last = _triangles(chosen)[:, len(places) :, -1] if len(places) < self.size else np.zeros(1)
+        chosen = np.concatenate([self.columns[:, :, indices], self.right[:, :, np.newaxis]], axis=2)
+        last = _triangles(chosen)[:, len(indices) :, -1] if len(indices) < self.size else np.zeros(1)
         return self.rest + float(np.sum(last**2))
 
 
@@ -108,7 +104,7 @@ def _triangles(matrices: Floats) -> Floats:
     return np.asarray(np.linalg.qr(matrices, mode="r"))
 
 
-def _variance(rest: Floats, total: Floats, rows: NDArray[np.intp], terms: int) -> Floats:
+def _variance(rest: Floats, total: Floats, rows: Indices, terms: int) -> Floats:
     """Return each object's residual variance: from its residual and total sums of squares, all of shape (objects,)."""
     mean = total / np.maximum(rows, 1)
     variance = np.where(rows > terms, rest / np.maximum(rows - terms, 1), mean)
@@ -126,20 +122,20 @@ class Directions:
         Shape (objects, terms, p); zero where a term has nothing left of its own.
     left
         Shape (objects, p).
-    places
+    indices
         Which terms these are, shape (terms,).
     """
 
     units: Floats
     left: Floats
-    places: Places
+    indices: Indices
 
     @classmethod
-    def of(cls, vectors: Floats, left: Floats, places: Places) -> "Directions":
+    def of(cls, vectors: Floats, left: Floats, indices: Indices) -> "Directions":
         """Scale vectors to unit norm; what is rounding beside a unit becomes zero."""
         norms = np.sqrt(np.einsum("otp,otp->ot", vectors, vectors))
         scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > _NOTHING)
-        return cls(vectors * scale[..., np.newaxis], left, places)
+        return cls(vectors * scale[..., np.newaxis], left, indices)
 
     @property
     def gains(self) -> Floats:
@@ -153,11 +149,11 @@ class Directions:
         others = np.delete(self.units, index, axis=1)
         others -= np.matmul(others, axis[..., np.newaxis]) * axis[:, np.newaxis]
         left = self.left - np.sum(self.left * axis, axis=1, keepdims=True) * axis
-        return Directions.of(others, left, np.delete(self.places, index))
+        return Directions.of(others, left, np.delete(self.indices, index))
 
     def drop(self, index: int) -> "Directions":
         """Return the others as they are."""
-        return Directions(np.delete(self.units, index, axis=1), self.left, np.delete(self.places, index))
+        return Directions(np.delete(self.units, index, axis=1), self.left, np.delete(self.indices, index))
 
     def pair_gains(self) -> Floats:
         """Squared projections onto the span of every pair, summed over the objects, shape (terms, terms).

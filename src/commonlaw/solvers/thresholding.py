@@ -4,14 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import Candidate, Fit
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,7 @@ class Thresholding:
     max_iterations: int
     normalize: bool
 
-    def solve(self, systems: Sequence[System], candidates: Bools, threshold: float | None) -> Fit:
+    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools, threshold: float | None) -> Fit:
         """Return the fit of all equations at one threshold.
 
         Raises
@@ -64,7 +61,7 @@ class Thresholding:
         """
         if threshold is None:
             raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
-        swept = [self._sweep(systems, target, allowed, threshold, {}) for target, allowed in enumerate(candidates)]
+        swept = [self._sweep(problems, target, allowed, threshold, {}) for target, allowed in enumerate(candidates)]
         return Fit(
             np.stack([each.coefficients for each in swept], axis=1),
             np.stack([each.support for each in swept], axis=1),
@@ -72,7 +69,7 @@ class Thresholding:
             all(each.converged for each in swept),
         )
 
-    def path(self, systems: Sequence[System], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
         """Return one candidate for every stretch of thresholds that gives the same equation, by exact breakpoints.
 
         A sweep decides by comparing values with the threshold. All decisions of all sweeps stay the same until the
@@ -81,21 +78,26 @@ class Thresholding:
         found, threshold = [], 0.0
         known: dict[bytes, Floats] = {}
         while True:
-            swept = self._sweep(systems, target, allowed, threshold, known)
+            swept = self._sweep(problems, target, allowed, threshold, known)
             found.append(Candidate(swept.support, swept.coefficients, threshold))
             if not swept.support.any():
                 return tuple(found)
             threshold = float(np.nextafter(swept.next, np.inf))
 
     def _sweep(
-        self, systems: Sequence[System], target: int, allowed: Bools, threshold: float, known: dict[bytes, Floats]
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        threshold: float,
+        known: dict[bytes, Floats],
     ) -> Swept:
         """Return what one threshold comes to; `known` keeps the coefficients of supports met before."""
-        support = np.repeat(allowed[np.newaxis], len(systems), axis=0)
-        norms = np.array([system.norms for system in systems]) if self.normalize else 1.0
-        largest, following, converged = np.zeros(len(systems)), np.inf, False
+        support = np.repeat(allowed[np.newaxis], len(problems), axis=0)
+        norms = np.array([problem.norms for problem in problems]) if self.normalize else 1.0
+        largest, following, converged = np.zeros(len(problems)), np.inf, False
         for _ in range(self.max_iterations):
-            coefficients = self._least_squares(systems, target, support, known)
+            coefficients = self._least_squares(problems, target, support, known)
             values = np.where(support, self.measure(np.abs(coefficients) * norms), 0.0)
             largest = np.where(support.any(axis=1), values.max(axis=1, initial=0.0), largest)
             kept = support & (values >= threshold)
@@ -105,14 +107,14 @@ class Thresholding:
                 break
             support = kept
         else:
-            coefficients = self._least_squares(systems, target, support, known)
+            coefficients = self._least_squares(problems, target, support, known)
         return Swept(support, coefficients, largest, float(following), converged)
 
     def _least_squares(
-        self, systems: Sequence[System], target: int, support: Bools, known: dict[bytes, Floats]
+        self, problems: Sequence[LeastSquaresProblem], target: int, support: Bools, known: dict[bytes, Floats]
     ) -> Floats:
         key = support.tobytes()
         if key not in known:
-            rows = zip(systems, support, strict=True)
-            known[key] = np.array([system.least_squares(terms, target, self.ridge) for system, terms in rows])
+            rows = zip(problems, support, strict=True)
+            known[key] = np.array([problem.least_squares(terms, target, self.ridge) for problem, terms in rows])
         return known[key]

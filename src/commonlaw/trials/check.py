@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from commonlaw.array_types import Floats
 from commonlaw.trials.clip import regular_length
-from commonlaw.trials.trial import Floats, Trial
+from commonlaw.trials.trial import Trial
 from commonlaw.trials.trials import Trials
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.trials.trial import Floats
 from commonlaw.trials.trials import Trials
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.trial import Floats
 
 if TYPE_CHECKING:
     import pyarrow as pa

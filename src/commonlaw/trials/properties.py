@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.sources import frame_table, read_table
-from commonlaw.trials.trial import Floats, label
+from commonlaw.trials.trial import label
 from commonlaw.trials.trials import Property
 
 

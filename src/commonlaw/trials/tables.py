@@ -9,6 +9,7 @@ from typing import Any, Literal, Unpack, cast
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.headers import joined_units
@@ -21,7 +22,7 @@ from commonlaw.trials.properties import (
 )
 from commonlaw.trials.roles import Roles
 from commonlaw.trials.sources import frame_table, read_table
-from commonlaw.trials.trial import Floats, Schema, Trial, check_measured, label
+from commonlaw.trials.trial import Schema, Trial, check_measured, label
 from commonlaw.trials.trials import Trials
 
 _SHOWN = 3

@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-
-Floats = NDArray[np.float64]
 
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""

@@ -5,8 +5,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.library import Terms, Variables, parse_library, term_unit
 from commonlaw.plots import plot_library
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 _TITLE = "Candidate terms"
 _UNITS: Mapping[str, str] = {"x": "m", "v": "m/s"}
 _ACCELERATION = "m/s^2"
-
-Floats = NDArray[np.float64]
 
 
 def candidates(inquiry: Inquiry) -> Section:

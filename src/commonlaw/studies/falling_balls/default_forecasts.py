@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.discovery import discover
 from commonlaw.forecast import Forecast
@@ -28,8 +28,6 @@ from commonlaw.studies.falling_balls.settings import (
     SEED,
 )
 from commonlaw.trials import Trial, Trials
-
-Floats = NDArray[np.float64]
 
 LINEAR, DEFAULT, CUBIC = "2", "default", "default, cubic"
 """The paper's model with linear drag; the default method offered 1, v and v^2; the same with its own library."""

@@ -5,8 +5,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.datasets import PRINTED_VISCOSITY
 from commonlaw.plots import plot_drag_regimes
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -31,7 +31,7 @@ _CAPTION = (
     "unsteady but laminar; with a chaotic wake; and, after the drag crisis, with a turbulent boundary layer."
 )
 
-Numbers = Mapping[str, Sequence[NDArray[np.float64]]]
+Numbers = Mapping[str, Sequence[Floats]]
 """By ball the Reynolds numbers of each drop's samples."""
 
 Largest = Mapping[str, Mapping[str, float]]
@@ -107,7 +107,7 @@ def _reynolds_numbers(drops: Trials, viscosity: float) -> Numbers:
     }
 
 
-def _largest(numbers: Sequence[NDArray[np.float64]]) -> float:
+def _largest(numbers: Sequence[Floats]) -> float:
     return max(float(each.max()) for each in numbers)
 
 

@@ -65,8 +65,8 @@ def noise_verdict(noise: Noise, fall: NoisyFall) -> Verdict:
     low, high = PRINTED_NOISE
     estimates = {(ball, drop): each["paper_method"] for drop, balls in noise.items() for ball, each in balls.items()}
     outside = {key: value for key, value in estimates.items() if not low <= round(value, 3) <= high}
-    place = int(np.argmin(np.abs(fall.levels - high)))
-    changes = fall.changes(LARGEST)[place]
+    index = int(np.argmin(np.abs(fall.levels - high)))
+    changes = fall.changes(LARGEST)[index]
     text = (
         f"The paper says that the noise of all drops is {low:g} to {high:g} m. In its way it comes out so for "
         f"{len(estimates) - len(outside)} of {len(estimates)} drops."

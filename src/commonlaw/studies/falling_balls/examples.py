@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats, Indices
 from commonlaw.datasets import PRINTED_VISCOSITY, linear_drag, nonlinear_oscillator, reynolds_drag
 from commonlaw.differentiation import CenteredDifference
 from commonlaw.discovery import discover
@@ -21,9 +21,6 @@ from commonlaw.studies.falling_balls.settings import (
     OSCILLATOR_SAMPLES,
 )
 from commonlaw.trials import Schema, Trial, Trials
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 _SPACING = 0.12
 """Of marks on the path of a learned law, in units of its extent."""
@@ -57,7 +54,7 @@ class Example:
         size = np.linalg.norm(self.true, axis=1).max()
         return np.asarray(np.linalg.norm(self.predicted - self.true, axis=1) / size)
 
-    def _spaced(self) -> Ints:
+    def _spaced(self) -> Indices:
         """Return which samples of the prediction get a mark, evenly spaced along it."""
         size = np.linalg.norm(self.true, axis=1).max()
         path = np.column_stack([self.times / self.times[-1], self.predicted / size])

@@ -5,8 +5,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.plots import Curve, plot_curves
 from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
 from commonlaw.studies.falling_balls.errata import ERRATA
@@ -17,7 +17,6 @@ from commonlaw.studies.falling_balls.settings import STANDARD_GRAVITY, WHIFFLE_B
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
 Results = Mapping[str, Any]
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.forecast import Trajectory
 from commonlaw.law import Law
@@ -27,8 +27,6 @@ from commonlaw.studies.falling_balls.settings import (
     UNBOUNDED_AFTER,
 )
 from commonlaw.trials import Trial, Trials
-
-Floats = NDArray[np.float64]
 
 _TIMES = np.linspace(0, LONG_TIME, 601)
 

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import SavitzkyGolay
 from commonlaw.plots import Curve, Figure, plot_curves
 from commonlaw.report import Picture, Section, Text, Verdict
@@ -15,7 +16,6 @@ from commonlaw.studies.falling_balls.rate_errors import (
     METHODS,
     ORDERS,
     WINDOW_METHODS,
-    Floats,
     Medians,
     NoisyFall,
     at,
@@ -81,13 +81,13 @@ def _reported(fall: NoisyFall, errors: Medians) -> dict[str, dict[str, dict[str,
 
 
 def _fall_panels(fall: NoisyFall) -> dict[str, list[Curve]]:
-    places = [int(np.argmin(np.abs(np.log(fall.levels / level)))) for level in SHOWN_NOISES]
+    indices = [int(np.argmin(np.abs(np.log(fall.levels / level)))) for level in SHOWN_NOISES]
     return {
         f"noise {level:g} m": [
-            Curve("measured", fall.times, fall.measured[:, place, 0], line="", points=True),
+            Curve("measured", fall.times, fall.measured[:, index, 0], line="", points=True),
             Curve("fall", fall.times, fall.heights),
         ]
-        for level, place in zip(SHOWN_NOISES, places, strict=True)
+        for level, index in zip(SHOWN_NOISES, indices, strict=True)
     }
 
 

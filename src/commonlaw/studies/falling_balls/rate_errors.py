@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.datasets import linear_drag
 from commonlaw.differentiation import (
     AbstractDifferentiator,
@@ -16,8 +16,6 @@ from commonlaw.differentiation import (
     SmoothedDifference,
 )
 from commonlaw.studies.falling_balls.settings import STUDIED_DRAWS, STUDIED_FALL, STUDIED_NOISES, WINDOWS
-
-Floats = NDArray[np.float64]
 
 ORDERS: Mapping[int, str] = {1: "velocity", 2: "acceleration"}
 
@@ -86,8 +84,8 @@ class NoisyFall:
 
     def rate_gaps(self, method: AbstractDifferentiator, level: float) -> dict[int, Floats]:
         """Return by how much rates are off at the level nearest to this one, each of shape (n, draws)."""
-        place = int(np.argmin(np.abs(self.levels - level)))
-        found = method.differentiate(self.times, self.measured[:, place], max(ORDERS)).derivatives
+        index = int(np.argmin(np.abs(self.levels - level)))
+        found = method.differentiate(self.times, self.measured[:, index], max(ORDERS)).derivatives
         return {
             order: rate - exact[:, np.newaxis] for order, rate, exact in zip(ORDERS, found, self.rates, strict=True)
         }

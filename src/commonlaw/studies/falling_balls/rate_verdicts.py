@@ -5,8 +5,9 @@ from math import floor, log10, sqrt
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.report import Verdict
-from commonlaw.studies.falling_balls.rate_errors import BEST, LARGEST, ORDERS, Floats, Medians, NoisyFall, at
+from commonlaw.studies.falling_balls.rate_errors import BEST, LARGEST, ORDERS, Medians, NoisyFall, at
 from commonlaw.studies.falling_balls.settings import (
     LINEAR_FROM,
     LINEAR_WITHIN,

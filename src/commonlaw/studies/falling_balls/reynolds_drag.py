@@ -5,9 +5,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonlaw import datasets
+from commonlaw.array_types import Bools
 from commonlaw.datasets import PRINTED_VISCOSITY
 from commonlaw.discovery import discover
 from commonlaw.law import Law
@@ -142,7 +142,7 @@ def _variants_frame(variants: Mapping[str, Laws], other: Mapping[str, Law]) -> "
     return pd.DataFrame(rows)
 
 
-def _squared(law: Law) -> NDArray[np.bool_]:
+def _squared(law: Law) -> Bools:
     """Return which objects have v^2."""
     return np.asarray(law.coefficients[:, 0, law.terms.index("v^2")] != 0)
 

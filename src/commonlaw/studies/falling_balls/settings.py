@@ -68,7 +68,7 @@ QUADRATIC = 0.1
 QUADRATIC_THRESHOLDS = (1.5, 0.5, 0.3, 0.1, 0.05, 0.02, 0.01)
 """Of the group method, from the paper's own on downwards."""
 FINDING: Mapping[str, Any] = {
-    "order": 2, "library": "terms:1,v,v^2,v^3", "solver": "group-stlsq", "rule": "bic", "trim": 5, "resamples": 0,
+    "order": 2, "library": "terms:1,v,v^2,v^3", "solver": "group-stlsq", "rule": "bic", "trim": 5, "n_resamples": 0,
 }  # fmt: skip
 """A method that finds v^2: forces of the velocity only, no rates from the ends of a drop, choice by the BIC."""
 FINDING_DIFFERENTIATION = "savgol:15:3"

@@ -5,8 +5,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools
 from commonlaw.datasets import linear_drag
 from commonlaw.discovery import discover
 from commonlaw.law import Law
@@ -130,7 +130,7 @@ def _recoveries(laws: Laws) -> Recoveries:
     }
 
 
-def _count(right: NDArray[np.bool_]) -> Recovery:
+def _count(right: Bools) -> Recovery:
     return Recovery(int(right.sum()), right.size)
 
 

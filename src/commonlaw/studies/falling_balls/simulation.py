@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator, Rates, parse_differentiation
 from commonlaw.law import Law
 from commonlaw.report import Table
@@ -16,8 +16,6 @@ from commonlaw.trials import Trial, Trials
 
 if TYPE_CHECKING:
     from commonlaw.plots import Figure
-
-Floats = NDArray[np.float64]
 
 
 def simulated(clean: Trials, noises: Sequence[float], seed: int) -> dict[float, Trials]:
@@ -52,10 +50,10 @@ def average(law: Law) -> dict[str, float]:
     }
 
 
-def captures(law: Law) -> NDArray[np.bool_]:
+def captures(law: Law) -> Bools:
     """Return for which objects a law has a v^2 that slows a falling ball, and nothing but 1 and v beside it."""
     names = law.terms.names
-    others = [place for place, name in enumerate(names) if name not in ("1", "v", "v^2")]
+    others = [index for index, name in enumerate(names) if name not in ("1", "v", "v^2")]
     found = law.coefficients[:, 0]
     return np.asarray((found[:, names.index("v^2")] > 0) & ~found[:, others].any(axis=1))
 

@@ -1,8 +1,8 @@
 """Speeds as the authors estimated them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.formulation import StrongForm
 from commonlaw.studies.falling_balls.settings import DIFFERENTIATION
@@ -12,6 +12,6 @@ FORM = StrongForm(parse_differentiation(DIFFERENTIATION), order=2)
 """How heights become speeds and accelerations."""
 
 
-def speeds(trial: Trial) -> NDArray[np.float64]:
+def speeds(trial: Trial) -> Floats:
     """Return the speed at each sample of a drop, m/s, never negative, shape (n,)."""
     return np.abs(FORM.rates(trial).derivatives[0][:, 0])

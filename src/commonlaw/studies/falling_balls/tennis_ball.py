@@ -5,9 +5,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonlaw import datasets
+from commonlaw.array_types import Floats
 from commonlaw.report import Block, Picture, Text
 from commonlaw.studies.falling_balls.settings import (
     CIRCUMFERENCES,
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _SPHERE = "Reynolds-dependent drag"
 _LINES = ("-", "--", ":")
-Floats = NDArray[np.float64]
 Falls = Mapping[str, Mapping[int, Floats]]
 """Heights above the start and velocities, shape (samples, 2), by kind of drag and number of samples."""
 

@@ -64,7 +64,7 @@ def threshold_choices(drops: Trials, paths: "Mapping[str, pd.DataFrame]") -> Sec
 
 def chosen_law(kind: str, trials: Trials, rule: str) -> Law:
     """Return the law that a rule chooses from all thresholds of a method."""
-    return METHODS[kind](trials, None, rule=rule, resamples=0)
+    return METHODS[kind](trials, None, rule=rule, n_resamples=0)
 
 
 def _stretch_at(path: "pd.DataFrame", threshold: float) -> "pd.Series[Any]":

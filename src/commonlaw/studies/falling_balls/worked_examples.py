@@ -80,9 +80,9 @@ def _coefficients(examples: Mapping[str, Example]) -> list[Coefficient]:
     for name, example in examples.items():
         terms, (coefficients,) = example.law.terms.names, example.law.coefficients
         for j, k in np.ndindex(coefficients.shape):
-            place = (name, example.law.states[j], terms[k])
-            if coefficients[j, k] or place in printed:
-                rows.append(Coefficient(*place, printed.get(place, ""), float(coefficients[j, k])))
+            index = (name, example.law.states[j], terms[k])
+            if coefficients[j, k] or index in printed:
+                rows.append(Coefficient(*index, printed.get(index, ""), float(coefficients[j, k])))
     return rows
 
 

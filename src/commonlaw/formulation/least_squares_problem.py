@@ -7,12 +7,9 @@ from itertools import accumulate
 from operator import add
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _NARROW, _WIDE = 8, 16
 """Columns that are reduced together, in systems of few and of many columns; blocks of rows are in cache, where narrow
@@ -28,7 +25,7 @@ _SINGULAR = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class LeastSquaresProblem:
     """Regression rows ``[library | targets]`` compressed to their triangular factor.
 
     Least squares on a System equals least squares on all of its rows to rounding, for every subset of the terms:
@@ -51,7 +48,7 @@ class System:
     rows: int
 
     @classmethod
-    def of(cls, library: Floats, targets: Floats, weights: Floats | None = None) -> "System":
+    def of(cls, library: Floats, targets: Floats, weights: Floats | None = None) -> "LeastSquaresProblem":
         """Compress rows.
 
         Parameters
@@ -74,7 +71,7 @@ class System:
         return cls.of_blocks(blocks(), library.shape[1], library.shape[1] + targets.shape[1])
 
     @classmethod
-    def of_blocks(cls, blocks: Iterable[Floats], terms: int, columns: int) -> "System":
+    def of_blocks(cls, blocks: Iterable[Floats], terms: int, columns: int) -> "LeastSquaresProblem":
         """Compress rows that come in blocks; memory does not grow with their number.
 
         Parameters
@@ -92,11 +89,13 @@ class System:
             rows += len(block)
         return cls(factor, terms, rows)
 
-    def __add__(self, other: "System") -> "System":
+    def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the system of both sets of rows."""
-        return System(_absorb(self.factor, other.factor, triangular=True), self.terms, self.rows + other.rows)
+        return LeastSquaresProblem(
+            _absorb(self.factor, other.factor, triangular=True), self.terms, self.rows + other.rows
+        )
 
-    def __sub__(self, part: "System") -> "System":
+    def __sub__(self, part: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the system of the rows that are not in `part`, which must be some of this system's rows.
 
         With ``A = part R^-1`` for this factor R, the rest has the factor ``L' R`` where ``L L' = I - A'A``: digits are
@@ -116,7 +115,7 @@ class System:
             left = np.zeros((1, 1))
         if np.min(np.diag(left)) < 1e-4:
             raise CommonlawError("too few rows would be left to take the part away accurately; merge what is to stay")
-        return System(left @ self.factor, self.terms, self.rows - part.rows)
+        return LeastSquaresProblem(left @ self.factor, self.terms, self.rows - part.rows)
 
     @property
     def targets(self) -> int:
@@ -128,14 +127,14 @@ class System:
         """Euclidean norms of the library columns over all rows, shape (terms,)."""
         return np.asarray(np.linalg.norm(self.factor[:, : self.terms], axis=0))
 
-    def weighted(self, weight: float) -> "System":
+    def weighted(self, weight: float) -> "LeastSquaresProblem":
         """Return the system in which each row counts `weight` times."""
-        return System(self.factor * np.sqrt(weight), self.terms, self.rows)
+        return LeastSquaresProblem(self.factor * np.sqrt(weight), self.terms, self.rows)
 
-    def restrict(self, places: Sequence[int]) -> "System":
+    def restrict(self, indices: Sequence[int]) -> "LeastSquaresProblem":
         """Return the system of the terms at these places only."""
-        kept = [*places, *range(self.terms, len(self.factor))]
-        return System(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept]), len(places), self.rows)
+        kept = [*indices, *range(self.terms, len(self.factor))]
+        return LeastSquaresProblem(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept]), len(indices), self.rows)
 
     def least_squares(self, support: Bools, target: int, ridge: float = 0.0) -> Floats:
         """Return the coefficients that minimise ``||library c - target||^2 + ridge ||c||^2``.
@@ -180,11 +179,11 @@ class System:
         left = self.factor[:, : self.terms] @ coefficients.T - self.factor[:, self.terms :]
         return np.asarray(np.sum(left**2, axis=0))
 
-    def subtract(self, coefficients: Floats) -> "System":
+    def subtract(self, coefficients: Floats) -> "LeastSquaresProblem":
         """Return the system whose targets are what these coefficients, shape (targets, terms), leave unexplained."""
         factor = self.factor.copy()
         factor[:, self.terms :] -= factor[:, : self.terms] @ coefficients.T
-        return System(factor, self.terms, self.rows)
+        return LeastSquaresProblem(factor, self.terms, self.rows)
 
     def _scaled(self, support: Bools) -> tuple[Floats, Floats]:
         norms = self.norms[support]
@@ -192,15 +191,15 @@ class System:
         return self.factor[:, : self.terms][:, support] / scales, scales
 
 
-def merge(systems: Iterable[System]) -> System:
+def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the system of the rows of all of these, of which there is at least one."""
-    return reduce(add, systems)
+    return reduce(add, problems)
 
 
-def leave_one_out(systems: Sequence[System]) -> list[System]:
+def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresProblem]:
     """Return for each of several systems the merger of all others, with three mergers for each."""
-    before = [None, *accumulate(systems[:-1], add)]
-    after = [*reversed([None, *accumulate(reversed(systems[1:]), add)])]
+    before = [None, *accumulate(problems[:-1], add)]
+    after = [*reversed([None, *accumulate(reversed(problems[1:]), add)])]
     pairs = zip(before, after, strict=True)
     return [merge(each for each in pair if each is not None) for pair in pairs]
 

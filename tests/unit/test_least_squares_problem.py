@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import System, leave_one_out, merge
+from commonlaw.formulation import LeastSquaresProblem, leave_one_out, merge
 from commonlaw.library import PolynomialLibrary, Variables
 
 
@@ -18,17 +18,17 @@ def rows():
 def test_least_squares_on_a_system_equals_least_squares_on_all_rows(rows, support):
     library, targets = rows
     chosen = np.isin(np.arange(6), support)
-    system = System.of(library, targets)
+    problem = LeastSquaresProblem.of(library, targets)
     for target in range(2):
         expected = np.linalg.lstsq(library[:, support], targets[:, target], rcond=None)[0]
-        np.testing.assert_allclose(system.least_squares(chosen, target)[support], expected, rtol=1e-10)
-        assert not system.least_squares(chosen, target)[~chosen].any()
+        np.testing.assert_allclose(problem.least_squares(chosen, target)[support], expected, rtol=1e-10)
+        assert not problem.least_squares(chosen, target)[~chosen].any()
 
 
 def test_merged_systems_equal_the_system_of_all_rows(rows):
     library, targets = rows
-    parts = [System.of(library[i : i + 50], targets[i : i + 50]) for i in range(0, 200, 50)]
-    merged, whole = parts[0] + (parts[1] + parts[2]) + parts[3], System.of(library, targets)
+    parts = [LeastSquaresProblem.of(library[i : i + 50], targets[i : i + 50]) for i in range(0, 200, 50)]
+    merged, whole = parts[0] + (parts[1] + parts[2]) + parts[3], LeastSquaresProblem.of(library, targets)
     everything = np.ones(6, dtype=bool)
     assert merged.rows == 200
     np.testing.assert_allclose(merged.least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-10)
@@ -37,12 +37,12 @@ def test_merged_systems_equal_the_system_of_all_rows(rows):
 
 def test_residual_and_subtraction_agree_with_the_rows(rows):
     library, targets = rows
-    system, coefficients = System.of(library, targets), np.arange(12.0).reshape(2, 6)
+    problem, coefficients = LeastSquaresProblem.of(library, targets), np.arange(12.0).reshape(2, 6)
     left = targets - library @ coefficients.T
-    np.testing.assert_allclose(system.residual(coefficients), np.sum(left**2, axis=0), rtol=1e-10)
+    np.testing.assert_allclose(problem.residual(coefficients), np.sum(left**2, axis=0), rtol=1e-10)
     everything = np.ones(6, dtype=bool)
     np.testing.assert_allclose(
-        system.subtract(coefficients).least_squares(everything, 0),
+        problem.subtract(coefficients).least_squares(everything, 0),
         np.linalg.lstsq(library, left[:, 0], rcond=None)[0],
         rtol=1e-9,
     )
@@ -51,14 +51,14 @@ def test_residual_and_subtraction_agree_with_the_rows(rows):
 def test_ridge_solves_the_penalised_normal_equations(rows):
     library, targets = rows
     expected = np.linalg.solve(library.T @ library + 3.0 * np.eye(6), library.T @ targets[:, 0])
-    found = System.of(library, targets).least_squares(np.ones(6, dtype=bool), 0, ridge=3.0)
+    found = LeastSquaresProblem.of(library, targets).least_squares(np.ones(6, dtype=bool), 0, ridge=3.0)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
 def test_badly_scaled_columns_lose_no_digits(rows):
     library, targets = rows
     scales = 10.0 ** np.array([-8, 0, 8, 3, -5, 1])
-    found = System.of(library * scales, targets).least_squares(np.ones(6, dtype=bool), 0)
+    found = LeastSquaresProblem.of(library * scales, targets).least_squares(np.ones(6, dtype=bool), 0)
     expected = np.linalg.lstsq(library, targets[:, 0], rcond=None)[0]
     np.testing.assert_allclose(found * scales, expected, rtol=1e-10)
 
@@ -66,23 +66,25 @@ def test_badly_scaled_columns_lose_no_digits(rows):
 def test_dependent_columns_give_the_fit_of_least_norm_and_a_large_condition(rows):
     library, targets = rows
     doubled = np.column_stack([library[:, 0], library[:, 0]])
-    system, both = System.of(doubled, targets), np.array([True, True])
-    first, second = system.least_squares(both, 0)
+    problem, both = LeastSquaresProblem.of(doubled, targets), np.array([True, True])
+    first, second = problem.least_squares(both, 0)
     assert first == pytest.approx(second)
     assert first + second == pytest.approx(targets[:, 0].mean())
-    assert system.condition(both) > 1e12
+    assert problem.condition(both) > 1e12
 
 
 def test_fewer_rows_than_terms_are_fitted_exactly():
-    system = System.of(np.array([[1.0, 2.0, 3.0]]), np.array([[4.0]]))
-    coefficients = system.least_squares(np.ones(3, dtype=bool), 0)
+    problem = LeastSquaresProblem.of(np.array([[1.0, 2.0, 3.0]]), np.array([[4.0]]))
+    coefficients = problem.least_squares(np.ones(3, dtype=bool), 0)
     assert coefficients @ [1, 2, 3] == pytest.approx(4)
 
 
 def test_a_part_can_be_taken_away_again(rows):
     library, targets = rows
     scales = 10.0 ** np.array([-6, 0, 6, 3, -5, 1])
-    part, rest = (System.of(library[rows] * scales, targets[rows]) for rows in (slice(0, 60), slice(60, 200)))
+    part, rest = (
+        LeastSquaresProblem.of(library[rows] * scales, targets[rows]) for rows in (slice(0, 60), slice(60, 200))
+    )
     left = (part + rest) - part
     everything = np.ones(6, dtype=bool)
     assert left.rows == 140
@@ -93,29 +95,31 @@ def test_a_part_can_be_taken_away_again(rows):
 
 def test_leaving_out_one_part_is_merging_all_others(rows):
     library, targets = rows
-    parts = [System.of(library[i::5], targets[i::5]) for i in range(5)]
-    for i, system in enumerate(leave_one_out(parts)):
+    parts = [LeastSquaresProblem.of(library[i::5], targets[i::5]) for i in range(5)]
+    for i, problem in enumerate(leave_one_out(parts)):
         expected = merge(parts[:i] + parts[i + 1 :])
-        assert system.rows == 160
+        assert problem.rows == 160
         everything = np.ones(6, dtype=bool)
         np.testing.assert_allclose(
-            system.least_squares(everything, 0), expected.least_squares(everything, 0), rtol=1e-10
+            problem.least_squares(everything, 0), expected.least_squares(everything, 0), rtol=1e-10
         )
 
 
 def test_weights_count_rows_several_times(rows):
     library, targets = rows
-    twice = System.of(library, targets, np.where(np.arange(200) < 50, 2.0, 1.0))
-    repeated = System.of(library, targets) + System.of(library[:50], targets[:50])
+    twice = LeastSquaresProblem.of(library, targets, np.where(np.arange(200) < 50, 2.0, 1.0))
+    repeated = LeastSquaresProblem.of(library, targets) + LeastSquaresProblem.of(library[:50], targets[:50])
     everything = np.ones(6, dtype=bool)
     np.testing.assert_allclose(twice.least_squares(everything, 0), repeated.least_squares(everything, 0), rtol=1e-10)
-    half = System.of(library[:50], targets[:50]).weighted(2.0) + System.of(library[50:], targets[50:])
+    half = LeastSquaresProblem.of(library[:50], targets[:50]).weighted(2.0) + LeastSquaresProblem.of(
+        library[50:], targets[50:]
+    )
     np.testing.assert_allclose(half.least_squares(everything, 0), repeated.least_squares(everything, 0), rtol=1e-10)
 
 
 def test_a_restricted_system_has_the_same_fits(rows):
     library, targets = rows
-    small = System.of(library, targets).restrict([4, 1])
+    small = LeastSquaresProblem.of(library, targets).restrict([4, 1])
     expected = np.linalg.lstsq(library[:, [4, 1]], targets[:, 1], rcond=None)[0]
     np.testing.assert_allclose(small.least_squares(np.ones(2, dtype=bool), 1), expected, rtol=1e-10)
 
@@ -133,5 +137,7 @@ def test_badly_scaled_polynomials_of_raw_states_agree_with_least_squares_on_all_
     scales = np.linalg.norm(library, axis=0)
     expected = np.linalg.lstsq(library / scales, targets, rcond=1e-15)[0] / scales
     blocks = (np.asfortranarray(np.column_stack([library, targets])[i : i + 512]) for i in range(0, 5000, 512))
-    found = System.of_blocks(blocks, len(terms), len(terms) + 1).least_squares(np.ones(len(terms), dtype=bool), 0)
+    found = LeastSquaresProblem.of_blocks(blocks, len(terms), len(terms) + 1).least_squares(
+        np.ones(len(terms), dtype=bool), 0
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-8)
