@@ -127,7 +127,7 @@ def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
     assert log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
 
 
-@pytest.mark.parametrize("index", [[], [1], [0, 3]])
+@pytest.mark.parametrize("indices", [[], [1], [0, 3]])
 def test_residuals_with_each_other_term_are_those_of_least_squares(indices):
     data = rows([[2.0, 0.0, -1.0, 1.0], [1.0, 1.0, 0.0, 0.5]])
     data = [(np.column_stack([library, library[:, 1] + 1e-9 * library[:, 0]]), target) for library, target in data]
