@@ -8,8 +8,7 @@ import pytest
 from benchmarks import cost, coverage, cramer_rao, discovery
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
-from benchmarks.variational import cramer_rao as bounds_of
-from benchmarks.variational import solve
+from benchmarks.variational import cramer_rao as bounds_of, solve
 
 import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation

@@ -5,8 +5,7 @@ from inspect import signature
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem

@@ -4,8 +4,7 @@ import dataclasses
 from contextlib import suppress
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from commonlaw.errors import CommonlawError

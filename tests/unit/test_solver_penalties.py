@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from sklearn.linear_model import Lasso as PeerLasso
-from sklearn.linear_model import MultiTaskLasso
+from sklearn.linear_model import Lasso as PeerLasso, MultiTaskLasso
 
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import SR3, Lasso

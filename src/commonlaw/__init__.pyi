@@ -1,0 +1,65 @@
+"""The public names, each once; `__init__.py` loads them when they are first used."""
+
+from . import datasets as datasets, plots as plots, sphere_drag as sphere_drag
+from .differentiation import (
+    CenteredDifference as CenteredDifference,
+    FiniteDifference as FiniteDifference,
+    ForwardDifference as ForwardDifference,
+    MedianFilter as MedianFilter,
+    RobustSpline as RobustSpline,
+    SavitzkyGolay as SavitzkyGolay,
+    SmoothedDifference as SmoothedDifference,
+    SmoothingSpline as SmoothingSpline,
+    Spectral as Spectral,
+    TotalVariation as TotalVariation,
+    WienerFilter as WienerFilter,
+    noise_level as noise_level,
+)
+from .discovery import (
+    LawDiscovery as LawDiscovery,
+    discover as discover,
+)
+from .errors import CommonlawError as CommonlawError
+from .forecast import (
+    Event as Event,
+    Forecast as Forecast,
+    Trajectory as Trajectory,
+)
+from .formulation import (
+    DiscreteForm as DiscreteForm,
+    LeastSquaresProblem as LeastSquaresProblem,
+    StrongForm as StrongForm,
+    WeakForm as WeakForm,
+)
+from .inference import refine as refine
+from .law import Law as Law
+from .library import (
+    ConstantLibrary as ConstantLibrary,
+    ExpressionLibrary as ExpressionLibrary,
+    FourierLibrary as FourierLibrary,
+    PolynomialLibrary as PolynomialLibrary,
+    RationalLibrary as RationalLibrary,
+)
+from .outcomes import Outcome as Outcome
+from .solvers import (
+    L1 as L1,
+    L2 as L2,
+    SR3 as SR3,
+    STLSQ as STLSQ,
+    BackwardElimination as BackwardElimination,
+    BestSubset as BestSubset,
+    Constrained as Constrained,
+    Count as Count,
+    ForwardSelection as ForwardSelection,
+    GroupSTLSQ as GroupSTLSQ,
+    Lasso as Lasso,
+    Mean as Mean,
+    Median as Median,
+    Quantile as Quantile,
+)
+from .trials import (
+    Schema as Schema,
+    Trial as Trial,
+    Trials as Trials,
+    TrialStream as TrialStream,
+)
