@@ -21,9 +21,7 @@ from .discovery import (
 )
 from .errors import CommonlawError as CommonlawError
 from .forecast import (
-    Event as Event,
     Forecast as Forecast,
-    Trajectory as Trajectory,
 )
 from .formulation import (
     DiscreteForm as DiscreteForm,
@@ -32,6 +30,10 @@ from .formulation import (
     WeakForm as WeakForm,
 )
 from .inference import refine as refine
+from .integration import (
+    Event as Event,
+    Trajectory as Trajectory,
+)
 from .law import Law as Law
 from .library import (
     ConstantLibrary as ConstantLibrary,

@@ -3,7 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Forecast, Trajectory, VectorField, integrate
+from commonlaw.forecast import Forecast
+from commonlaw.integration import Trajectory, VectorField, integrate
 from commonlaw.library import PolynomialLibrary, Variables
 from commonlaw.trials import Schema, Trial, Trials
 

@@ -10,7 +10,9 @@ from scipy.stats import norm
 from commonlaw import datasets
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFilter, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Forecast, Trajectory, spread_of
+from commonlaw.forecast import Forecast
+from commonlaw.forecast.intervals import spread_of
+from commonlaw.integration import Trajectory
 from commonlaw.law import Law
 from commonlaw.library import parse_library
 from commonlaw.library.base import Variables

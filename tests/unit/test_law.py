@@ -6,7 +6,7 @@ import sympy
 
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Event
+from commonlaw.integration import Event
 from commonlaw.law import Law
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome

@@ -24,7 +24,7 @@ def trajectory(field: Callable[[float, Floats], Floats], initial: Sequence[float
     CommonlawError
         If the object runs away.
     """
-    from commonlaw.forecast import integrate
+    from commonlaw.integration import integrate
 
     result = integrate(field, np.array(initial), times, relative_tolerance=_TOLERANCE, where=name)
     if result.outcome is not None:

@@ -1,22 +1,6 @@
-"""Integrating laws: trajectories, events, divergence as an outcome, forecasts beside measurements, and their bands."""
+"""Laws forecast trials: where each trial starts, its trajectory, and how far off it may be."""
 
-from commonlaw.forecast.base import Run
-from commonlaw.forecast.event import Event, Occurrences
-from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.simulation import integrate, simulate
-from commonlaw.forecast.spread import normal_quantile, spread_of
-from commonlaw.forecast.trajectory import Trajectory
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.forecast.prediction import predict
+from commonlaw.law.forecast import Forecast
 
-__all__ = [
-    "Event",
-    "Forecast",
-    "Occurrences",
-    "Run",
-    "Trajectory",
-    "VectorField",
-    "integrate",
-    "normal_quantile",
-    "simulate",
-    "spread_of",
-]
+__all__ = ["Forecast", "predict"]

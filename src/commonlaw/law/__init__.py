@@ -1,8 +1,9 @@
 """Laws: equations with shared terms and each object's own coefficients."""
 
 from commonlaw.law.alternative import Alternative
+from commonlaw.law.forecast import Forecast
 from commonlaw.law.history import History, Step
 from commonlaw.law.law import Law
 from commonlaw.law.objects import pooled
 
-__all__ = ["Alternative", "History", "Law", "Step", "pooled"]
+__all__ = ["Alternative", "Forecast", "History", "Law", "Step", "pooled"]

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +14,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.files import write_whole
-from commonlaw.forecast import Event, Forecast, Run, Trajectory, VectorField, simulate
+from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law.alternative import Alternative
 from commonlaw.law.check import checked, checked_covariance
+from commonlaw.law.forecast import Forecast
 from commonlaw.law.history import History, Step
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
@@ -357,7 +359,7 @@ class Law:
             Initial states, for a law of second order followed by the initial rates: one vector for all objects,
             or one by name of object; objects that are not named are left out.
         method, tolerance
-            How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
+            How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
         events
             What to look for on the way: ``Event("x", direction="falling", terminal=True)``.
         dense
@@ -376,7 +378,7 @@ class Law:
             if state.shape != (width,):
                 wanted = ", ".join(self.terms.variables.states)
                 raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            runs[name] = Run(self.vector_field(name), state, grid, name)
+            runs[name] = InitialValueProblem(self.vector_field(name), state, grid, name)
         found = simulate(
             runs.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
         )
@@ -410,7 +412,7 @@ class Law:
             are carried along each trajectory; that noise and the errors of the coefficients count as independent, also
             where the law was learned from these samples.
         method, tolerance
-            How to integrate, and the relative error of a step; see `commonlaw.forecast.simulate`.
+            How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
 
         Raises
         ------
@@ -418,9 +420,12 @@ class Law:
             If a trial's object is not in the law, its variables are not those of the law, a spread is asked for and the
             law's covariance or noise is not known, or a start cannot be fitted.
         """
-        from commonlaw.law.prediction import predict
-
-        return predict(self, trials, method, tolerance, spread, start)
+        # Forecasting stands above laws; this entrance finds it when called, so that no import goes up.
+        forecasting = import_module("commonlaw.forecast")
+        forecast: Forecast = forecasting.predict(
+            self, trials, start=start, return_std=spread, method=method, tolerance=tolerance
+        )
+        return forecast
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import normal_quantile
 from commonlaw.law.alternative import stretches
-from commonlaw.law.uncertainty import covariance_of
+from commonlaw.law.uncertainty import covariance_of, normal_quantile
 
 if TYPE_CHECKING:
     from commonlaw.law.law import Law

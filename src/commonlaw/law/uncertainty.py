@@ -1,5 +1,6 @@
 """How accurate the coefficients of a law are."""
 
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,3 +57,21 @@ def shown_errors(law: "Law", name: str, wanted: bool | None) -> Floats:
     if wanted is False or law.covariance is None:
         return np.zeros(law.support.shape)
     return np.asarray(law.standard_errors[law.objects.index(name)])
+
+
+def normal_quantile(level: float) -> float:
+    """Return how many standard deviations on both sides of the mean hold this share of a normal distribution.
+
+    Raises
+    ------
+    CommonlawError
+        If the share is not between 0 and 1.
+
+    Examples
+    --------
+    >>> round(normal_quantile(0.95), 2)
+    1.96
+    """
+    if not 0 < level < 1:
+        raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
+    return NormalDist().inv_cdf((1 + level) / 2)

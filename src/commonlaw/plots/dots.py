@@ -14,9 +14,9 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.forecast import normal_quantile
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
+from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.forecast import Trajectory
+from commonlaw.integration import Trajectory
 from commonlaw.law import Law
 from commonlaw.plots import Curve, plot_curves
 from commonlaw.report import Picture, Section, Table, Text, Verdict

@@ -10,7 +10,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Event, Run, VectorField, simulate, simulation
+from commonlaw.integration import Event, InitialValueProblem, VectorField, simulate, simulation
 from commonlaw.library import Terms, Variables, parse_term
 
 METHODS = ["auto", "scipy"] + (["heyoka"] if find_spec("heyoka") else [])
@@ -35,7 +35,9 @@ def field(states, *equations, order=1, inputs=None, input_names=()):
 
 
 def run(moved, initial, times, **options):
-    return simulate([Run(moved, np.array(initial, float), np.array(times, float), "thing")], **options)[0]
+    return simulate([InitialValueProblem(moved, np.array(initial, float), np.array(times, float), "thing")], **options)[
+        0
+    ]
 
 
 FALL = field("xv", {"1": -9.8}, order=2)
@@ -243,7 +245,9 @@ def test_without_heyoka_scipy_does_all(monkeypatch):
 def test_many_objects_give_what_each_gives_alone_also_from_threads(method):
     starts = np.random.default_rng(0).uniform(0.2, 1, (8, 2))
     runs = [
-        Run(VectorField(RATIONAL.terms, RATIONAL.coefficients * (1 + i / 20)), start, np.linspace(0, 2, 5))
+        InitialValueProblem(
+            VectorField(RATIONAL.terms, RATIONAL.coefficients * (1 + i / 20)), start, np.linspace(0, 2, 5)
+        )
         for i, start in enumerate(starts)
     ]
     together = simulate(runs, method=method)
@@ -255,7 +259,7 @@ def test_many_objects_give_what_each_gives_alone_also_from_threads(method):
 
 def test_objects_of_one_law_share_what_is_compiled():
     if "heyoka" in METHODS:
-        from commonlaw.forecast.compiled import _compiled
+        from commonlaw.integration.heyoka.compiled import _compiled
 
         law = cl.datasets.truth_of("lotka-volterra")
         _compiled.cache_clear()

@@ -8,8 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.spread import normal_quantile
-from commonlaw.forecast.trajectory import Trajectory
+from commonlaw.integration import Trajectory
+from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 

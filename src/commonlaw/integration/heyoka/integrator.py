@@ -12,11 +12,12 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.forecast.base import FAR, MOST_STEPS, AbstractIntegrator, Run, Wanted, not_integrated, size_of
-from commonlaw.forecast.compiled import Compiled, Found, Structure, compiled
-from commonlaw.forecast.event import Gaps, event_terms, occurrences
-from commonlaw.forecast.trajectory import Trajectory, diverged
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, not_integrated, state_scale
+from commonlaw.integration.event import Gaps, event_terms, occurrences
+from commonlaw.integration.heyoka.compiled import Compiled, Found, Structure, compiled
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
+from commonlaw.integration.trajectory import Trajectory, diverged
+from commonlaw.integration.vector_field import VectorField
 from commonlaw.outcomes import Outcome
 
 Dense = Callable[[Floats], Floats]
@@ -25,14 +26,14 @@ _NOT_FINITE = "a state is not finite"
 
 
 @dataclass(frozen=True)
-class Taylor(AbstractIntegrator):
+class HeyokaIntegrator(AbstractIntegrator):
     """The fast back end, compiled for all vector fields of one structure."""
 
-    wanted: Wanted
+    options: OutputOptions
     compiled: Compiled
 
     @classmethod
-    def of(cls, moved: VectorField, wanted: Wanted) -> "Taylor":
+    def of(cls, vector_field: VectorField, options: OutputOptions) -> "HeyokaIntegrator":
         """Return the integrator for vector fields of this one's terms, order and support.
 
         Raises
@@ -40,40 +41,40 @@ class Taylor(AbstractIntegrator):
         UnsupportedError
             If the law or an event holds a function without Taylor series.
         """
-        return cls(wanted, compiled(Structure.of(moved, wanted)))
+        return cls(options, compiled(Structure.of(vector_field, options)))
 
-    def integrate(self, run: Run) -> Trajectory:
-        """Return the trajectory of a run; the outcome "not integrated" calls for another integrator."""
-        width = len(run.initial)
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        """Return the trajectory of a problem; the outcome "not integrated" calls for another integrator."""
+        width = len(problem.initial)
         with np.errstate(all="ignore"):
-            self.compiled.start(run, self._levels(run))
-            path = _propagate(self.compiled, run.times, self.wanted.dense)
-            rows = np.full((len(run.times), path.rows.shape[1]), np.nan)
-            reached = _before_runaway(run, path.rows[:, :width])
+            self.compiled.start(problem, self._levels(problem))
+            path = _propagate(self.compiled, problem.times, self.options.dense)
+            rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
+            reached = _before_runaway(problem, path.rows[:, :width])
             rows[:reached] = path.rows[:reached]
             ended, outcome = path.ended, None
             if path.broke or reached < len(path.rows):
-                ended, outcome = _runaway(self.compiled, run, rows[reached - 1], float(run.times[reached - 1]))
+                ended, outcome = _runaway(self.compiled, problem, rows[reached - 1], float(problem.times[reached - 1]))
             elif ended is not None and path.failure:
-                outcome = not_integrated(ended, path.failure, run.where)
+                outcome = not_integrated(ended, path.failure, problem.where)
         found = [each for each in path.found if ended is None or each[1] <= ended]
-        slopes = rows[:, width:].reshape(len(rows), width, -1) if self.wanted.sensitivities else None
-        events = occurrences(self.wanted.events, found, width)
-        return Trajectory(run.times, rows[:, :width], outcome, ended, events, slopes, path.dense, "heyoka")
+        slopes = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
+        events = occurrences(self.options.events, found, width)
+        return Trajectory(problem.times, rows[:, :width], outcome, ended, events, slopes, path.dense, "heyoka")
 
-    def _levels(self, run: Run) -> Floats:
+    def _levels(self, problem: InitialValueProblem) -> Floats:
         """Return the levels of the events.
 
         One that the run starts on is moved by a rounding error, away from where the run goes: heyoka would take the
         start for a crossing, and may miss others in the same step.
         """
-        events = self.wanted.events
+        events = self.options.events
         levels = np.array([event.level for event in events])
         if events:
-            gaps = Gaps(events, run.field, event_terms(events, run.field.terms.variables))
+            gaps = Gaps(events, problem.field, event_terms(events, problem.field.terms.variables))
             before, after = (
-                gaps(run.start, run.initial),
-                gaps.at_start(run.start, run.initial, float(np.ptp(run.times))),
+                gaps(problem.start, problem.initial),
+                gaps.at_start(problem.start, problem.initial, float(np.ptp(problem.times))),
             )
             values = levels + before
             aside = values - np.sign(after) * np.maximum(np.spacing(np.abs(values)), 1e-300)
@@ -92,7 +93,7 @@ class _Path:
     found
         What happened: place of the event, time, states.
     dense
-        States at any time, if wanted.
+        States at any time, if options.
     ended
         When it ended early, by a terminal event or for want of steps.
     failure
@@ -115,14 +116,14 @@ def _propagate(law: Compiled, times: Floats, dense: bool) -> _Path:
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if dense else None)
     if dense:
-        result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=MOST_STEPS, c_output=True)
+        result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=MAX_STEPS, c_output=True)
         done = result == heyoka.taylor_outcome.time_limit
         rows = (
             np.empty((0, len(row))) if output is None else output(times if done else times[times <= output.bounds[1]])
         )
         states = _dense(output, row, law.width)
     else:
-        result, _, _, _, _, rows = stepper.propagate_grid(times, max_steps=MOST_STEPS)
+        result, _, _, _, _, rows = stepper.propagate_grid(times, max_steps=MAX_STEPS)
         states = None
     # A state that is not finite at once leaves no row at all.
     rows, found, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
@@ -132,7 +133,7 @@ def _propagate(law: Compiled, times: Floats, dense: bool) -> _Path:
         case heyoka.taylor_outcome.err_nf_state:
             return _Path(rows, found, states, None, _NOT_FINITE, broke=True)
         case heyoka.taylor_outcome.step_limit:
-            return _Path(rows, found, states, time, f"{MOST_STEPS} steps were not enough")
+            return _Path(rows, found, states, time, f"{MAX_STEPS} steps were not enough")
     found.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
     return _Path(rows, found, states, time)
 
@@ -145,26 +146,26 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
     return lambda times: np.array(output(np.minimum(times, output.bounds[1]))[:, :width])
 
 
-def _runaway(law: Compiled, run: Run, row: Floats, time: float) -> tuple[float, Outcome]:
+def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: float) -> tuple[float, Outcome]:
     """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
-    limit = FAR * size_of(run.initial, run.field, run.times)
+    limit = FAR * state_scale(problem.initial, problem.field, problem.times)
     law.reset(time, row)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         law.stepper.step()
         peak = float(np.max(np.abs(law.stepper.state[: law.width])))
         if not np.isfinite(peak):
             break
         time = float(law.stepper.time)
         if peak > limit:
-            return time, diverged(time, f"a state reached {peak:.3g}", run.where)
-    return time, not_integrated(time, _NOT_FINITE, run.where)
+            return time, diverged(time, f"a state reached {peak:.3g}", problem.where)
+    return time, not_integrated(time, _NOT_FINITE, problem.where)
 
 
-def _before_runaway(run: Run, states: Floats) -> int:
+def _before_runaway(problem: InitialValueProblem, states: Floats) -> int:
     """Return how many of the first rows are finite and not too far."""
     # The largest state of most runs is not even far from the initial ones: then the rates need not be known.
-    if not np.max(np.abs(states)) <= FAR * np.max(np.abs(run.initial)):
-        limit = FAR * size_of(run.initial, run.field, run.times)
+    if not np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
+        limit = FAR * state_scale(problem.initial, problem.field, problem.times)
         lost = np.flatnonzero(~(np.abs(states) <= limit).all(axis=1))
         return int(lost[0]) if len(lost) else len(states)
     return len(states)

@@ -2,30 +2,54 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Forecast, Run, simulate, spread_of
-from commonlaw.law.start import LEAST, FittedStart, fits_starts, fitted_start
+from commonlaw.forecast.initial_state import LEAST, FittedStart, fits_starts, fitted_start
+from commonlaw.forecast.intervals import spread_of
+from commonlaw.integration import InitialValueProblem, simulate
+from commonlaw.law import Law
+from commonlaw.law.forecast import Forecast
 from commonlaw.law.uncertainty import covariance_of
 from commonlaw.trials import Trial, Trials
-
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
-
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
 
 
-def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: bool, start: int | None) -> Forecast:
-    """Return the forecast of each trial, see `Law.predict`."""
+def predict(
+    law: Law,
+    trials: Trials,
+    *,
+    start: int | None = None,
+    return_std: bool = False,
+    method: str = "auto",
+    tolerance: float = 1e-8,
+) -> Forecast:
+    """Return the forecast of each trial, see `Law.predict`.
+
+    Parameters
+    ----------
+    law, trials
+        The law, and trials of its objects.
+    start
+        How many of each trial's first samples tell where its forecast starts.
+    return_std
+        Whether the forecast is to know how far off it may be.
+    method, tolerance
+        How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked for
+        and the law's covariance or noise is not known, or a start cannot be fitted.
+    """
     _check_variables(law, trials)
-    covariance, noise = (covariance_of(law), _noise_of(law)) if spread else (None, None)
+    covariance, noise = (covariance_of(law), _noise_of(law)) if return_std else (None, None)
     counts = [_count(law, trial) if start is None else start for trial in trials]
     fitted = [
         None if count == 1 else fitted_start(law, trial, count) for trial, count in zip(trials, counts, strict=True)
@@ -48,7 +72,7 @@ def predict(law: "Law", trials: Trials, method: str, tolerance: float, spread: b
     return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(spreads), noise)
 
 
-def _count(law: "Law", trial: Trial) -> int:
+def _count(law: Law, trial: Trial) -> int:
     """Return how many samples tell where a forecast starts, if that is left open.
 
     The first sample, or those that the first rate would be estimated from: the law knows better than a polynomial how
@@ -60,19 +84,20 @@ def _count(law: "Law", trial: Trial) -> int:
     return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= LEAST else 1
 
 
-def _run(law: "Law", trial: Trial, fitted: FittedStart | None) -> Run:
+def _run(law: Law, trial: Trial, fitted: FittedStart | None) -> InitialValueProblem:
     field = replace(law.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
-    return Run(field, _measured_start(law, trial) if fitted is None else fitted.initial, trial.times, trial.label)
+    initial = _measured_start(law, trial) if fitted is None else fitted.initial
+    return InitialValueProblem(field, initial, trial.times, trial.label)
 
 
-def _measured_start(law: "Law", trial: Trial) -> Floats:
+def _measured_start(law: Law, trial: Trial) -> Floats:
     """Return the first measured states, and the estimated rates of a law of second order, shape (width,)."""
     _check_start(law, trial)
     rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
     return np.concatenate([trial.states[0], *rates])
 
 
-def _check_start(law: "Law", trial: Trial) -> None:
+def _check_start(law: Law, trial: Trial) -> None:
     """Refuse a trial whose first sample lacks a state."""
     gaps = np.isnan(trial.states)
     if gaps[0].any():
@@ -85,14 +110,14 @@ def _check_start(law: "Law", trial: Trial) -> None:
         )
 
 
-def _differentiation(law: "Law", trial: Trial) -> AbstractDifferentiator:
+def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator:
     """Return what estimates the first rates: the law's own method unless states are missing that it cannot take."""
     if law.differentiation is None:
         raise CommonlawError("this law does not know how to estimate initial rates; use simulate and give them")
     return law.differentiation if trial.complete or law.differentiation.takes_missing else RobustSpline()
 
 
-def _first_rates(law: "Law", trial: Trial, states: Floats) -> Floats:
+def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
     """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,)."""
     method = _differentiation(law, trial)
     try:
@@ -101,7 +126,7 @@ def _first_rates(law: "Law", trial: Trial, states: Floats) -> Floats:
         raise CommonlawError(f"{trial.label}: {error}") from None
 
 
-def _start_covariance(law: "Law", trial: Trial, noise: Floats) -> Floats:
+def _start_covariance(law: Law, trial: Trial, noise: Floats) -> Floats:
     """Return the covariance of a trial's initial states (and rates) due to noise, shape (width, width).
 
     Rates are estimated once more from the measured states with noise on top, many times: with draws that are white to
@@ -135,7 +160,7 @@ def _white(samples: int) -> Floats:
     return np.asarray(draws.T)
 
 
-def _noise_of(law: "Law") -> Floats:
+def _noise_of(law: Law) -> Floats:
     if law.noise is None:
         raise CommonlawError(
             "this law does not know the noise of the measurements, and so not how accurate initial states are: "
@@ -144,7 +169,7 @@ def _noise_of(law: "Law") -> Floats:
     return law.noise
 
 
-def _check_variables(law: "Law", trials: Trials) -> None:
+def _check_variables(law: Law, trials: Trials) -> None:
     for kind, wanted, given in (
         ("states", law.schema.states, trials.schema.states),
         ("inputs", law.schema.inputs, trials.schema.inputs),

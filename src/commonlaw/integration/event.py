@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Terms, Variables, parse_term
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}

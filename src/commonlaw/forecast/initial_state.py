@@ -1,20 +1,16 @@
 """Where the forecast of a trial starts, by what its first samples and the law say together."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Trajectory
+from commonlaw.integration import Trajectory
+from commonlaw.law import Law
 from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, fit, meshes, spread
 from commonlaw.trials import Trial
-
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
-
 
 LEAST = 5
 """Measured values of each state that the first guess, a smoothing spline, takes."""
@@ -86,7 +82,7 @@ class FittedStart:
         return replace(trajectory, sensitivities=moved), root @ root.T
 
 
-def fitted_start(law: "Law", trial: Trial, count: int) -> FittedStart:
+def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
 
     The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
@@ -130,12 +126,12 @@ def fitted_start(law: "Law", trial: Trial, count: int) -> FittedStart:
     return FittedStart(found.states[0][0], trial, measurement)
 
 
-def fits_starts(law: "Law") -> bool:
+def fits_starts(law: Law) -> bool:
     """Whether the law knows what samples are worth, so that a start can be fitted to them."""
     return law.noise is not None and bool(law.noise.all())
 
 
-def _noise_of(law: "Law") -> Floats:
+def _noise_of(law: Law) -> Floats:
     """Return the noise of a law that a start can be fitted by."""
     if law.order == 0:
         raise CommonlawError("a law in discrete time starts at the first sample: use start=1")
@@ -148,7 +144,7 @@ def _noise_of(law: "Law") -> Floats:
     return law.noise
 
 
-def _check_measured(law: "Law", trial: Trial) -> None:
+def _check_measured(law: Law, trial: Trial) -> None:
     for name, column in zip(law.states, trial.states.T, strict=True):
         measured = int(np.isfinite(column).sum())
         if measured < LEAST:

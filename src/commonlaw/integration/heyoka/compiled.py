@@ -10,10 +10,10 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.forecast.base import Run, Wanted
-from commonlaw.forecast.event import event_terms
-from commonlaw.forecast.translation import translated
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.integration.event import event_terms
+from commonlaw.integration.heyoka.translation import translated
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
+from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import AbstractTerm
 
 # A home that cannot be written to costs heyoka its cache on disk, and is nothing to tell a user of each time.
@@ -40,7 +40,7 @@ class Structure:
     events
         Expression, direction and whether it is terminal.
     tolerance, sensitivities
-        As wanted.
+        As asked for.
     """
 
     terms: tuple[AbstractTerm, ...]
@@ -53,20 +53,20 @@ class Structure:
     sensitivities: bool
 
     @classmethod
-    def of(cls, moved: VectorField, wanted: Wanted) -> "Structure":
+    def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
         """Return the structure of a vector field without inputs."""
-        used = np.flatnonzero(moved.kept.any(axis=0))
-        variables = moved.terms.variables
-        events = event_terms(wanted.events, variables).terms
+        used = np.flatnonzero(vector_field.kept.any(axis=0))
+        variables = vector_field.terms.variables
+        events = event_terms(options.events, variables).terms
         return cls(
-            tuple(moved.terms.terms[k] for k in used),
-            tuple((int(j), int(k)) for j, k in np.argwhere(moved.kept[:, used])),
-            len(moved.coefficients),
-            moved.order,
+            tuple(vector_field.terms.terms[k] for k in used),
+            tuple((int(j), int(k)) for j, k in np.argwhere(vector_field.kept[:, used])),
+            len(vector_field.coefficients),
+            vector_field.order,
             len(variables.names),
-            tuple((term, each.sign, each.terminal) for term, each in zip(events, wanted.events, strict=True)),
-            max(wanted.tolerance, float(np.finfo(float).eps)),
-            wanted.sensitivities,
+            tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
+            max(options.tolerance, float(np.finfo(float).eps)),
+            options.sensitivities,
         )
 
 
@@ -94,10 +94,10 @@ class Compiled:
     found: Found
     slopes: Floats
 
-    def start(self, run: Run, levels: Floats) -> None:
-        """Set parameters, state and time to the start of a run."""
-        self.stepper.pars[:] = np.concatenate([run.field.parameters, levels])
-        self.reset(run.start, np.concatenate([run.initial, self.slopes]))
+    def start(self, problem: InitialValueProblem, levels: Floats) -> None:
+        """Set parameters, state and time to the start of a problem."""
+        self.stepper.pars[:] = np.concatenate([problem.field.parameters, levels])
+        self.reset(problem.start, np.concatenate([problem.initial, self.slopes]))
 
     def reset(self, time: float, row: Floats) -> None:
         """Set time and state, and forget what was found."""

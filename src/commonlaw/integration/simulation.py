@@ -8,11 +8,12 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.forecast.base import NOT_INTEGRATED, AbstractIntegrator, Run, Wanted, check_start
-from commonlaw.forecast.event import Event
-from commonlaw.forecast.iteration import Iteration
-from commonlaw.forecast.trajectory import Trajectory
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.integration.base import NOT_INTEGRATED, AbstractIntegrator
+from commonlaw.integration.event import Event
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions, check_start
+from commonlaw.integration.iteration import Iteration
+from commonlaw.integration.trajectory import Trajectory
+from commonlaw.integration.vector_field import VectorField
 
 METHODS = ("auto", "heyoka", "scipy")
 
@@ -21,7 +22,7 @@ _FEW_POINTS = 5000
 
 
 def simulate(
-    runs: Iterable[Run],
+    problems: Iterable[InitialValueProblem],
     *,
     method: str = "auto",
     tolerance: float = 1e-8,
@@ -53,7 +54,7 @@ def simulate(
     Returns
     -------
     tuple of Trajectory
-        In the order of the runs. Where states ran away, they are NaN and the outcome is "diverged", with the time.
+        In the order of the problems. Where states ran away, they are NaN and the outcome is "diverged", with the time.
 
     Raises
     ------
@@ -63,17 +64,17 @@ def simulate(
     """
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
-    wanted, runs = Wanted(tolerance, tuple(events), dense, sensitivities), tuple(runs)
-    if method == "auto" and not sensitivities and sum(len(run.times) for run in runs) < _FEW_POINTS:
+    options, problems = OutputOptions(tolerance, tuple(events), dense, sensitivities), tuple(problems)
+    if method == "auto" and not sensitivities and sum(len(problem.times) for problem in problems) < _FEW_POINTS:
         method = "scipy"
     choices: dict[tuple[int, int, bytes], _Choice] = {}
     trajectories = []
-    for run in runs:
-        moved = run.field
-        key = (id(moved.terms), moved.order, moved.kept.tobytes())
+    for problem in problems:
+        vector_field = problem.field
+        key = (id(vector_field.terms), vector_field.order, vector_field.kept.tobytes())
         if key not in choices:
-            choices[key] = _choice(moved, method, wanted)
-        trajectories.append(choices[key].integrate(run))
+            choices[key] = _choice(vector_field, method, options)
+        trajectories.append(choices[key].integrate(problem))
     return tuple(trajectories)
 
 
@@ -97,7 +98,7 @@ def integrate(
     initial
         States at the first time, shape (d,).
     times
-        Where the states are wanted, increasing, shape (n,).
+        Where the states are options, increasing, shape (n,).
     jacobian
         Exact derivatives of the rates by the states, shape (d, d); found by differences if not given.
     relative_tolerance
@@ -116,7 +117,7 @@ def integrate(
     CommonlawError
         If the initial states or the times are not finite, or the times do not increase.
     """
-    from commonlaw.forecast.lsoda import Equations, solve
+    from commonlaw.integration.lsoda import Equations, solve
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
     check_start(initial, times, where)
@@ -132,15 +133,15 @@ class _Choice:
     second: Callable[[], AbstractIntegrator] | None = None
     reason: str = ""
 
-    def integrate(self, run: Run) -> Trajectory:
-        found = self.first.integrate(run)
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        found = self.first.integrate(problem)
         outcome, reason = found.outcome, self.reason
         if self.second is not None and outcome is not None and outcome.kind == NOT_INTEGRATED:
-            found, reason = self.second().integrate(run), f"heyoka stopped, {outcome.text}"
+            found, reason = self.second().integrate(problem), f"heyoka stopped, {outcome.text}"
         return replace(found, method=f"{found.method} ({reason})") if reason else found
 
 
-def _choice(moved: VectorField, method: str, wanted: Wanted) -> _Choice:
+def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _Choice:
     """Return what integrates a law.
 
     Raises
@@ -148,15 +149,17 @@ def _choice(moved: VectorField, method: str, wanted: Wanted) -> _Choice:
     CommonlawError
         If the method cannot.
     """
-    if moved.order == 0:
-        return _Choice(Iteration(wanted))
+    if vector_field.order == 0:
+        return _Choice(Iteration(options))
 
     def lsoda() -> AbstractIntegrator:
-        from commonlaw.forecast.lsoda import Lsoda  # SciPy's integrators take longer to import than a law to compile
+        from commonlaw.integration.lsoda import (
+            LsodaIntegrator,  # SciPy's integrators take longer to import than a law to compile
+        )
 
-        return Lsoda(wanted)
+        return LsodaIntegrator(options)
 
-    fast = "" if method == "scipy" else _fast(moved, wanted)
+    fast = "" if method == "scipy" else _fast(vector_field, options)
     if not isinstance(fast, str):
         return _Choice(fast, lsoda if method == "auto" else None)
     if method == "heyoka":
@@ -164,16 +167,16 @@ def _choice(moved: VectorField, method: str, wanted: Wanted) -> _Choice:
     return _Choice(lsoda(), reason=fast)
 
 
-def _fast(moved: VectorField, wanted: Wanted) -> AbstractIntegrator | str:
+def _fast(vector_field: VectorField, options: OutputOptions) -> AbstractIntegrator | str:
     """Return the compiled integrator of a law, or why there is none."""
-    if moved.terms.variables.inputs:
+    if vector_field.terms.variables.inputs:
         return "the law has inputs"
     if find_spec("heyoka") is None:
         return "heyoka is not installed, pip install 'commonlaw[fast]'"
-    from commonlaw.forecast.taylor import Taylor
-    from commonlaw.forecast.translation import UnsupportedError
+    from commonlaw.integration.heyoka.integrator import HeyokaIntegrator
+    from commonlaw.integration.heyoka.translation import UnsupportedError
 
     try:
-        return Taylor.of(moved, wanted)
+        return HeyokaIntegrator.of(vector_field, options)
     except UnsupportedError as error:
         return str(error)

@@ -8,35 +8,43 @@ from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
-from commonlaw.forecast.base import FAR, MOST_STEPS, AbstractIntegrator, Function, Run, Wanted, size_of
-from commonlaw.forecast.event import Gaps, event_terms, occurrences
-from commonlaw.forecast.trajectory import Trajectory, diverged
-from commonlaw.forecast.vector_field import VectorField
+from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, Function, state_scale
+from commonlaw.integration.event import Gaps, event_terms, occurrences
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
+from commonlaw.integration.trajectory import Trajectory, diverged
+from commonlaw.integration.vector_field import VectorField
 
 _LOOKS = 8
 """How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
 
 
 @dataclass(frozen=True)
-class Lsoda(AbstractIntegrator):
+class LsodaIntegrator(AbstractIntegrator):
     """The back end that is always there, and takes every law."""
 
-    wanted: Wanted
+    options: OutputOptions
 
-    def integrate(self, run: Run) -> Trajectory:
-        """Return the trajectory of a run; sensitivities solve the variational equations beside it."""
-        wanted, moved, width = self.wanted, run.field, len(run.initial)
-        watch = _watch(run, wanted) if wanted.events else None
-        equations = Equations(moved, moved.jacobian, width)
-        start, absolute = run.initial, np.zeros(width)
-        if wanted.sensitivities:
-            equations = _variational(moved, width)
-            start, absolute = _variational_start(run, wanted.tolerance)
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        """Return the trajectory of a problem; sensitivities solve the variational equations beside it."""
+        options, vector_field, width = self.options, problem.field, len(problem.initial)
+        watch = _watch(problem, options) if options.events else None
+        equations = Equations(vector_field, vector_field.jacobian, width)
+        start, absolute = problem.initial, np.zeros(width)
+        if options.sensitivities:
+            equations = _variational(vector_field, width)
+            start, absolute = _variational_start(problem, options.tolerance)
         result = solve(
-            equations, start, run.times, wanted.tolerance, absolute, run.where, watch=watch, dense=wanted.dense
+            equations,
+            start,
+            problem.times,
+            options.tolerance,
+            absolute,
+            problem.where,
+            watch=watch,
+            dense=options.dense,
         )
-        found = occurrences(wanted.events, [] if watch is None else watch.found, width)
-        slopes = result.states[:, width:].reshape(len(run.times), width, -1) if wanted.sensitivities else None
+        found = occurrences(options.events, [] if watch is None else watch.found, width)
+        slopes = result.states[:, width:].reshape(len(problem.times), width, -1) if options.sensitivities else None
         return replace(result, states=result.states[:, :width], events=found, sensitivities=slopes)
 
 
@@ -122,15 +130,15 @@ def solve(
         if not np.all(np.isfinite(equations.rates(times[0], start))):
             ended = float(times[0])
             return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
-        size = size_of(
+        size = state_scale(
             start[:width], lambda t, y: equations.rates(t, np.concatenate([y, start[width:]]))[:width], times
         )
         absolute[:width] = 1e-3 * tolerance * size
         solver = LSODA(
             equations.rates, times[0], start, times[-1], rtol=tolerance, atol=absolute, jac=equations.jacobian
         )
-        reached, stop, why = 1, None, f"{MOST_STEPS} steps were not enough"
-        for _ in range(MOST_STEPS):
+        reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
+        for _ in range(MAX_STEPS):
             bad = _step(solver) or _runaway(solver.y[:width], size)
             if bad:
                 why = bad
@@ -173,25 +181,25 @@ class _Track:
         return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
 
 
-def _watch(run: Run, wanted: Wanted) -> _Watch:
-    gaps = Gaps(wanted.events, run.field, event_terms(wanted.events, run.field.terms.variables))
-    span = float(run.times[-1] - run.times[0])
-    return _Watch(gaps, run.start, gaps.at_start(run.start, run.initial, span))
+def _watch(problem: InitialValueProblem, options: OutputOptions) -> _Watch:
+    gaps = Gaps(options.events, problem.field, event_terms(options.events, problem.field.terms.variables))
+    span = float(problem.times[-1] - problem.times[0])
+    return _Watch(gaps, problem.start, gaps.at_start(problem.start, problem.initial, span))
 
 
-def _variational(moved: VectorField, width: int) -> Equations:
+def _variational(vector_field: VectorField, width: int) -> Equations:
     """Return the states together with their derivatives by parameters and initial states, row by row."""
 
     def rates(t: float, y: Floats) -> Floats:
         states, matrix = y[:width], y[width:].reshape(width, -1)
-        change = moved.jacobian(t, states) @ matrix
-        direct = moved.slopes(t, states)
+        change = vector_field.jacobian(t, states) @ matrix
+        direct = vector_field.slopes(t, states)
         change[:, : direct.shape[1]] += direct
-        return np.concatenate([moved(t, states), change.ravel()])
+        return np.concatenate([vector_field(t, states), change.ravel()])
 
     def jacobian(t: float, y: Floats) -> Floats:
         # How the sensitivities feel the states is left out: it steers Newton's iteration only, not the result.
-        own = moved.jacobian(t, y[:width])
+        own = vector_field.jacobian(t, y[:width])
         result = np.zeros((len(y), len(y)))
         result[:width, :width] = own
         result[width:, width:] = np.kron(own, np.eye(len(y) // width - 1))
@@ -200,15 +208,15 @@ def _variational(moved: VectorField, width: int) -> Equations:
     return Equations(rates, jacobian, width)
 
 
-def _variational_start(run: Run, tolerance: float) -> tuple[Floats, Floats]:
+def _variational_start(problem: InitialValueProblem, tolerance: float) -> tuple[Floats, Floats]:
     """Return the initial states and sensitivities, and absolute tolerances in the units of each sensitivity."""
-    parameters, width = run.field.parameters, len(run.initial)
+    parameters, width = problem.field.parameters, len(problem.initial)
     matrix = np.hstack([np.zeros((width, len(parameters))), np.eye(width)])
-    size = np.max(np.abs(run.initial)) or 1.0
+    size = np.max(np.abs(problem.initial)) or 1.0
     scale = np.where(parameters == 0, 1.0, np.abs(parameters))
     rows = np.tile(np.concatenate([size / scale, np.ones(width)]), (width, 1))
     absolute = 1e-3 * tolerance * rows.ravel()
-    return np.concatenate([run.initial, matrix.ravel()]), np.concatenate([np.zeros(width), absolute])
+    return np.concatenate([problem.initial, matrix.ravel()]), np.concatenate([np.zeros(width), absolute])
 
 
 def _step(solver: LSODA) -> str | None:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.event import Occurrences
+from commonlaw.integration.event import Occurrences
 from commonlaw.outcomes import Outcome
 
 

@@ -1,12 +1,10 @@
 """How far off a forecast may be."""
 
-from statistics import NormalDist
-
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.trajectory import Trajectory
+from commonlaw.integration import Trajectory
 
 
 def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
@@ -35,21 +33,3 @@ def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Fl
         ):
             variances += np.sum((slopes @ covariance) * slopes, axis=2)
         return np.sqrt(np.maximum(variances, 0))
-
-
-def normal_quantile(level: float) -> float:
-    """Return how many standard deviations on both sides of the mean hold this share of a normal distribution.
-
-    Raises
-    ------
-    CommonlawError
-        If the share is not between 0 and 1.
-
-    Examples
-    --------
-    >>> round(normal_quantile(0.95), 2)
-    1.96
-    """
-    if not 0 < level < 1:
-        raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
-    return NormalDist().inv_cdf((1 + level) / 2)

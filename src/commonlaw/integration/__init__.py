@@ -1,0 +1,17 @@
+"""Integrating vector fields: initial value problems, back ends, events, trajectories, and divergence as an outcome."""
+
+from commonlaw.integration.event import Event, Occurrences
+from commonlaw.integration.initial_value_problem import InitialValueProblem
+from commonlaw.integration.simulation import integrate, simulate
+from commonlaw.integration.trajectory import Trajectory
+from commonlaw.integration.vector_field import VectorField
+
+__all__ = [
+    "Event",
+    "InitialValueProblem",
+    "Occurrences",
+    "Trajectory",
+    "VectorField",
+    "integrate",
+    "simulate",
+]

@@ -1,0 +1,46 @@
+"""What every integrator takes and gives."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.integration.initial_value_problem import InitialValueProblem
+from commonlaw.integration.trajectory import Trajectory
+from commonlaw.outcomes import Outcome
+
+Function = Callable[[float, Floats], Floats]
+
+MAX_STEPS = 100_000
+FAR = 1e10
+"""A state this many times larger than the initial states and their change over the first sample counts as infinite."""
+
+NOT_INTEGRATED = "not integrated"
+"""The kind of outcome of a problem that another integrator may finish."""
+
+
+class AbstractIntegrator(ABC):
+    """A back end: it integrates one initial value problem after another."""
+
+    @abstractmethod
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        """Return the trajectory of a problem; a divergence is its outcome, and nothing but an outcome."""
+
+
+def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
+    """Return the size of the initial states and of their change over the first sample.
+
+    What rests at zero has the size that it would get in the whole span by the rates at one of ten times in it, as
+    when an input sets it going.
+    """
+    span = times[-1] - times[0]
+    size = np.max(np.abs(initial)) + np.max(np.abs(rates(times[0], initial))) * (times[1] - times[0])
+    if size == 0:
+        size = max(np.max(np.abs(rates(t, initial))) for t in np.linspace(times[0], times[-1], 10)) * span
+    return float(size) if 0 < size < np.inf else 1.0
+
+
+def not_integrated(time: float, why: str, where: str) -> Outcome:
+    """Return the outcome of a trajectory that did not run away, and that the integrator could not follow on."""
+    return Outcome(NOT_INTEGRATED, where, f"at t = {time:.6g}: {why}", "integrate with the method 'auto' or 'scipy'")

@@ -1,0 +1,61 @@
+"""Laws in discrete time: the next states follow from these."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.integration.base import FAR, AbstractIntegrator
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
+from commonlaw.integration.trajectory import Trajectory, diverged
+
+
+@dataclass(frozen=True)
+class Iteration(AbstractIntegrator):
+    """``x[k+1] = f(x[k])``, one step for each time; inputs are those of the earlier time.
+
+    Raises
+    ------
+    CommonlawError
+        If events or dense output are wanted: between the steps there is nothing.
+    """
+
+    options: OutputOptions
+
+    def __post_init__(self) -> None:
+        if self.options.events or self.options.dense:
+            raise CommonlawError(
+                "a law in discrete time has no events and no dense output: between steps it says nothing"
+            )
+
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        """Return the trajectory of a problem; "diverged" says at which time a state ran away."""
+        vector_field, width = problem.field, len(problem.initial)
+        states = np.full((len(problem.times), width), np.nan)
+        states[0] = problem.initial
+        slopes, limit = self._first_slopes(problem), 0.0
+        with np.errstate(all="ignore"):
+            for k, t in enumerate(problem.times[:-1]):
+                following = vector_field(t, states[k])
+                limit = limit or FAR * float(np.max(np.abs([states[k], following])))
+                peak = np.max(np.abs(following))
+                if not peak <= limit:
+                    why = f"a state reached {peak:.3g}" if np.isfinite(peak) else "a state is not finite"
+                    when = float(problem.times[k + 1])
+                    return Trajectory(
+                        problem.times, states, diverged(when, why, problem.where), when, (), slopes, method="steps"
+                    )
+                if slopes is not None:
+                    slopes[k + 1] = vector_field.jacobian(t, states[k]) @ slopes[k]
+                    slopes[k + 1, :, : -width or None] += vector_field.slopes(t, states[k])
+                states[k + 1] = following
+        return Trajectory(problem.times, states, sensitivities=slopes, method="steps")
+
+    def _first_slopes(self, problem: InitialValueProblem) -> Floats | None:
+        if not self.options.sensitivities:
+            return None
+        width, parameters = len(problem.initial), len(problem.field.parameters)
+        slopes = np.full((len(problem.times), width, parameters + width), np.nan)
+        slopes[0] = np.hstack([np.zeros((width, parameters)), np.eye(width)])
+        return slopes
