@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
+.PHONY: help demo study test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -26,6 +26,9 @@ help: ## List the targets
 demo: $(STAMP) ## Find a law in simulated drops: equations beside the truth, and a picture in demo/
 	mkdir -p $(DEMO)
 	$(BIN)/$(DEMO_RUN)
+
+study: $(STAMP) ## Redo the founding paper in report/: a minute; less with ARGS="--only simulated", and --help
+	$(BIN)/python -m studies.falling_balls $(ARGS)
 
 test: lint types contracts unit ## Run every check
 
@@ -58,8 +61,8 @@ bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)
 
 clean: ## Remove the environment, caches and products
-	rm -rf .venv build dist $(DEMO) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf .venv build dist $(DEMO) report .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,fast]'

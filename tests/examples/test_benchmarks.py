@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from benchmarks.accuracy import errors
 from benchmarks.cases import CASES, DEGREES
 from benchmarks.problem import Problem, lorenz_law

@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 import pytest
+
+import commonlaw as cl
 from benchmarks import cost, coverage, cramer_rao, discovery
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of, solve
-
-import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.library import Variables
 

@@ -18,7 +18,7 @@ def blocks(language):
 def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     tour, study = blocks("sh")
-    assert study.strip() == "commonlaw study falling-balls --out report/"  # Which a test of its own runs
+    assert study.strip() == "make study"  # Which a test of its own runs
     for line in tour.splitlines():
         monkeypatch.setattr("sys.argv", shlex.split(line))
         with pytest.raises(SystemExit) as ended:

@@ -1,4 +1,4 @@
-"""The study of the falling balls from the command line: every file, every printed number, the same bytes again."""
+"""The study of the falling balls, as `make study` runs it: every file, every printed number, the same bytes again."""
 
 import csv
 import json
@@ -8,20 +8,15 @@ from pathlib import Path
 
 import pytest
 
-COMMAND = Path(sys.executable).with_name("commonlaw")
+ROOT = Path(__file__).parents[2]
 
 # One worker does it all, so that the study runs no more often than it must
 pytestmark = pytest.mark.xdist_group("study")
 
 
-def study(out, *options):
-    run = subprocess.run(
-        [COMMAND, "study", "falling-balls", "--out", out, *options],
-        capture_output=True,
-        text=True,
-    )
-    assert run.returncode == 0, run.stderr
-    return run
+def study(out, *options, check=True):
+    command = [sys.executable, "-m", "studies.falling_balls", "--out", out, *options]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=check)
 
 
 @pytest.fixture(scope="module")
@@ -107,11 +102,7 @@ def test_without_the_measured_drops_the_simulated_parts_are_done(tmp_path, check
 
 
 def test_a_folder_without_the_drops_is_an_error(tmp_path):
-    run = subprocess.run(
-        [COMMAND, "study", "falling-balls", "--out", tmp_path / "out", "--data", tmp_path],
-        capture_output=True,
-        text=True,
-    )
+    run = study(tmp_path / "out", "--data", tmp_path, check=False)
     assert run.returncode == 1
     assert "Ball_drops_data.xls" in run.stderr
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.printed import printed_table, prints_as
 
 PAPER = {"order": 2, "library": "poly:3", "differentiation": "savgol:35:3"}
 

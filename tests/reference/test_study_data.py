@@ -8,13 +8,13 @@ import pytest
 
 from commonlaw import datasets
 from commonlaw.report import Picture, Section, Table, Text
-from commonlaw.studies.falling_balls.candidates import candidates
-from commonlaw.studies.falling_balls.data import data
-from commonlaw.studies.falling_balls.drag_regimes import drag_regimes
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.printed import printed_table, prints_as
-from commonlaw.studies.falling_balls.speeds import FORM
 from commonlaw.trials import Trial, Trials
+from studies.falling_balls.candidates import candidates
+from studies.falling_balls.data import data
+from studies.falling_balls.drag_regimes import drag_regimes
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.speeds import FORM
 
 PARTS = (data, drag_regimes, candidates)
 

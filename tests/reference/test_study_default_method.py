@@ -8,10 +8,10 @@ from scipy.signal import savgol_filter
 
 import commonlaw as cl
 from commonlaw.report import Section, Table
-from commonlaw.studies.falling_balls.default_method import default_method
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.model_error import model_error
-from commonlaw.studies.falling_balls.settings import BALL_GROUPS, DRAG_FORMS
+from studies.falling_balls.default_method import default_method
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.model_error import model_error
+from studies.falling_balls.settings import BALL_GROUPS, DRAG_FORMS
 
 # One worker does it all, so that the part runs no more often than it must
 pytestmark = pytest.mark.xdist_group("study-default-method")

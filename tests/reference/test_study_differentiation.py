@@ -5,12 +5,12 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import Picture, Table
-from commonlaw.studies.falling_balls.drop_noise import noise_of_drops, noise_verdict
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.numerical_differentiation import numerical_differentiation
-from commonlaw.studies.falling_balls.rate_errors import LARGEST, METHODS, NoisyFall, at, medians
-from commonlaw.studies.falling_balls.rate_verdicts import method_verdict, window_verdict
-from commonlaw.studies.falling_balls.settings import REPORTED_NOISES, SEED, WINDOWS
+from studies.falling_balls.drop_noise import noise_of_drops, noise_verdict
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.numerical_differentiation import numerical_differentiation
+from studies.falling_balls.rate_errors import LARGEST, METHODS, NoisyFall, at, medians
+from studies.falling_balls.rate_verdicts import method_verdict, window_verdict
+from studies.falling_balls.settings import REPORTED_NOISES, SEED, WINDOWS
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from scipy.signal import savgol_filter
 
 import commonlaw as cl
 from commonlaw.report import Section
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.method import single_law
-from commonlaw.studies.falling_balls.model_error import model_error
-from commonlaw.studies.falling_balls.settings import LONG_MODELS, LONG_STARTS
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.method import single_law
+from studies.falling_balls.model_error import model_error
+from studies.falling_balls.settings import LONG_MODELS, LONG_STARTS
 
 OTHER = {"1": "2", "2": "1"}
 POWERS = {"1": [0], "2": [0, 1], "3": [0, 1, 2]}
@@ -122,7 +122,7 @@ def test_the_verdicts_hold(section):
 
 
 def test_the_verdicts_follow_the_numbers(drops, monkeypatch):
-    room = "commonlaw.studies.falling_balls"
+    room = "studies.falling_balls"
     monkeypatch.setattr(import_module(f"{room}.model_error"), "SIMILAR", 0.01)
     monkeypatch.setattr(import_module(f"{room}.long_forecasts"), "UNBOUNDED_AFTER", (7.1, 8.0))
     kinds = [verdict.kind for verdict in model_error(Inquiry(drops, "", 100)).verdicts]

@@ -6,16 +6,16 @@ import pytest
 from commonlaw.datasets import linear_drag
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.report import Picture
-from commonlaw.studies.falling_balls import quadratic_drag, simulated_drops
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.reynolds_drag import reynolds_drag
-from commonlaw.studies.falling_balls.settings import (
+from studies.falling_balls import quadratic_drag, simulated_drops
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.reynolds_drag import reynolds_drag
+from studies.falling_balls.settings import (
     DIFFERENTIATION,
     LINEAR_AVERAGES,
     NOISES,
     REYNOLDS_AVERAGES,
 )
-from commonlaw.studies.falling_balls.simulation import agrees, captures, on_grid, simulated
+from studies.falling_balls.simulation import agrees, captures, on_grid, simulated
 
 INQUIRY = Inquiry(None, "not needed", 7)
 

@@ -9,10 +9,10 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import Section, Table
-from commonlaw.studies.falling_balls import learned_terms as terms_part, sparsity_path as path_part
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.learned_terms import learned_terms
-from commonlaw.studies.falling_balls.sparsity_path import sparsity_path
+from studies.falling_balls import learned_terms as terms_part, sparsity_path as path_part
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.learned_terms import learned_terms
+from studies.falling_balls.sparsity_path import sparsity_path
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from commonlaw.report import Picture, Table
-from commonlaw.studies.falling_balls.examples import learned_fall
-from commonlaw.studies.falling_balls.inquiry import Inquiry
-from commonlaw.studies.falling_balls.worked_examples import _coefficient_verdict, _coefficients, worked_examples
+from studies.falling_balls.examples import learned_fall
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.worked_examples import _coefficient_verdict, _coefficients, worked_examples
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.variational import cramer_rao, solve
 from scipy.integrate import solve_ivp
 from sklearn.base import clone
 
 import commonlaw as cl
+from benchmarks.variational import cramer_rao, solve
 from commonlaw import datasets
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import accuracy, record

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from benchmarks.variational import cramer_rao, solve
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from scipy.stats import multivariate_normal
 
+from benchmarks.variational import cramer_rao, solve
 from commonlaw.library import Variables, parse_library
 from commonlaw.likelihood import (
     Dynamics,

@@ -7,7 +7,7 @@ import click
 
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "refine", "predict", "show", "data", "study")
+_COMMANDS = ("discover", "refine", "predict", "show", "data")
 
 
 class _Commands(click.Group):

@@ -81,18 +81,6 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
         yield lambda step: status.update(f"{text} {step}")
 
 
-@contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """Show on stderr how far long work has come; yields what takes the text of each step."""
-    if not sys.stderr.isatty():
-        yield lambda text: click.echo(text, err=True)
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("") as status:
-        yield status.update
-
-
 def _finite(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): _finite(each) for key, each in value.items()}
