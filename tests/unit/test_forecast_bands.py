@@ -14,8 +14,7 @@ from commonlaw.forecast import Forecast
 from commonlaw.forecast.intervals import spread_of
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
-from commonlaw.library import parse_library
-from commonlaw.library.base import Variables
+from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
 
 DRAWS = 400

@@ -11,8 +11,7 @@ from commonlaw.differentiation import default_differentiation, parse_differentia
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
 from commonlaw.law import Law
-from commonlaw.library import parse_library
-from commonlaw.library.base import Variables
+from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
 
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from functools import reduce
 from operator import add, mul
 
-from commonlaw.library.algebra import ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
-from commonlaw.library.base import AbstractLibrary, AbstractTerm, Terms, Variables
+from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
 from commonlaw.library.constant import ConstantLibrary
 from commonlaw.library.expression import Expression
 from commonlaw.library.expressions import ExpressionLibrary
@@ -15,8 +14,11 @@ from commonlaw.library.parse import parse_term
 from commonlaw.library.polynomial import PolynomialLibrary
 from commonlaw.library.product import Product
 from commonlaw.library.rational import RationalLibrary
+from commonlaw.library.term import AbstractTerm
+from commonlaw.library.terms import Terms
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.library.units import term_unit
+from commonlaw.library.variables import Variables
 from commonlaw.spec import parse_spec
 
 __all__ = [

@@ -1,10 +1,44 @@
-"""Sums and products of libraries, and libraries without some of their terms."""
+"""Libraries: families of terms, their sums and products, and libraries without some of their terms."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractLibrary, Terms, Variables
 from commonlaw.library.product import multiply
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables
+
+
+class AbstractLibrary(ABC):
+    """A family of candidate terms, not yet bound to variables.
+
+    Libraries form an algebra: ``a + b`` has the terms of both, ``a * b`` every product of a term of one with a term
+    of the other, and ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
+    """
+
+    @abstractmethod
+    def bind(self, variables: Variables) -> Terms:
+        """Return the family's terms over these variables.
+
+        Raises
+        ------
+        CommonlawError
+            If the family names a variable or a term that is not there.
+        """
+
+    def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
+        return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
+
+    def __mul__(self, other: "AbstractLibrary") -> "AbstractLibrary":
+        return ProductLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
+
+    def select(self, *names: str) -> "AbstractLibrary":
+        """Return the library of these terms only, in the order given; spaces in the names do not count."""
+        return SelectedLibrary(self, names)
+
+    def without(self, *names: str) -> "AbstractLibrary":
+        """Return the library without these terms; spaces in the names do not count."""
+        return ReducedLibrary(self, names)
 
 
 @dataclass(frozen=True)

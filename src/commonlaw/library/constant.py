@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
-from commonlaw.library.base import AbstractLibrary, Terms, Variables
+from commonlaw.library.algebra import AbstractLibrary
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-
-if TYPE_CHECKING:
-    from commonlaw.library.base import AbstractTerm
+from commonlaw.library.term import AbstractTerm
 
 Operation = tuple[np.ufunc, int, int]
 
@@ -48,16 +45,16 @@ class Plan:
         The step that gives each wanted term.
     """
 
-    steps: tuple[tuple["AbstractTerm", Operation | None], ...]
+    steps: tuple[tuple[AbstractTerm, Operation | None], ...]
     indices: tuple[int, ...]
 
     @classmethod
-    def of(cls, terms: Sequence["AbstractTerm"]) -> "Plan":
+    def of(cls, terms: Sequence[AbstractTerm]) -> "Plan":
         """Return the plan that computes these terms."""
         found: dict[AbstractTerm, int] = {}
         steps: list[tuple[AbstractTerm, Operation | None]] = []
 
-        def index(term: "AbstractTerm") -> int:
+        def index(term: AbstractTerm) -> int:
             if term not in found:
                 parts = term.parts()
                 operation = None if parts is None else (parts[0], index(parts[1]), index(parts[2]))

@@ -9,10 +9,10 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractTerm
 from commonlaw.library.dual import DUAL, Dual
 from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, NUMPY, Algebra, columns_in, compiled, with_names
 from commonlaw.library.naming import latex_name, quoted
+from commonlaw.library.term import AbstractTerm
 
 if TYPE_CHECKING:
     import sympy

@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractLibrary, Terms, Variables
+from commonlaw.library.algebra import AbstractLibrary
 from commonlaw.library.parse import parse_term
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables
 
 
 @dataclass(frozen=True, init=False)

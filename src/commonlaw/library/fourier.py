@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractLibrary, Terms, Variables, checked_names
+from commonlaw.library.algebra import AbstractLibrary
+from commonlaw.library.terms import Terms
 from commonlaw.library.trigonometric import Trigonometric
+from commonlaw.library.variables import Variables, checked_names
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.library.base import AbstractTerm
 from commonlaw.library.naming import latex_name, powered, quoted
+from commonlaw.library.term import AbstractTerm
 
 if TYPE_CHECKING:
     import sympy

@@ -4,12 +4,13 @@ import ast
 from collections import Counter
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractTerm, Variables
 from commonlaw.library.expression import Expression
 from commonlaw.library.grammar import constant, read, write
 from commonlaw.library.monomial import variable
 from commonlaw.library.product import multiply_powers
+from commonlaw.library.term import AbstractTerm
 from commonlaw.library.trigonometric import Trigonometric
+from commonlaw.library.variables import Variables
 
 _REMEDY = "a term has no numeric factor of its own, the fit finds its coefficient: leave out the {}"
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractLibrary, Terms, Variables, checked_names
+from commonlaw.library.algebra import AbstractLibrary
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables, checked_names
 
 _MOST_TERMS = 100_000
 

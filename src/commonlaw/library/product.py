@@ -9,11 +9,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.library.base import AbstractTerm
 from commonlaw.library.evaluation import slope
 from commonlaw.library.expression import Expression
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.term import AbstractTerm
 
 if TYPE_CHECKING:
     import sympy

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonlaw.library.base import AbstractLibrary, Terms, Variables, checked_names
+from commonlaw.library.algebra import AbstractLibrary
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parse import parse_term
 from commonlaw.library.polynomial import check_degree, monomials
 from commonlaw.library.product import multiply, multiply_powers
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables, checked_names
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,109 @@
+"""Terms over named variables, evaluated together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.library.evaluation import Plan
+from commonlaw.library.term import AbstractTerm
+from commonlaw.library.variables import Variables
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms over named variables, evaluated together.
+
+    Parameters
+    ----------
+    variables
+        What the terms are functions of.
+    terms
+        The candidate functions, in order.
+    """
+
+    variables: Variables
+    terms: tuple[AbstractTerm, ...]
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The terms as the field writes them: ``("1", "x", "x^2 v")``."""
+        return tuple(term.text(self.variables.names) for term in self.terms)
+
+    @cached_property
+    def _plan(self) -> Plan:
+        return Plan.of(self.terms)
+
+    def index(self, name: str) -> int:
+        """Return the place of the term of that name.
+
+        Spaces do not count, and a product or power may be written with stars: ``x^2 v`` is also ``x**2*v``.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no such term.
+        """
+        if name in self.names:
+            return self.names.index(name)
+        folded = [_folded(each) for each in self.names]
+        if _folded(name) not in folded:
+            raise unknown("term", name, self.names)
+        return folded.index(_folded(name))
+
+    def take(self, indices: Sequence[int]) -> "Terms":
+        """Return the terms at these places."""
+        return Terms(self.variables, tuple(self.terms[i] for i in indices))
+
+    def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
+        """Return the matrix of terms, shape (n, number of terms), in Fortran order, at the rows of `values`.
+
+        A value does not depend on which other terms there are, to the last bit. If `out` is given, it is filled.
+        """
+        return self._plan.evaluate(values, out)
+
+    def jacobian(self, values: Floats) -> Floats:
+        """Return the exact derivatives of every term by every variable, shape (n, terms, variables)."""
+        return self._plan.jacobian(values)
+
+    def check_finite(self, matrix: Floats, values: Floats, where: str = "", before: int = 0) -> None:
+        """Refuse a matrix of terms that holds a value that is not finite.
+
+        Parameters
+        ----------
+        matrix
+            What `evaluate` returned, shape (n, number of terms).
+        values
+            The variables that it was evaluated at, shape (n, number of variables).
+        where
+            What the rows are samples of, for the message: ``"Golf Ball, trial 1"``.
+        before
+            How many samples come before the first row.
+
+        Raises
+        ------
+        CommonlawError
+            If a value is not finite; the message names the term, the sample and the variables there.
+        """
+        # The sum is finite when every entry is, and costs no temporary matrix.
+        with np.errstate(all="ignore"):
+            if np.isfinite(matrix.sum()) or np.isfinite(matrix).all():
+                return
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        state = "not a number" if np.isnan(matrix[row, column]) else "infinite"
+        used = sorted(self.terms[column].columns())
+        point = ", ".join(f"{self.variables.names[i]} = {values[row, i]:g}" for i in used)
+        raise CommonlawError(
+            f"{where}{': ' if where else ''}term {self.names[column]} is {state} at sample {before + row + 1}, "
+            f"where {point}: leave the term out, or shift or scale the variable"
+        )
+
+
+def _folded(name: str) -> str:
+    return name.replace("**", "^").replace("*", "").replace(" ", "")
