@@ -12,7 +12,7 @@ import pytest
 from sklearn.model_selection import GroupKFold, KFold
 
 from commonlaw.errors import CommonlawError
-from commonlaw.trials import Schema, Trial, Trials, trials_from_arrays
+from commonlaw.trials import Schema, Trial, Trials
 
 
 def ramp(name="ball", run="1", samples=4, states=1):
@@ -154,7 +154,7 @@ def test_what_cannot_be_used_is_refused_by_name(make, message):
 
 
 def test_one_trial_comes_from_plain_arrays():
-    trials = trials_from_arrays(range(3), np.ones((3, 2)), inputs=[4, 5, 6])
+    trials = Trials.from_arrays(range(3), np.ones((3, 2)), inputs=[4, 5, 6])
     assert (trials.schema.states, trials.schema.inputs, trials.objects) == (("x1", "x2"), ("u",), ("object",))
     np.testing.assert_array_equal(trials[0].inputs, [[4], [5], [6]])
 
@@ -194,4 +194,4 @@ def test_arrays_that_do_not_fit_are_refused(keywords, message):
     if not given["times"]:
         given["states"] = []
     with pytest.raises(CommonlawError, match=message):
-        trials_from_arrays(**given)
+        Trials.from_arrays(**given)

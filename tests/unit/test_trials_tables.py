@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.trials import Schema, Trials, read_trials, trials_from_frame
+from commonlaw.trials import Schema, Trials
 
 HEADER = ["ball", "drop", "time (s)", "height [m]", "wind", "mass [kg]"]
 ROWS = [
@@ -69,7 +69,7 @@ SOURCES = {
 
 
 def load(source, **roles):
-    return trials_from_frame(source, **roles) if not isinstance(source, Path) else read_trials(source, **roles)
+    return Trials.from_frame(source, **roles) if not isinstance(source, Path) else Trials.read(source, **roles)
 
 
 @pytest.mark.parametrize("kind", SOURCES)
@@ -88,7 +88,7 @@ def test_every_kind_of_table_gives_the_same_trials(kind, tmp_path):
 def test_columns_without_a_named_role_are_told_apart_and_noted():
     remarks = {"remark": ["", "a", "b", "c", "d"], "video": [[1], [2], [3], [4], [5]]}
     frame = FRAME.assign(material=["balata"] * 3 + ["felt"] * 2, **remarks)
-    trials = trials_from_frame(frame, object="ball", trial="drop")
+    trials = Trials.from_frame(frame, object="ball", trial="drop")
     assert trials.schema.states == ("height", "wind")
     assert trials.properties["tennis"] == {"mass": 0.057, "material": "felt"}
     assert trials.notes == (
@@ -98,38 +98,38 @@ def test_columns_without_a_named_role_are_told_apart_and_noted():
 
 
 def test_a_constant_column_of_a_single_object_is_a_state():
-    assert trials_from_frame(FRAME[:3], object="ball", trial="drop").schema.states == ("height", "wind", "mass")
+    assert Trials.from_frame(FRAME[:3], object="ball", trial="drop").schema.states == ("height", "wind", "mass")
 
 
 def test_object_trial_and_time_are_found_by_their_names(tmp_path):
     path = text(tmp_path / "drops.csv", "Object,TRIAL,Time,x\na,1,0,1\na,2,0,1\n")
-    assert read_trials(path).schema == Schema(("x",), (), "Object", "TRIAL", "Time")
-    trials = read_trials(text(tmp_path / "one ball.csv", "T,t,x\n300,0,1\n301,1,2\n"))
+    assert Trials.read(path).schema == Schema(("x",), (), "Object", "TRIAL", "Time")
+    trials = Trials.read(text(tmp_path / "one ball.csv", "T,t,x\n300,0,1\n301,1,2\n"))
     assert (trials.schema.time, trials.schema.states) == ("t", ("T", "x"))
     assert trials[0].label == "one ball, trial 1"
 
 
 def test_a_column_is_named_with_its_unit_or_without():
     for name in ("height", "height [m]", "height (m)"):
-        assert trials_from_frame(FRAME, **ROLES, states=[name]).schema.states == ("height",)
+        assert Trials.from_frame(FRAME, **ROLES, states=[name]).schema.states == ("height",)
 
 
 def test_brackets_without_a_unit_belong_to_the_name():
     frame = pd.DataFrame(
         {"t": [0.0], "x(t)": [1.0], "y (raw)": [2.0], "v (m/(s*s))": [3.0], "z (m)": 1.0, "z (ft)": 3.3}
     )
-    schema = trials_from_frame(frame).schema
+    schema = Trials.from_frame(frame).schema
     assert schema.states == ("x(t)", "y (raw)", "v", "z (m)", "z (ft)")
     assert schema.units == {"v": "m/(s*s)", "z (m)": "m", "z (ft)": "ft"}
 
 
 def test_units_given_take_precedence_over_headers():
     units = {"height [m]": "cm", "wind": "m/s", "mass": ""}
-    assert trials_from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}
+    assert Trials.from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}
 
 
 def test_unsorted_times_are_sorted_with_a_note():
-    trials = trials_from_frame(FRAME.iloc[[4, 1, 0, 2, 3]], **ROLES)
+    trials = Trials.from_frame(FRAME.iloc[[4, 1, 0, 2, 3]], **ROLES)
     assert trials[0].times.tolist() == [0.0, 0.25]
     assert trials[0].states[:, 0].tolist() == [1 / 3 if t else 30.0 for t in trials[0].times]
     assert [trial.object for trial in trials] == ["tennis", "golf", "golf"]
@@ -138,9 +138,9 @@ def test_unsorted_times_are_sorted_with_a_note():
 
 def test_rows_in_which_nothing_stands_are_passed_over(tmp_path):
     content = ",,\nt,x,\n0,1,\n,,\n1,2,\n,,\n".removeprefix(",,\n")
-    assert read_trials(text(tmp_path / "a.csv", content))[0].states.tolist() == [[1], [2]]
+    assert Trials.read(text(tmp_path / "a.csv", content))[0].states.tolist() == [[1], [2]]
     path = workbook(tmp_path / "a.xlsx", {"A": [["t", "x"], [0, 1], [None, None], [1, 2]]})
-    assert read_trials(path)[0].states.tolist() == [[1], [2]]
+    assert Trials.read(path)[0].states.tolist() == [[1], [2]]
 
 
 def test_properties_come_from_a_file_a_frame_or_a_mapping(tmp_path):
@@ -150,36 +150,36 @@ def test_properties_come_from_a_file_a_frame_or_a_mapping(tmp_path):
     given = {"tennis": {"mass": 57.0, "maker": "A"}, "golf": {"maker": "B"}}
     main = FRAME.drop(columns="mass [kg]")
     for properties in (path, str(path), frame, pl.from_pandas(frame), given):
-        trials = trials_from_frame(main, **ROLES, properties=properties)
+        trials = Trials.from_frame(main, **ROLES, properties=properties)
         assert trials.properties == given
         assert trials.schema.units.get("mass") == ("g" if properties is not given else None)
 
 
 def test_objects_that_the_table_of_properties_lacks_are_noted():
-    trials = trials_from_frame(FRAME, **ROLES, states="height", properties={"golf": {"mass": 1}})
+    trials = Trials.from_frame(FRAME, **ROLES, states="height", properties={"golf": {"mass": 1}})
     assert "no properties are given for tennis" in trials.notes
 
 
 def test_text_that_looks_like_numbers_stays_text_where_the_column_says_so():
     frame = FRAME.assign(code=["007"] * 3 + ["011"] * 2)
-    assert trials_from_frame(frame, **ROLES, states="height").properties["golf"]["code"] == "007"
+    assert Trials.from_frame(frame, **ROLES, states="height").properties["golf"]["code"] == "007"
 
 
 def test_numbers_in_a_column_of_text_are_read_where_they_are_asked_for():
     frame = pd.DataFrame({"t": ["0", " 0.1 "], "x": ["+1.5", "1e-3"]}, dtype="str")
-    assert trials_from_frame(frame, states="x")[0].states.tolist() == [[1.5], [1e-3]]
+    assert Trials.from_frame(frame, states="x")[0].states.tolist() == [[1.5], [1e-3]]
 
 
 def test_sheets_of_the_same_header_are_an_object_each(tmp_path):
     rows = [["Drop #", "t", "x"], [1, 0.0, 1.0], [2, 0.0, 2.0]]
     path = workbook(tmp_path / "balls.xlsx", {"Golf": rows, "Sheet2": [], "Tennis": rows[:2]})
-    trials = read_trials(path, trial="Drop #")
+    trials = Trials.read(path, trial="Drop #")
     assert [trial.label for trial in trials] == ["Golf, trial 1", "Golf, trial 2", "Tennis, trial 1"]
-    assert read_trials(path, trial="Drop #", sheet="Golf").objects == ("balls",)
+    assert Trials.read(path, trial="Drop #", sheet="Golf").objects == ("balls",)
 
 
 def test_the_measured_ball_drops_are_read_as_they_are(ball_drops_folder):
-    trials = read_trials(ball_drops_folder / "Ball_drops_data.xls", trial="Drop #", states="Height")
+    trials = Trials.read(ball_drops_folder / "Ball_drops_data.xls", trial="Drop #", states="Height")
     assert len(trials) == 22
     assert trials.schema == Schema(("Height",), (), "object", "Drop #", "Time", {"Time": "s", "Height": "m"})
     with (ball_drops_folder / "Ball_drops_data.xls").open("rb") as file:
@@ -291,17 +291,17 @@ BAD_TEXT = {
 def test_a_file_that_cannot_be_used_is_refused_with_place_and_remedy(case, tmp_path):
     content, roles, message = BAD_TEXT[case]
     with pytest.raises(CommonlawError, match=message):
-        read_trials(text(tmp_path / "drops.csv", content), **roles)
+        Trials.read(text(tmp_path / "drops.csv", content), **roles)
 
 
 def test_a_missing_file_is_named_with_the_nearest_one(tmp_path):
     text(tmp_path / "drops.csv", GOOD)
     with pytest.raises(CommonlawError, match=r"there is no file 'drop.csv' in .*: did you mean 'drops.csv'"):
-        read_trials(tmp_path / "drop.csv")
+        Trials.read(tmp_path / "drop.csv")
     with pytest.raises(CommonlawError, match="nor a folder"):
-        read_trials(tmp_path / "nowhere" / "drops.csv")
+        Trials.read(tmp_path / "nowhere" / "drops.csv")
     with pytest.raises(CommonlawError, match="is a folder: name a file in it"):
-        read_trials(tmp_path)
+        Trials.read(tmp_path)
 
 
 def test_workbooks_that_cannot_be_used_are_refused(tmp_path):
@@ -309,16 +309,16 @@ def test_workbooks_that_cannot_be_used_are_refused(tmp_path):
     with pytest.raises(
         CommonlawError, match=r"different headers, choose one with sheet=...: 'A' \(t \| x\); 'B' \(t \| y"
     ):
-        read_trials(path)
+        Trials.read(path)
     with pytest.raises(CommonlawError, match=r"a.xlsx: unknown sheet 'a': did you mean 'A'"):
-        read_trials(path, sheet="a")
+        Trials.read(path, sheet="a")
     with pytest.raises(CommonlawError, match=r"a.xlsx: column 'y', row 1, a, trial 1: 'abc' is not a number"):
-        read_trials(path, sheet="B")
+        Trials.read(path, sheet="B")
     with pytest.raises(CommonlawError, match="there is nothing in the workbook"):
-        read_trials(workbook(tmp_path / "b.xlsx", {"A": []}))
+        Trials.read(workbook(tmp_path / "b.xlsx", {"A": []}))
     rows = [["t", "x"], [0, 1], [None, 2]]
     with pytest.raises(CommonlawError, match="column 't', row 2 of sheet 'B', B, trial 1: the value is missing"):
-        read_trials(workbook(tmp_path / "c.xlsx", {"A": [*rows[:2], [1, 2]], "B": rows}))
+        Trials.read(workbook(tmp_path / "c.xlsx", {"A": [*rows[:2], [1, 2]], "B": rows}))
 
 
 BAD_FRAMES = {
@@ -364,11 +364,11 @@ BAD_FRAMES = {
 def test_a_frame_that_cannot_be_used_is_refused_with_place_and_remedy(case):
     frame, roles, message = BAD_FRAMES[case]
     with pytest.raises(CommonlawError, match=message):
-        trials_from_frame(frame, **roles)
+        Trials.from_frame(frame, **roles)
 
 
 def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
-    trials = trials_from_frame(FRAME, **ROLES, properties=["mass"])
+    trials = Trials.from_frame(FRAME, **ROLES, properties=["mass"])
     trials.to_parquet(tmp_path / "drops.parquet")
     assert Trials.read(tmp_path / "drops.parquet").schema == trials.schema
     assert Trials.read(tmp_path / "drops.parquet", inputs=()).schema == trials.schema
@@ -379,7 +379,7 @@ def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
 
 
 def test_a_frame_goes_out_as_it_came_in():
-    trials = trials_from_frame(FRAME, **ROLES, properties=["mass"])
+    trials = Trials.from_frame(FRAME, **ROLES, properties=["mass"])
     out = trials.to_frame()
     assert list(out.columns) == ["ball", "drop", "time", "height", "wind", "mass"]
     assert out["ball"].tolist() == FRAME["ball"].tolist()

@@ -59,21 +59,19 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
         Where ``Ball_drops_data.xls`` and ``balls.txt`` are. Default: the folder that the environment variable
         COMMONLAW_DATA names; without it both files are downloaded once, and kept in the user's cache.
     clip
-        Whether drops end before their last irregular frame, see `commonlaw.trials.clip_irregular`.
+        Whether drops end before their last irregular frame, see `Trials.clip_irregular`.
 
     Raises
     ------
     CommonlawError
         If a file cannot be had, or is not the published one.
     """
-    from commonlaw.trials import clip_irregular
-
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
     drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
     trials = Trials(drops, Schema(("x",), units=units), _properties(balls.read_text()))
-    return clip_irregular(trials) if clip else trials
+    return trials.clip_irregular() if clip else trials
 
 
 def _properties(listed: str) -> dict[str, dict[str, float]]:

@@ -12,8 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import given_properties
 from commonlaw.trials.roles import PropertyTable
-from commonlaw.trials.trial import Schema, Trial, check_measured, label
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3
 """Samples that a note lists."""
@@ -29,42 +28,8 @@ def trials_from_arrays(
     names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     properties: str | os.PathLike[str] | PropertyTable | Any = None,
-) -> Trials:
-    """Return the trials in arrays: one trial, or lists with an entry for each trial.
-
-    Parameters
-    ----------
-    times
-        Sample times, shape (n,); or a list of such arrays.
-    states
-        Measured states, shape (n,) or (n, number of states); or a list of such arrays. NaN is a missing measurement;
-        samples without any measured state are left out, and `Trials.notes` says which.
-    object
-        The object's name, or a list of one for each trial.
-    trial
-        The trial's label, or a list of them. Default: the trials of each object are counted from 1.
-    inputs
-        Measured inputs, shaped as the states.
-    names
-        Names of the states and then of the inputs. Default: ``x`` or ``x1``, ``x2``, ..., and ``u`` or ``u1``, ...
-    units
-        Units by name: of states, inputs, properties, and of the time, which is called ``t``.
-    properties
-        A mapping from object to property values by name; or a table (a file, a frame) with a row for each object and
-        the objects' names in its column ``object``.
-
-    Raises
-    ------
-    CommonlawError
-        If shapes or numbers of trials disagree, a value cannot be used, or a state was measured in too few samples; the
-        message names trial and sample.
-
-    Examples
-    --------
-    >>> trials = trials_from_arrays([0.0, 0.1], [5.0, 4.9], object="ball", names=["height"], units={"height": "m"})
-    >>> trials, trials.schema.units
-    (<Trials: 1 trials of 1 objects, 2 samples of height>, {'height': 'm'})
-    """
+) -> TrialData:
+    """Return the trials in arrays, see `Trials.from_arrays`."""
     single = _is_one(times)
     runs: list[Any] = [times] if single else list(times)
     count = len(runs)
@@ -85,7 +50,7 @@ def trials_from_arrays(
     schema = Schema(*columns, units=joined_units(known.units, units, used, used))
     gaps = [f"{each.label}: {_shown(here)}" for each, here in zip(made, empty, strict=True) if len(here)]
     notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
-    return Trials(made, schema, known.values, (*known.notes, *notes))
+    return TrialData(made, schema, known.values, (*known.notes, *notes))
 
 
 def _empty(times: Any, states: Any) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """What there is to know about trials before they are used."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Floats
 from commonlaw.trials.clip import regular_length
-from commonlaw.trials.trial import Trial
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,24 +84,25 @@ class Report:
         return asdict(self)
 
 
-def check(trials: Trials, tolerance: float = 0.005) -> Report:
+def check(data: TrialData, tolerance: float) -> Report:
     """Return figures of every trial and what is odd about them.
 
     Parameters
     ----------
-    trials
-        The trials.
+    data
+        The trials and what goes with them.
     tolerance
         How far a step may be from the median step before `clip_irregular` would clip there, in the unit of the times.
     """
-    names = trials.schema.states
+    trials, schema, _, notes = data
+    names = schema.states
     rows = tuple(_figures(trial, names, tolerance) for trial in trials)
     oddities = [
         f"{trial.label}: {oddity}"
         for trial, row in zip(trials, rows, strict=True)
         for oddity in (*_sampling(row), *_gaps(row), *_values(trial, names, len(trial) - row.clipped))
     ]
-    return Report(rows, (*oddities, *_uneven(trials), *_without_unit(trials)), trials.notes)
+    return Report(rows, (*oddities, *_uneven(trials), *_without_unit(schema)), notes)
 
 
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialCheck:
@@ -184,7 +185,7 @@ def _jump(times: Floats, values: Floats) -> int | None:
     return int(wild[0] + (after >= before))
 
 
-def _uneven(trials: Trials) -> list[str]:
+def _uneven(trials: Sequence[Trial]) -> list[str]:
     """Return the objects whose trials have very different lengths."""
     lengths: dict[str, list[int]] = {}
     for trial in trials:
@@ -196,8 +197,7 @@ def _uneven(trials: Trials) -> list[str]:
     ]
 
 
-def _without_unit(trials: Trials) -> list[str]:
-    schema = trials.schema
+def _without_unit(schema: Schema) -> list[str]:
     bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
     if not bare:
         return []

@@ -1,10 +1,12 @@
 """Irregular ends: frames at the end of a trial that were not taken when they were due."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.trial import Trial
 
 
 def regular_length(times: Floats, tolerance: float) -> int:
@@ -27,27 +29,20 @@ def regular_length(times: Floats, tolerance: float) -> int:
     return int(irregular[-1]) + 1 if len(irregular) else len(times)
 
 
-def clip_irregular(trials: Trials, tolerance: float = 0.005) -> Trials:
-    """Return the trials, each clipped at its last irregular frame; a note says which and how far.
+def clip_irregular(trials: Sequence[Trial], tolerance: float) -> tuple[list[Trial], str]:
+    """Return the trials, each clipped at its last irregular frame, and a note of which and how far; empty if none.
 
     Parameters
     ----------
     trials
         The trials.
     tolerance
-        How far a step may be from the trial's median step, in the unit of the times; 5 ms suits video at 15 frames a
-        second.
+        How far a step may be from the trial's median step, in the unit of the times.
 
     Raises
     ------
     CommonlawError
         If the tolerance is not positive.
-
-    Notes
-    -----
-    The rule is the one by which de Silva et al. (2020), "Discovery of physics from data: universal laws and
-    discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle takes
-    everything behind it along.
     """
     if not tolerance > 0:
         raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
@@ -58,6 +53,6 @@ def clip_irregular(trials: Trials, tolerance: float = 0.005) -> Trials:
         if len(after) < len(before)
     ]
     if not clipped:
-        return trials
+        return kept, ""
     reason = f"irregular frame, a step more than {tolerance:g} off the trial's median step"
-    return trials.keep(kept, f"clipped {'; '.join(clipped)}: {reason}")
+    return kept, f"clipped {'; '.join(clipped)}: {reason}"

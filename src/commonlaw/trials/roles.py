@@ -4,7 +4,8 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
-PropertyTable = Mapping[Any, Mapping[str, float | str]]
+Property = float | str
+PropertyTable = Mapping[Any, Mapping[str, Property]]
 
 
 class Roles(TypedDict, total=False):

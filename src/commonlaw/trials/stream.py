@@ -67,7 +67,7 @@ class TrialStream:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
         if not file.metadata.num_rows:
             raise CommonlawError(f"{path} has no rows: give it the measured rows")
-        return cls(next(_batches(file, 1, known)).schema, lambda: _trials(Path(path), known))
+        return cls(next(_batches(file, 1, known)).data.schema, lambda: _trials(Path(path), known))
 
 
 def _opened(path: str | os.PathLike[str]) -> "pq.ParquetFile":
@@ -88,8 +88,8 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     waiting: Trial | None = None
     states: tuple[str, ...] = ()
     for batch in _batches(_opened(path), _ROWS, roles):
-        states = batch.schema.states
-        for trial in batch.trials:
+        states = batch.data.schema.states
+        for trial in batch.data.trials:
             if waiting is not None and waiting.label == trial.label:
                 waiting = _joined(waiting, trial)
                 continue

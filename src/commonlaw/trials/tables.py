@@ -14,7 +14,6 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import (
-    Properties,
     column_properties,
     constant_columns,
     given_properties,
@@ -22,78 +21,38 @@ from commonlaw.trials.properties import (
 )
 from commonlaw.trials.roles import Roles
 from commonlaw.trials.sources import frame_table, read_table
-from commonlaw.trials.trial import Schema, Trial, check_measured, label
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3
 """Places that a note lists."""
 
 
-def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> Trials:
-    """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, told by the content.
-
-    Parameters
-    ----------
-    path
-        The file. Text is UTF-8, its columns separated by commas, semicolons or tabs. A Parquet file written by
-        `Trials.to_parquet` says itself which column is what.
-    sheet
-        The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
-        an object of the sheet's name unless there is a column ``object``.
-    **roles
-        Which column is what, see `Roles`. Without a column of objects there is one object, named after the file.
-
-    Raises
-    ------
-    CommonlawError
-        If the file or a column is not there, a value cannot be used, or a state was measured in too few samples; the
-        message names the column and the row, counted from 1 below the header.
-
-    Notes
-    -----
-    An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out, and
-    `Trials.notes` says which.
-    """
+def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
+    """Return the trials in a file, see `Trials.read`."""
     table = read_table(path, sheet)
     return _collected(read_rows(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)})))
 
 
-def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> Trials:
-    """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
-
-    Parameters
-    ----------
-    frame
-        The table. A missing value or NaN in a column of a state is a missing measurement, see `read_trials`.
-    **roles
-        Which column is what, see `Roles`. Without a column of objects there is one object, named ``object``.
-
-    Raises
-    ------
-    CommonlawError
-        If a column is not there, or a value cannot be used; the message names the column and the row, counted from 1.
-    """
+def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> TrialData:
+    """Return the trials in a frame, see `Trials.from_frame`."""
     return _collected(read_rows(frame_table(frame), "object", _checked(roles)))
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What the rows of a table make: trials, those of which no row is left, and what goes with them."""
+    """What the rows of a table make: trials and what goes with them, and the labels of trials without any row left."""
 
-    trials: tuple[Trial, ...]
+    data: TrialData
     empty: tuple[str, ...]
-    schema: Schema
-    properties: Properties
-    notes: tuple[str, ...]
 
 
-def _collected(rows: Rows) -> Trials:
+def _collected(rows: Rows) -> TrialData:
     """Return the trials in rows that are a whole table."""
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
-    for trial in rows.trials:
-        check_measured(trial, rows.schema.states)
-    return Trials(rows.trials, rows.schema, rows.properties.values, rows.notes)
+    for trial in rows.data.trials:
+        check_measured(trial, rows.data.schema.states)
+    return rows.data
 
 
 def _checked(roles: Roles) -> Roles:
@@ -131,7 +90,7 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
     located = replace(table, place=lambda row: f"{table.place(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}")
     values = np.column_stack([located.numbers(name, missing=name in columns.states) for name in names])
     made, empty, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
-    return Rows(made, empty, schema, known, (*table.notes, *columns.notes, *known.notes, *notes))
+    return Rows(TrialData(made, schema, known.values, (*table.notes, *columns.notes, *known.notes, *notes)), empty)
 
 
 def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:

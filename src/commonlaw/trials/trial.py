@@ -3,11 +3,13 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.trials.roles import Property
 
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
@@ -134,6 +136,15 @@ class Trial:
                 f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
                 "sort the samples and keep one for each time"
             )
+
+
+class TrialData(NamedTuple):
+    """What a collection of trials is made of: see `Trials`."""
+
+    trials: tuple[Trial, ...]
+    schema: Schema
+    properties: Mapping[str, Mapping[str, Property]]
+    notes: tuple[str, ...]
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:

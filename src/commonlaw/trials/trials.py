@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials.roles import PropertyTable, Roles
-from commonlaw.trials.trial import Schema, Trial, label
+from commonlaw.trials.arrays import trials_from_arrays
+from commonlaw.trials.check import Report, check
+from commonlaw.trials.clip import clip_irregular
+from commonlaw.trials.export import to_csv, to_frame, to_parquet
+from commonlaw.trials.roles import Property, PropertyTable, Roles
+from commonlaw.trials.tables import read_trials, trials_from_frame
+from commonlaw.trials.trial import Schema, Trial, TrialData, label
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from commonlaw.trials.check import Report
-
-Property = float | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +69,55 @@ class Trials:
             ):
                 if values.shape[1] != len(names):
                     raise CommonlawError(f"{trial.label} has {values.shape[1]} {kind}, expected {', '.join(names)}")
-        object.__setattr__(self, "properties", _settled(self.properties))
+        object.__setattr__(self, "properties", _normalized(self.properties))
         self._check_properties()
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> "Trials":
-        """Return the trials in a file; see `commonlaw.trials.tables.read_trials`."""
-        from commonlaw.trials.tables import read_trials
+        """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, told by the content.
 
-        return read_trials(path, sheet=sheet, **roles)
+        Parameters
+        ----------
+        path
+            The file. Text is UTF-8, its columns separated by commas, semicolons or tabs. A Parquet file written by
+            `to_parquet` says itself which column is what.
+        sheet
+            The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
+            an object of the sheet's name unless there is a column ``object``.
+        **roles
+            Which column is what, see `Roles`. Without a column of objects there is one object, named after the file.
+
+        Raises
+        ------
+        CommonlawError
+            If the file or a column is not there, a value cannot be used, or a state was measured in too few samples;
+            the message names the column and the row, counted from 1 below the header.
+
+        Notes
+        -----
+        An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out,
+        and `notes` says which.
+        """
+        return cls(*read_trials(path, sheet=sheet, **roles))
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Roles]) -> "Trials":
-        """Return the trials in a frame; see `commonlaw.trials.tables.trials_from_frame`."""
-        from commonlaw.trials.tables import trials_from_frame
+        """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
 
-        return trials_from_frame(frame, **roles)
+        Parameters
+        ----------
+        frame
+            The table. A missing value or NaN in a column of a state is a missing measurement, see `read`.
+        **roles
+            Which column is what, see `Roles`. Without a column of objects there is one object, named ``object``.
+
+        Raises
+        ------
+        CommonlawError
+            If a column is not there, or a value cannot be used; the message names the column and the row, counted
+            from 1.
+        """
+        return cls(*trials_from_frame(frame, **roles))
 
     @classmethod
     def from_arrays(
@@ -98,17 +132,54 @@ class Trials:
         units: Mapping[str, str] | None = None,
         properties: str | os.PathLike[str] | PropertyTable | Any = None,
     ) -> "Trials":
-        """Return the trials in arrays; see `commonlaw.trials.arrays.trials_from_arrays`."""
-        from commonlaw.trials.arrays import trials_from_arrays
+        """Return the trials in arrays: one trial, or lists with an entry for each trial.
 
-        return trials_from_arrays(
+        Parameters
+        ----------
+        times
+            Sample times, shape (n,); or a list of such arrays.
+        states
+            Measured states, shape (n,) or (n, number of states); or a list of such arrays. NaN is a missing
+            measurement; samples without any measured state are left out, and `notes` says which.
+        object
+            The object's name, or a list of one for each trial.
+        trial
+            The trial's label, or a list of them. Default: the trials of each object are counted from 1.
+        inputs
+            Measured inputs, shaped as the states.
+        names
+            Names of the states and then of the inputs. Default: ``x`` or ``x1``, ``x2``, ..., and ``u`` or ``u1``, ...
+        units
+            Units by name: of states, inputs, properties, and of the time, which is called ``t``.
+        properties
+            A mapping from object to property values by name; or a table (a file, a frame) with a row for each object
+            and the objects' names in its column ``object``.
+
+        Raises
+        ------
+        CommonlawError
+            If shapes or numbers of trials disagree, a value cannot be used, or a state was measured in too few samples;
+            the message names trial and sample.
+
+        Examples
+        --------
+        >>> trials = Trials.from_arrays([0.0, 0.1], [5.0, 4.9], object="ball", names=["height"], units={"height": "m"})
+        >>> trials, trials.schema.units
+        (<Trials: 1 trials of 1 objects, 2 samples of height>, {'height': 'm'})
+        """
+        data = trials_from_arrays(
             times, states, object=object, trial=trial, inputs=inputs, names=names, units=units, properties=properties
         )
+        return cls(*data)
 
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of the objects, in order of first appearance."""
         return tuple(dict.fromkeys(trial.object for trial in self.trials))
+
+    @property
+    def _data(self) -> TrialData:
+        return TrialData(self.trials, self.schema, self.properties, self.notes)
 
     @property
     def shape(self) -> tuple[int]:
@@ -148,34 +219,69 @@ class Trials:
         return tuple(trial for trial in self.trials if trial.object == name)
 
     def clip_irregular(self, tolerance: float = 0.005) -> "Trials":
-        """Return the trials without their irregular ends; see `commonlaw.trials.clip.clip_irregular`."""
-        from commonlaw.trials.clip import clip_irregular
+        """Return the trials, each clipped at its last irregular frame; a note says which and how far.
 
-        return clip_irregular(self, tolerance)
+        Parameters
+        ----------
+        tolerance
+            How far a step may be from the trial's median step, in the unit of the times; 5 ms suits video at 15 frames
+            a second.
 
-    def check(self, tolerance: float = 0.005) -> "Report":
-        """Return what there is to know about the trials before use; see `commonlaw.trials.check.check`."""
-        from commonlaw.trials.check import check
+        Raises
+        ------
+        CommonlawError
+            If the tolerance is not positive.
 
-        return check(self, tolerance)
+        Notes
+        -----
+        The rule is the one by which de Silva et al. (2020), "Discovery of physics from data: universal laws and
+        discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle
+        takes everything behind it along.
+        """
+        kept, note = clip_irregular(self.trials, tolerance)
+        return self.keep(kept, note) if note else self
+
+    def check(self, tolerance: float = 0.005) -> Report:
+        """Return figures of every trial and what is odd about them.
+
+        Parameters
+        ----------
+        tolerance
+            How far a step may be from the median step before `clip_irregular` would clip there, in the unit of the
+            times.
+        """
+        return check(self._data, tolerance)
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas frame with a row for each sample; see `commonlaw.trials.export.to_frame`."""
-        from commonlaw.trials.export import to_frame
+        """Return a pandas frame with a row for each sample.
 
-        return to_frame(self)
+        Its columns are the object, the trial, the time, the states, the inputs and the properties of the objects,
+        under the names that the schema has for them.
+        """
+        return to_frame(self._data)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV file with a row for each sample; see `commonlaw.trials.export.to_csv`."""
-        from commonlaw.trials.export import to_csv
+        """Write a CSV file with the columns of `to_frame`, their units in the headers: ``height [m]``.
 
-        to_csv(self, path)
+        Numbers are written so that they come back bit for bit. Reading the file with the same roles gives the same
+        trials; only a property in text that looks like a number comes back as a number, as CSV knows no difference.
+
+        Raises
+        ------
+        CommonlawError
+            If pint does not know a unit, or the file cannot be written.
+        """
+        to_csv(self._data, path)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write a Parquet file that `read` gives back exactly; see `commonlaw.trials.export.to_parquet`."""
-        from commonlaw.trials.export import to_parquet
+        """Write a Parquet file that holds the roles of its columns and so comes back exactly without a keyword.
 
-        to_parquet(self, path)
+        Raises
+        ------
+        CommonlawError
+            If pint does not know a unit, or the file cannot be written.
+        """
+        to_parquet(self._data, path)
 
     def select(self, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that fit every condition.
@@ -259,7 +365,7 @@ def _listed(value: object) -> list[Any]:
     return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
 
 
-def _settled(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, dict[str, Property]]:
+def _normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, dict[str, Property]]:
     """Return properties with labels for objects, floats for numbers, and no object that has none."""
     return {
         label(name): {
