@@ -9,7 +9,7 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
-from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, fit, meshes, spread
+from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, fit, interpolate, meshes
 from commonlaw.trials import Trial
 
 LEAST = 5
@@ -43,7 +43,7 @@ class FittedStart:
 
     initial: Floats
     trial: Trial
-    measurement: Measurement
+    measurement: ObservationModel
 
     def doubts(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return what makes a forecast from this start uncertain.
@@ -112,13 +112,13 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     guess = np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
-    measurement = Measurement(noise, _OUTLIERS)
-    problem = Problem(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
+    measurement = ObservationModel(noise, _OUTLIERS)
+    model = TrajectoryModel(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
     own = law.of(trial.object)
     found = fit(
-        problem, Estimate(tuple(spread([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES
+        model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES
     )
-    if not np.isfinite(found.strain):
+    if not np.isfinite(found.objective):
         raise CommonlawError(
             f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its "
             "start was to be fitted; take start=1, the first sample as measured, or leave the trial out"

@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.objects import Objects
 from commonlaw.inference.search import Found
-from commonlaw.likelihood import expand, whitened
+from commonlaw.likelihood import linearize, whitened
 
 Rivals = Sequence[Sequence[tuple[Bools, float]]]
 Errors = Literal["likelihood", "bootstrap"]
@@ -42,14 +42,15 @@ def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> 
     coefficients = np.array([each.coefficients for each in law.estimates])
     support = np.any(coefficients != 0, axis=0)
     found = np.zeros((len(law.estimates), support.sum(), support.sum()))
-    for o, (problem, estimate) in enumerate(zip(objects.problems, law.estimates, strict=True)):
+    for o, (model, estimate) in enumerate(zip(objects.models, law.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(objects.known[o])
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if errors == "bootstrap":
-            trials = [rows for rows, _ in whitened(problem, estimate, law.finest)]
+            trials = [rows for rows, _ in whitened(model, estimate, law.finest)]
             covariance = bootstrapped(trials, inner)
         else:
-            covariance = _inverse(expand(problem, estimate, law.finest).problem.restrict(inner.tolist()).factor[:, :-1])
+            rows = linearize(model, estimate, law.finest).problem
+            covariance = _inverse(rows.restrict(inner.tolist()).factor[:, :-1])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 

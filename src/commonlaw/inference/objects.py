@@ -10,7 +10,7 @@ from commonlaw.differentiation import RobustSpline, noise_level
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.library import Terms
-from commonlaw.likelihood import Dynamics, Estimate, Measurement, Problem, meshes, spread
+from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, interpolate, meshes
 from commonlaw.selection import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.trials import Trial, Trials
 
@@ -30,8 +30,8 @@ class Objects:
     ----------
     names
         Of the objects.
-    problems
-        One for each object.
+    models
+        Of the trajectories, one for each object.
     starts
         Smoothed states, and coefficients of all allowed terms by least squares on smoothed rates.
     curves
@@ -47,7 +47,7 @@ class Objects:
     """
 
     names: tuple[str, ...]
-    problems: tuple[Problem, ...]
+    models: tuple[TrajectoryModel, ...]
     starts: tuple[Estimate, ...]
     curves: tuple[tuple[Floats, ...], ...]
     measured: tuple[int, ...]
@@ -70,11 +70,11 @@ class Objects:
         """Return the same objects with twice as many points for each sampling step."""
         points = 2 * self.points
         groups = [trials.of(name) for name in self.names]
-        pairs = zip(self.problems, groups, strict=True)
-        problems = tuple(replace(problem, meshes=meshes(group, points)) for problem, group in pairs)
+        pairs = zip(self.models, groups, strict=True)
+        models = tuple(replace(model, meshes=meshes(group, points)) for model, group in pairs)
         curves = zip(self.starts, self.curves, strict=True)
-        starts = tuple(replace(start, states=tuple(spread(own, points))) for start, own in curves)
-        return replace(self, problems=problems, starts=starts, points=points)
+        starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in curves)
+        return replace(self, models=models, starts=starts, points=points)
 
 
 def prepare(
@@ -101,7 +101,7 @@ def prepare(
     noise
         Standard deviation of each state, shape (d,), if it is known; by default it is estimated.
     bound
-        Beyond how many standard deviations a measurement counts as an outlier, see `Measurement`.
+        Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
 
     Raises
     ------
@@ -120,14 +120,14 @@ def prepare(
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([noise, noise * rates.std(axis=0) / scale])
-    problems, starts = [], []
+    models, starts = [], []
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        problems.append(Problem(dynamics, meshes(group), Measurement(noise, bound), unit))
+        models.append(TrajectoryModel(dynamics, meshes(group), ObservationModel(noise, bound), unit))
         coefficients = _first(terms, group, own, fixed)
-        starts.append(Estimate(tuple(spread([states for states, _ in own])), coefficients))
+        starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return Objects(trials.objects, tuple(problems), tuple(starts), smooth, measured, noise, known)
+    return Objects(trials.objects, tuple(models), tuple(starts), smooth, measured, noise, known)
 
 
 def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:

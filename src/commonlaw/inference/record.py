@@ -134,7 +134,7 @@ def error_step(found: Found) -> Step:
 
 def coefficients_step(trials: Trials, objects: Objects, found: Found) -> Step:
     """Return how the coefficients were found, and what the trajectories leave."""
-    misfit, count = sum(each.misfit for each in found.estimates), sum(objects.measured)
+    misfit, count = sum(each.deviance for each in found.estimates), sum(objects.measured)
     return Step(
         "coefficients",
         f"maximum likelihood of {len(trials)} trajectories",

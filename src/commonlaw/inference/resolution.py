@@ -29,8 +29,8 @@ def on_finer_mesh(
         return None
     finer = objects.finer(trials)
     estimates = tuple(
-        fit(problem, replace(start, coefficients=own.coefficients), found.supports, tolerances)
-        for problem, start, own in zip(finer.problems, finer.starts, found.estimates, strict=True)
+        fit(model, replace(start, coefficients=own.coefficients), found.supports, tolerances)
+        for model, start, own in zip(finer.models, finer.starts, found.estimates, strict=True)
     )
     return None if _change(objects, found.estimates, finer, estimates) < _RESOLVED else (finer, estimates)
 
@@ -38,10 +38,10 @@ def on_finer_mesh(
 def _change(objects: Objects, coarse: Sequence[Estimate], finer: Objects, fine: Sequence[Estimate]) -> float:
     """Return the sum of squared differences between measured states on two meshes, relative to the noise."""
     total, stride = 0.0, finer.points // objects.points
-    for problem, one, other in zip(objects.problems, coarse, fine, strict=True):
-        for mesh, states, finest in zip(problem.meshes, one.states, other.states, strict=True):
-            gap = (_at_samples(finest, mesh.linked, stride) - states)[:, : len(objects.noise)] / objects.noise
-            total += float(np.sum(gap[mesh.seen] ** 2))
+    for model, one, other in zip(objects.models, coarse, fine, strict=True):
+        for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
+            gap = (_at_samples(finest, mesh.contiguous, stride) - states)[:, : len(objects.noise)] / objects.noise
+            total += float(np.sum(gap[mesh.observed] ** 2))
     return total
 
 

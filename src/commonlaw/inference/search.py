@@ -14,7 +14,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.objects import Objects
-from commonlaw.likelihood import Estimate, NotPositiveError, expand, fit
+from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.selection import Joint
 from commonlaw.solvers import AbstractSolver
 
@@ -194,14 +194,14 @@ class _Linear:
 
 
 def _linearised(objects: Objects, estimates: Sequence[Estimate], tolerance: float) -> _Linear:
-    pairs = zip(objects.problems, estimates, strict=True)
-    expansions = [expand(problem, estimate, tolerance) for problem, estimate in pairs]
+    pairs = zip(objects.models, estimates, strict=True)
+    linearizations = [linearize(model, estimate, tolerance) for model, estimate in pairs]
     known = np.nan_to_num(objects.known)
-    problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(expansions, known, strict=True)]
+    problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linearizations, known, strict=True)]
     joint = Joint(problems, objects.allowed, sum(objects.measured), objects.most_terms)
     # An error of the law is one more number to be found, at the price of any (BIC)
     price = 0.0 if tolerance <= OBEYED else float(np.log(joint.measured))
-    return _Linear(joint, sum(each.volume for each in expansions) + price)
+    return _Linear(joint, sum(each.log_determinant for each in linearizations) + price)
 
 
 def _restricted(objects: Objects, joint: Joint, estimates: Sequence[Estimate], supports: Bools) -> tuple[Estimate, ...]:
@@ -213,5 +213,5 @@ def _restricted(objects: Objects, joint: Joint, estimates: Sequence[Estimate], s
 def _fitted(
     objects: Objects, estimates: Sequence[Estimate], supports: Bools, tolerances: Sequence[float]
 ) -> tuple[Estimate, ...]:
-    pairs = zip(objects.problems, estimates, strict=True)
-    return tuple(fit(problem, estimate, supports, tolerances) for problem, estimate in pairs)
+    pairs = zip(objects.models, estimates, strict=True)
+    return tuple(fit(model, estimate, supports, tolerances) for model, estimate in pairs)

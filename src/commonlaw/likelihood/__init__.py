@@ -1,23 +1,23 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
 from commonlaw.likelihood.collocation import Dynamics
-from commonlaw.likelihood.expansion import Expansion, expand, whitened
-from commonlaw.likelihood.fitting import Estimate, Problem, fit
-from commonlaw.likelihood.measurement import Measurement
-from commonlaw.likelihood.mesh import Mesh, meshes, spread
+from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit
+from commonlaw.likelihood.linearization import Linearization, linearize, whitened
+from commonlaw.likelihood.mesh import Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
+from commonlaw.likelihood.observation_model import ObservationModel
 
 __all__ = [
     "Dynamics",
     "Estimate",
-    "Expansion",
-    "Measurement",
+    "Linearization",
     "Mesh",
     "NotPositiveError",
-    "Problem",
-    "expand",
+    "ObservationModel",
+    "TrajectoryModel",
     "fit",
+    "interpolate",
+    "linearize",
     "meshes",
-    "spread",
     "whitened",
 ]

@@ -18,23 +18,24 @@ from commonlaw.likelihood.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
-    """Defects of all steps and their derivatives, zero between stretches.
+class Jacobians:
+    """Defects of all steps and their derivatives, zero between segments.
 
     Parameters
     ----------
     defects
         Shape (n - 1, D).
-    before, after
-        Their derivatives by the states at the start and at the end of the step, shape (n - 1, D, D).
-    parameters
-        Their derivatives by the coefficients of `support`, equation by equation, shape (n - 1, D, parameters).
+    start, end
+        Their derivatives with respect to the states at the start and at the end of the step, shape (n - 1, D, D).
+    coefficients
+        Their derivatives with respect to the coefficients of `support`, equation by equation, shape (n - 1, D,
+        parameters).
     """
 
     defects: Floats
-    before: Floats
-    after: Floats
-    parameters: Floats
+    start: Floats
+    end: Floats
+    coefficients: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Dynamics:
         middles = _middles(mesh, states, rates)
         return _defects(mesh, states, rates, self._rates(terms, _at_middles(mesh, middles), own))
 
-    def slopes(self, mesh: Mesh, states: Floats, coefficients: Floats, support: Bools) -> Slopes:
+    def jacobians(self, mesh: Mesh, states: Floats, coefficients: Floats, support: Bools) -> Jacobians:
         """Return the defects of all steps and their derivatives.
 
         Parameters
@@ -94,12 +95,12 @@ class Dynamics:
         middles = _middles(mesh, states, rates)
         middle, mid_by_states, mid_by_own = self._linear(terms, _at_middles(mesh, middles), own, wanted)
         h, one = mesh.steps[:, np.newaxis, np.newaxis], np.eye(self.width)
-        on = mesh.linked[:, np.newaxis, np.newaxis]
-        before = -one - h / 6 * (by_states[:-1] + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * by_states[:-1]))
-        after = one - h / 6 * (by_states[1:] + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * by_states[1:]))
+        on = mesh.contiguous[:, np.newaxis, np.newaxis]
+        start = -one - h / 6 * (by_states[:-1] + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * by_states[:-1]))
+        end = one - h / 6 * (by_states[1:] + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * by_states[1:]))
         shifted = mid_by_own + np.matmul(h / 8 * mid_by_states, by_own[:-1] - by_own[1:])
-        parameters = -h / 6 * (by_own[:-1] + 4 * shifted + by_own[1:])
-        return Slopes(_defects(mesh, states, rates, middle), before * on, after * on, parameters)
+        by_coefficients = -h / 6 * (by_own[:-1] + 4 * shifted + by_own[1:])
+        return Jacobians(_defects(mesh, states, rates, middle), start * on, end * on, by_coefficients)
 
     def _used(self, kept: Bools, coefficients: Floats) -> tuple[Terms, Floats]:
         """Return the terms that are in some equation, and the coefficients of these."""
@@ -117,8 +118,8 @@ class Dynamics:
         """Return z', (n, D), and its derivatives by states, (n, D, D), and by coefficients, (n, D, parameters)."""
         first, matrix = self.width - self.equations, terms.evaluate(values)
         by_states = np.zeros((len(values), self.width, self.width))
-        slopes = terms.jacobian(values)[:, :, : self.width]
-        by_states[:, first:] = np.tensordot(slopes, coefficients, (1, 1)).transpose(0, 2, 1)
+        gradients = terms.jacobian(values)[:, :, : self.width]
+        by_states[:, first:] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
         by_own = np.zeros((len(values), self.width, int(support.sum())))
         ends = np.cumsum([0, *support.sum(axis=1)])
         for j, own in enumerate(support):
@@ -147,5 +148,5 @@ def _middles(mesh: Mesh, states: Floats, rates: Floats) -> Floats:
 
 
 def _defects(mesh: Mesh, states: Floats, rates: Floats, middle: Floats) -> Floats:
-    gaps = np.diff(states, axis=0) - mesh.steps[:, np.newaxis] / 6 * (rates[:-1] + 4 * middle + rates[1:])
-    return np.where(mesh.linked[:, np.newaxis], gaps, 0.0)
+    defects = np.diff(states, axis=0) - mesh.steps[:, np.newaxis] / 6 * (rates[:-1] + 4 * middle + rates[1:])
+    return np.where(mesh.contiguous[:, np.newaxis], defects, 0.0)

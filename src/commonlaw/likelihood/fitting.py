@@ -1,10 +1,10 @@
 """States and coefficients of one object, fitted together to what was measured.
 
-Twice the negative log-likelihood is the sum of squared gaps between measured and sought states over the noise, and of
-squared defects of the law over a tolerance. As the tolerance goes to zero, the states become a solution of the law and
-the coefficients those of maximum likelihood, with free initial states: multiple shooting in which every step is a shot
-(Bock 1983). Beginning with a tolerance as large as the noise and lowering it step by step leads there from far away,
-also for chaotic laws (Abarbanel's annealing: Ye et al. 2015).
+Twice the negative log-likelihood is the sum of squared residuals, measured less sought states, over the noise, and of
+squared defects of the law over its model error. As the model error goes to zero, the states become a solution of the
+law and the coefficients those of maximum likelihood, with free initial states: multiple shooting in which every step is
+a shot (Bock 1983). Beginning with a model error as large as the noise and lowering it step by step leads there from far
+away, also for chaotic laws (Abarbanel's annealing: Ye et al. 2015).
 """
 
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.likelihood.collocation import Dynamics
-from commonlaw.likelihood.measurement import Measurement
 from commonlaw.likelihood.mesh import Mesh
-from commonlaw.likelihood.normal_equations import NotPositiveError, Reduced, reduce
+from commonlaw.likelihood.normal_equations import NotPositiveError, SchurComplement, eliminate_states
+from commonlaw.likelihood.observation_model import ObservationModel
 
 _SHORTEST = 1e-4
 """Steps shorter than this share of the Gauss-Newton step are not tried."""
@@ -26,8 +26,8 @@ _GAIN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """What is known of one object.
+class TrajectoryModel:
+    """How the measured trajectories of one object come about, if its law holds up to a model error.
 
     Parameters
     ----------
@@ -35,23 +35,23 @@ class Problem:
         The family of laws.
     meshes
         Where states are sought, and what was measured.
-    measurement
+    observation
         What measurements are worth.
     unit
-        In what the tolerance for each state's defects is counted, shape (D,): the noise of the measured states, and
-        what corresponds to it for their rates.
+        The unit of the model error in each state, shape (D,): the noise of the measured states, and what corresponds to
+        it for their rates.
     """
 
     dynamics: Dynamics
     meshes: Sequence[Mesh]
-    measurement: Measurement
+    observation: ObservationModel
     unit: Floats
 
-    def stiffness(self, mesh: Mesh, tolerance: float) -> Floats:
-        """Return what squared defects count, shape (n - 1, D): their tolerance is a random walk in time."""
-        return mesh.linked[:, np.newaxis] / (tolerance * self.unit) ** 2 / mesh.shares[:, np.newaxis]
+    def precision(self, mesh: Mesh, model_error: float) -> Floats:
+        """Return the precision of each defect, shape (n - 1, D): the model error is a random walk in time."""
+        return mesh.contiguous[:, np.newaxis] / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
 
-    def gaps(self, mesh: Mesh, states: Floats) -> Floats:
+    def residuals(self, mesh: Mesh, states: Floats) -> Floats:
         """Return measured less sought states, shape (n, d); NaN where nothing was measured."""
         return mesh.measured - states[:, : self.dynamics.equations]
 
@@ -66,89 +66,93 @@ class Estimate:
         For each mesh, shape (n, D).
     coefficients
         Shape (equations, terms).
-    misfit
+    deviance
         Twice the negative log-likelihood of the measurements, but for a constant.
-    strain
+    objective
         The same with the squared defects; infinite if the coefficients cannot be evaluated.
     """
 
     states: tuple[Floats, ...]
     coefficients: Floats
-    misfit: float = np.inf
-    strain: float = np.inf
+    deviance: float = np.inf
+    objective: float = np.inf
 
 
-def fit(problem: Problem, start: Estimate, support: Bools, tolerances: Sequence[float], steps: int = 12) -> Estimate:
-    """Return the estimate of largest likelihood, by Gauss-Newton steps, tolerance after tolerance.
+def fit(
+    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
+) -> Estimate:
+    """Return the estimate of largest likelihood, by Gauss-Newton steps, one model error after the other.
 
     Parameters
     ----------
-    problem
-        The object.
+    model
+        Of one object.
     start
         Where to begin.
     support
         The coefficients that are free, shape (equations, terms); the others stay.
-    tolerances
-        Of the law, relative to the noise, from large to small.
+    model_errors
+        Standard deviations of the model error in each step, relative to the noise, from large to small.
     steps
-        At most so many for each tolerance.
+        At most so many for each model error.
     """
     found = start
-    for tolerance in tolerances:
-        found = _judged(problem, found, tolerance)
+    for model_error in model_errors:
+        found = _evaluated(model, found, model_error)
         for _ in range(steps):
-            better = _step(problem, found, support, tolerance)
+            better = _step(model, found, support, model_error)
             if better is None:
                 break
-            gain = found.strain - better.strain
+            gain = found.objective - better.objective
             found = better
-            if gain < _GAIN * (1 + 1e-3 * found.strain):
+            if gain < _GAIN * (1 + 1e-3 * found.objective):
                 break
     return found
 
 
-def _judged(problem: Problem, estimate: Estimate, tolerance: float) -> Estimate:
-    """Return the estimate with its misfit and strain at a tolerance."""
-    misfit = strain = 0.0
+def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -> Estimate:
+    """Return the estimate with its deviance and objective for a model error."""
+    deviance = objective = 0.0
     with np.errstate(all="ignore"):
-        for mesh, states in zip(problem.meshes, estimate.states, strict=True):
-            misfit += problem.measurement.misfit(problem.gaps(mesh, states))
-            defects = problem.dynamics.defects(mesh, states, estimate.coefficients)
-            strain += float(np.sum(defects**2 * problem.stiffness(mesh, tolerance)))
-    strain += misfit
-    return replace(estimate, misfit=misfit, strain=strain if np.isfinite(strain) else np.inf)
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            deviance += model.observation.deviance(model.residuals(mesh, states))
+            defects = model.dynamics.defects(mesh, states, estimate.coefficients)
+            objective += float(np.sum(defects**2 * model.precision(mesh, model_error)))
+    objective += deviance
+    return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
 
-def _reduced(problem: Problem, estimate: Estimate, support: Bools, tolerance: float) -> list[Reduced]:
+def _without_states(
+    model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
+) -> list[SchurComplement]:
     found = []
     with np.errstate(all="ignore"):
-        for mesh, states in zip(problem.meshes, estimate.states, strict=True):
-            slopes = problem.dynamics.slopes(mesh, states, estimate.coefficients, support)
-            gaps = problem.gaps(mesh, states)
-            weights = problem.measurement.weights(gaps)
-            found.append(reduce(slopes, problem.stiffness(mesh, tolerance), weights, gaps))
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            jacobians = model.dynamics.jacobians(mesh, states, estimate.coefficients, support)
+            residuals = model.residuals(mesh, states)
+            weights = model.observation.weights(residuals)
+            found.append(eliminate_states(jacobians, model.precision(mesh, model_error), weights, residuals))
     return found
 
 
-def _step(problem: Problem, estimate: Estimate, support: Bools, tolerance: float) -> Estimate | None:
+def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:
     """Return the estimate after one Gauss-Newton step, shortened until it is better; None if none is."""
     try:
-        parts = _reduced(problem, estimate, support, tolerance)
+        parts = _without_states(model, estimate, support, model_error)
         total = np.sum([each.information for each in parts], axis=0)
         own = _solve(total, -np.sum([each.gradient for each in parts], axis=0))
     except (NotPositiveError, np.linalg.LinAlgError):
         return None
-    directions = [each.shift + each.follow @ own for each in parts]
-    share = 1.0
-    while share > _SHORTEST:
+    directions = [each.state_step + each.state_sensitivity @ own for each in parts]
+    fraction = 1.0
+    while fraction > _SHORTEST:
         coefficients = estimate.coefficients.copy()
-        coefficients[support] += share * own
-        states = tuple(z + share * step for z, step in zip(estimate.states, directions, strict=True))
-        found = _judged(problem, Estimate(states, coefficients), tolerance)
-        if found.strain < estimate.strain:
+        coefficients[support] += fraction * own
+        states = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
+        found = _evaluated(model, Estimate(states, coefficients), model_error)
+        if found.objective < estimate.objective:
             return found
-        share *= 0.4
+        fraction *= 0.4
     return None
 
 

@@ -11,45 +11,45 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.trials import Trial
 
 _POINTS = 4000
-"""Points that are worked on together; longer stretches would leave the cache and fill memory."""
+"""Points that are worked on together; longer segments would leave the cache and fill memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Points of one or several stretches of trials, one stretch behind the other.
+    """Points of one or several segments of trials, one segment behind the other.
 
     Parameters
     ----------
     times
-        Shape (n,), increasing within a stretch.
+        Shape (n,), increasing within a segment.
     measured
         States as measured, shape (n, d); NaN where they were not.
     inputs
         Inputs at the points, shape (n, inputs).
-    linked
-        Whether a point and the next one belong to one stretch, shape (n - 1,).
+    contiguous
+        Whether a point and the next one belong to one segment, shape (n - 1,).
     """
 
     times: Floats
     measured: Floats
     inputs: Floats
-    linked: Bools
+    contiguous: Bools
 
     def __len__(self) -> int:
         return len(self.times)
 
     @cached_property
     def steps(self) -> Floats:
-        """Steps in time from each point to the next, 0 between stretches, shape (n - 1,)."""
-        return np.where(self.linked, np.diff(self.times), 0.0)
+        """Steps in time from each point to the next, 0 between segments, shape (n - 1,)."""
+        return np.where(self.contiguous, np.diff(self.times), 0.0)
 
     @cached_property
-    def shares(self) -> Floats:
-        """Steps relative to the median step, 1 between stretches, shape (n - 1,)."""
-        return np.where(self.linked, self.steps / np.median(self.steps[self.linked]), 1.0)
+    def relative_steps(self) -> Floats:
+        """Steps relative to the median step, 1 between segments, shape (n - 1,)."""
+        return np.where(self.contiguous, self.steps / np.median(self.steps[self.contiguous]), 1.0)
 
     @cached_property
-    def seen(self) -> Bools:
+    def observed(self) -> Bools:
         """Which states were measured, shape (n, d)."""
         return np.isfinite(self.measured)
 
@@ -65,26 +65,27 @@ def meshes(trials: Sequence[Trial], points: int = 1) -> list[Mesh]:
         Points for each step from sample to sample: 1 for the samples alone, 2 for one more between any two, ...
     """
     return [
-        _mesh([(trials[i], part) for i, part in group], points) for group in _groups([len(each) for each in trials])
+        _mesh([(trials[i], segment) for i, segment in group], points)
+        for group in _groups([len(each) for each in trials])
     ]
 
 
-def spread(values: Sequence[Floats], points: int = 1) -> list[Floats]:
+def interpolate(values: Sequence[Floats], points: int = 1) -> list[Floats]:
     """Return values at the samples of trials, each of shape (samples, columns), on the meshes of these trials.
 
     Between samples they lie on straight lines.
     """
     groups = _groups([len(each) for each in values])
-    return [np.concatenate([_between(values[i][part], points) for i, part in group]) for group in groups]
+    return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 
 
 def _groups(lengths: Sequence[int]) -> Iterator[list[tuple[int, slice]]]:
-    """Yield trials, by their place, in groups of at most so many samples; long trials are cut into even stretches."""
+    """Yield trials, by their index, in groups of at most so many samples; long trials are cut into even segments."""
     group: list[tuple[int, slice]] = []
     size = 0
     for index, length in enumerate(lengths):
-        pieces = -(-length // _POINTS)
-        cuts = [length * i // pieces for i in range(pieces + 1)]
+        count = -(-length // _POINTS)
+        cuts = [length * i // count for i in range(count + 1)]
         for start, stop in pairwise(cuts):
             if group and size + stop - start > _POINTS:
                 yield group
@@ -95,16 +96,16 @@ def _groups(lengths: Sequence[int]) -> Iterator[list[tuple[int, slice]]]:
 
 
 def _mesh(group: Sequence[tuple[Trial, slice]], points: int) -> Mesh:
-    times = [_between(trial.times[part, np.newaxis], points)[:, 0] for trial, part in group]
+    times = [_between(trial.times[segment, np.newaxis], points)[:, 0] for trial, segment in group]
     measured = []
-    for (trial, part), grid in zip(group, times, strict=True):
+    for (trial, segment), grid in zip(group, times, strict=True):
         values = np.full((len(grid), trial.states.shape[1]), np.nan)
-        values[::points] = trial.states[part]
+        values[::points] = trial.states[segment]
         measured.append(values)
-    inputs = [_between(trial.inputs[part], points) for trial, part in group]
-    linked = np.ones(sum(map(len, times)) - 1, dtype=bool)
-    linked[np.cumsum([len(each) for each in times])[:-1] - 1] = False
-    return Mesh(np.concatenate(times), np.concatenate(measured), np.concatenate(inputs), linked)
+    inputs = [_between(trial.inputs[segment], points) for trial, segment in group]
+    contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
+    contiguous[np.cumsum([len(each) for each in times])[:-1] - 1] = False
+    return Mesh(np.concatenate(times), np.concatenate(measured), np.concatenate(inputs), contiguous)
 
 
 def _between(values: Floats, points: int) -> Floats:

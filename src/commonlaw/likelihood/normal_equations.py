@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.likelihood.collocation import Slopes
+from commonlaw.likelihood.collocation import Jacobians
 
 _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
 """By which share of itself the diagonal is lifted until the factorisation succeeds despite rounding."""
@@ -21,7 +21,7 @@ class NotPositiveError(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class SchurComplement:
     """The normal equations of one mesh after the states were eliminated.
 
     Parameters
@@ -31,30 +31,30 @@ class Reduced:
     gradient
         Half the gradient of twice the negative log-likelihood by the coefficients, with the states following, shape
         (parameters,).
-    shift
+    state_step
         Step of the states where the coefficients stay, shape (n, D).
-    follow
-        How the states follow the coefficients, shape (n, D, parameters).
+    state_sensitivity
+        Derivative of the states, as they follow the coefficients, with respect to these, shape (n, D, parameters).
     """
 
     information: Floats
     gradient: Floats
-    shift: Floats
-    follow: Floats
+    state_step: Floats
+    state_sensitivity: Floats
 
 
-def reduce(slopes: Slopes, stiffness: Floats, weights: Floats, gaps: Floats) -> Reduced:
+def eliminate_states(jacobians: Jacobians, precision: Floats, weights: Floats, residuals: Floats) -> SchurComplement:
     """Return the normal equations of one mesh without the states.
 
     Parameters
     ----------
-    slopes
+    jacobians
         Defects and their derivatives.
-    stiffness
-        What each squared defect counts, shape (n - 1, D).
+    precision
+        Of each defect, its inverse variance, shape (n - 1, D).
     weights
-        What each squared gap counts, shape (n, d).
-    gaps
+        Precision of each measurement, shape (n, d).
+    residuals
         Measured less sought states, shape (n, d); anything where the weight is zero.
 
     Raises
@@ -64,31 +64,31 @@ def reduce(slopes: Slopes, stiffness: Floats, weights: Floats, gaps: Floats) -> 
     """
     from scipy.linalg import cho_solve_banded
 
-    points, width = len(weights), slopes.defects.shape[1]
-    before, after = slopes.before.transpose(0, 2, 1), slopes.after.transpose(0, 2, 1)
-    pulled = slopes.defects * stiffness
-    bands = _bands(slopes, stiffness, weights)
+    points, width = len(weights), jacobians.defects.shape[1]
+    start, end = jacobians.start.transpose(0, 2, 1), jacobians.end.transpose(0, 2, 1)
+    weighted = jacobians.defects * precision
+    bands = _bands(jacobians, precision, weights)
     gradient = np.zeros((points, width))
-    gradient[:, : weights.shape[1]] = np.where(weights > 0, -gaps * weights, 0.0)
-    gradient[:-1] += np.matmul(before, pulled[:, :, np.newaxis])[:, :, 0]
-    gradient[1:] += np.matmul(after, pulled[:, :, np.newaxis])[:, :, 0]
-    own = slopes.parameters
+    gradient[:, : weights.shape[1]] = np.where(weights > 0, -residuals * weights, 0.0)
+    gradient[:-1] += np.matmul(start, weighted[:, :, np.newaxis])[:, :, 0]
+    gradient[1:] += np.matmul(end, weighted[:, :, np.newaxis])[:, :, 0]
+    own = jacobians.coefficients
     count = own.shape[2]
-    scaled = own * stiffness[:, :, np.newaxis]
+    scaled = own * precision[:, :, np.newaxis]
     border = np.zeros((points, width, count))
-    border[:-1] += np.matmul(before, scaled)
-    border[1:] += np.matmul(after, scaled)
-    flat, flat_scaled = own.reshape(pulled.size, count), scaled.reshape(pulled.size, count)
+    border[:-1] += np.matmul(start, scaled)
+    border[1:] += np.matmul(end, scaled)
+    flat, flat_scaled = own.reshape(weighted.size, count), scaled.reshape(weighted.size, count)
     beside = border.reshape(gradient.size, count)
     right = np.column_stack([beside, gradient.ravel()])
     if not np.isfinite(right).all():
         raise NotPositiveError
     solved = cho_solve_banded((_factor(bands), False), right, check_finite=False)
     information = flat.T @ flat_scaled - beside.T @ solved[:, :count]
-    left = flat.T @ pulled.ravel() - beside.T @ solved[:, count]
+    left = flat.T @ weighted.ravel() - beside.T @ solved[:, count]
     if not (np.isfinite(information).all() and np.isfinite(left).all()):
         raise NotPositiveError
-    return Reduced(
+    return SchurComplement(
         (information + information.T) / 2,
         left,
         -solved[:, count].reshape(points, width),
@@ -96,17 +96,17 @@ def reduce(slopes: Slopes, stiffness: Floats, weights: Floats, gaps: Floats) -> 
     )
 
 
-def _bands(slopes: Slopes, stiffness: Floats, weights: Floats) -> Floats:
+def _bands(jacobians: Jacobians, precision: Floats, weights: Floats) -> Floats:
     """Return the matrix of the states by its upper bands, in LAPACK's layout, shape (2 D, n D)."""
-    points, width = len(weights), stiffness.shape[1]
-    before = slopes.before.transpose(0, 2, 1) * stiffness[:, np.newaxis]
-    after = slopes.after.transpose(0, 2, 1) * stiffness[:, np.newaxis]
+    points, width = len(weights), precision.shape[1]
+    start = jacobians.start.transpose(0, 2, 1) * precision[:, np.newaxis]
+    end = jacobians.end.transpose(0, 2, 1) * precision[:, np.newaxis]
     diagonal = np.zeros((points, width, width))
     measured = range(weights.shape[1])
     diagonal[:, measured, measured] = weights
-    diagonal[:-1] += np.matmul(before, slopes.before)
-    diagonal[1:] += np.matmul(after, slopes.after)
-    beside = np.matmul(before, slopes.after)
+    diagonal[:-1] += np.matmul(start, jacobians.start)
+    diagonal[1:] += np.matmul(end, jacobians.end)
+    beside = np.matmul(start, jacobians.end)
     bands = np.zeros((2 * width, points * width))
     for i in range(width):
         for j in range(width):

@@ -12,8 +12,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.likelihood.collocation import Slopes
-from commonlaw.likelihood.fitting import Estimate, Problem
+from commonlaw.likelihood.collocation import Jacobians
+from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
@@ -27,7 +27,7 @@ it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Expansion:
+class Linearization:
     """The likelihood of one object's trajectories about an estimate.
 
     Parameters
@@ -35,27 +35,27 @@ class Expansion:
     problem
         Its columns are all terms of the first equation, then of the second, and so on; one target; residuals have unit
         variance.
-    volume
+    log_determinant
         Logarithm of the determinant of the covariance that was removed, less twice that of the change from states to
         defects: added to the squared residuals, it makes twice the negative log-likelihood of the states at the ends
-        of all steps, so that tolerances and estimates can be compared.
+        of all steps, so that model errors and estimates can be compared.
     """
 
     problem: LeastSquaresProblem
-    volume: float
+    log_determinant: float
 
 
-def expand(problem: Problem, estimate: Estimate, tolerance: float) -> Expansion:
+def linearize(model: TrajectoryModel, estimate: Estimate, model_error: float) -> Linearization:
     """Return the likelihood about an estimate.
 
     Parameters
     ----------
-    problem
-        The object.
+    model
+        Of one object.
     estimate
         About which the law is linearised.
-    tolerance
-        Of the law, relative to the noise.
+    model_error
+        Standard deviation of the model error in each step, relative to the noise.
 
     Raises
     ------
@@ -63,13 +63,13 @@ def expand(problem: Problem, estimate: Estimate, tolerance: float) -> Expansion:
         If numbers are not finite, or too far apart.
     """
     columns = estimate.coefficients.size
-    parts = whitened(problem, estimate, tolerance)
+    parts = whitened(model, estimate, model_error)
     rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), columns, columns + 1)
-    return Expansion(rows, sum(volume for _, volume in parts))
+    return Linearization(rows, sum(log_determinant for _, log_determinant in parts))
 
 
-def whitened(problem: Problem, estimate: Estimate, tolerance: float) -> list[tuple[Floats, float]]:
-    """Return the rows of each mesh, see `expand`, from first to last sample, and its volume.
+def whitened(model: TrajectoryModel, estimate: Estimate, model_error: float) -> list[tuple[Floats, float]]:
+    """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
 
     The targets are the innovations of the states: what each sample adds to those before it.
 
@@ -78,24 +78,25 @@ def whitened(problem: Problem, estimate: Estimate, tolerance: float) -> list[tup
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    pairs = zip(problem.meshes, estimate.states, strict=True)
-    return [_whitened(problem, mesh, states, estimate.coefficients, tolerance) for mesh, states in pairs]
+    pairs = zip(model.meshes, estimate.states, strict=True)
+    return [_whitened(model, mesh, states, estimate.coefficients, model_error) for mesh, states in pairs]
 
 
 def _whitened(
-    problem: Problem, mesh: Mesh, states: Floats, coefficients: Floats, tolerance: float
+    model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, model_error: float
 ) -> tuple[Floats, float]:
     """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before."""
     from scipy.linalg import lapack
 
     with np.errstate(all="ignore"):
-        slopes = problem.dynamics.slopes(mesh, states, coefficients, np.ones_like(coefficients, dtype=bool))
-    variances, offsets = _measured(problem, mesh, states)
-    defects = slopes.defects + np.matmul(slopes.before, offsets[:-1, :, np.newaxis])[:, :, 0]
-    defects += np.matmul(slopes.after, offsets[1:, :, np.newaxis])[:, :, 0]
-    library = slopes.parameters.reshape(-1, coefficients.size)
+        jacobians = model.dynamics.jacobians(mesh, states, coefficients, np.ones_like(coefficients, dtype=bool))
+    variances, offsets = _measured(model, mesh, states)
+    defects = jacobians.defects + np.matmul(jacobians.start, offsets[:-1, :, np.newaxis])[:, :, 0]
+    defects += np.matmul(jacobians.end, offsets[1:, :, np.newaxis])[:, :, 0]
+    library = jacobians.coefficients.reshape(-1, coefficients.size)
     rows = np.column_stack([library, library @ coefficients.ravel() - defects.ravel()])
-    bands = _covariance(slopes, variances, (tolerance * problem.unit) ** 2 * mesh.shares[:, np.newaxis], mesh)
+    allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
+    bands = _covariance(jacobians, variances, allowed, mesh)
     if not (np.isfinite(bands).all() and np.isfinite(rows).all()):
         raise NotPositiveError
     factor, failed = lapack.dpbtrf(bands, lower=1)
@@ -103,36 +104,36 @@ def _whitened(
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
     # From the density of defects to that of the states at the end of each step
-    turned = np.linalg.slogdet(slopes.after[mesh.linked])[1]
-    volume = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned))
-    return np.asfortranarray(white[np.repeat(mesh.linked, problem.dynamics.width)]), volume
+    turned = np.linalg.slogdet(jacobians.end[mesh.contiguous])[1]
+    log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned))
+    return np.asfortranarray(white[np.repeat(mesh.contiguous, model.dynamics.width)]), log_determinant
 
 
-def _measured(problem: Problem, mesh: Mesh, states: Floats) -> tuple[Floats, Floats]:
+def _measured(model: TrajectoryModel, mesh: Mesh, states: Floats) -> tuple[Floats, Floats]:
     """Return the variance of every state at every point, and where its centre is from the estimate, shape (n, D)."""
-    equations, width = problem.dynamics.equations, problem.dynamics.width
-    gaps = problem.gaps(mesh, states)
-    weights = problem.measurement.weights(gaps)
-    noise = problem.measurement.noise
+    equations, width = model.dynamics.equations, model.dynamics.width
+    residuals = model.residuals(mesh, states)
+    weights = model.observation.weights(residuals)
+    noise = model.observation.noise
     missing = np.tile((_MISSING * noise) ** 2, (len(mesh), 1))
     variances = np.empty((len(mesh), width))
     with np.errstate(divide="ignore"):
         variances[:, :equations] = np.where(weights > 0, 1 / weights, missing)
     # The rates of a law of second order, which nobody measured
-    variances[:, equations:] = (_RATE * noise[: width - equations] / np.median(mesh.steps[mesh.linked])) ** 2
+    variances[:, equations:] = (_RATE * noise[: width - equations] / np.median(mesh.steps[mesh.contiguous])) ** 2
     offsets = np.zeros((len(mesh), width))
-    offsets[:, :equations] = np.where(mesh.seen, gaps, 0.0)
+    offsets[:, :equations] = np.where(mesh.observed, residuals, 0.0)
     return variances, offsets
 
 
-def _covariance(slopes: Slopes, variances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
+def _covariance(jacobians: Jacobians, variances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
     """Return the covariance of the defects by its lower bands, in LAPACK's layout, shape (2 D, steps D)."""
-    steps, width = slopes.defects.shape
-    before = slopes.before * variances[:-1, np.newaxis]
-    after = slopes.after * variances[1:, np.newaxis]
-    diagonal = np.matmul(before, slopes.before.transpose(0, 2, 1)) + np.matmul(after, slopes.after.transpose(0, 2, 1))
-    diagonal[:, range(width), range(width)] += np.where(mesh.linked[:, np.newaxis], allowed, 1.0)
-    beside = np.matmul(slopes.before[1:], after[:-1].transpose(0, 2, 1))
+    steps, width = jacobians.defects.shape
+    start = jacobians.start * variances[:-1, np.newaxis]
+    end = jacobians.end * variances[1:, np.newaxis]
+    diagonal = np.matmul(start, jacobians.start.transpose(0, 2, 1)) + np.matmul(end, jacobians.end.transpose(0, 2, 1))
+    diagonal[:, range(width), range(width)] += np.where(mesh.contiguous[:, np.newaxis], allowed, 1.0)
+    beside = np.matmul(jacobians.start[1:], end[:-1].transpose(0, 2, 1))
     bands = np.zeros((2 * width, steps * width))
     for i in range(width):
         for j in range(width):

@@ -1,0 +1,38 @@
+"""What measurements are worth: the noise of each state, and what counts as an outlier."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationModel:
+    """White noise of each measured state.
+
+    Parameters
+    ----------
+    noise
+        Standard deviations, shape (d,), above zero.
+    huber_threshold
+        Deviations of more than so many standard deviations count linearly instead of squared (Huber 1964), so that
+        outliers pull no harder than that; infinite for plain least squares.
+    """
+
+    noise: Floats
+    huber_threshold: float = np.inf
+
+    def deviance(self, residuals: Floats) -> float:
+        """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured."""
+        sizes = np.abs(residuals / self.noise)
+        sizes = sizes[~np.isnan(sizes)]
+        bound = self.huber_threshold
+        far = sizes > bound
+        return float(np.sum(sizes[~far] ** 2) + np.sum(2 * bound * sizes[far] - bound**2 if far.any() else 0.0))
+
+    def weights(self, residuals: Floats) -> Floats:
+        """Return the precision of each measurement, shape (n, d); zero where nothing was measured."""
+        sizes = np.abs(residuals / self.noise)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isnan(sizes), 0.0, 1 / np.maximum(sizes / self.huber_threshold, 1.0)) / self.noise**2
