@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.datasets import linear_drag
-from commonlaw.plots import Curve, plot_property, plot_strobe, plot_trials
+from commonlaw.plots import plot_trials
 from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
@@ -23,6 +24,7 @@ from studies.falling_balls.landing import (
     listed,
     order_verdict,
 )
+from studies.falling_balls.plots import plot_displacement, plot_property, plot_strobe
 from studies.falling_balls.printed import printed_table, prints_as
 from studies.falling_balls.settings import GOLF_BALL_OUNCES, REFERENCE_DRAGS, STROBE
 from studies.falling_balls.speeds import speeds
@@ -151,7 +153,7 @@ def _pictures(second: Trials) -> tuple[Picture, ...]:
             "displacement",
             "Distance fallen in the second drop on logarithmic axes. A body that falls at constant speed runs along "
             "slope one in the end, one without drag along slope two.",
-            partial(plot_trials, second, displacement=True),
+            partial(plot_displacement, second),
         ),
     )
 
@@ -175,18 +177,17 @@ def _slope_text(slopes: Sequence[float]) -> str:
     )
 
 
-def _references(drops: Trials) -> list[Curve]:
+def _references(drops: Trials) -> dict[str, tuple[Floats, Floats]]:
     """Return simulated falls from the drops' mean first height, down to where the drops end."""
     start = float(np.mean([trial.states[0, 0] for trial in drops]))
     end = min(float(trial.states.min()) for trial in drops)
-    drags, lines = (0.0, *REFERENCE_DRAGS), ("-", "--", ":")
-    samples = max(map(len, drops))
+    drags, samples = (0.0, *REFERENCE_DRAGS), max(map(len, drops))
     falls = linear_drag(drag=drags, height=start, samples=samples, trials=1, noise=0.0)
     labels = ["no drag", *(f"drag {-drag:g} v" for drag in REFERENCE_DRAGS)]
-    return [
-        Curve(label, fall.times, np.where(fall.states[:, 0] >= end, fall.states[:, 0], np.nan), line=line)
-        for label, fall, line in zip(labels, falls, lines, strict=True)
-    ]
+    return {
+        label: (fall.times, np.where(fall.states[:, 0] >= end, fall.states[:, 0], np.nan))
+        for label, fall in zip(labels, falls, strict=True)
+    }
 
 
 def _balls_verdict(balls: Balls, printed: Printed) -> Verdict:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.plots import plot_errors, plot_forecast
+from commonlaw.plots import plot_forecast
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from studies.falling_balls.default_forecasts import (
     CUBIC,
@@ -20,6 +20,7 @@ from studies.falling_balls.default_forecasts import (
 from studies.falling_balls.drag_choices import Choice, agreed, drag_choices, form_of
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.model_error import OTHER_DROP
+from studies.falling_balls.plots import plot_errors
 from studies.falling_balls.settings import HORIZON, MODEL_NAMES, RATE_SAMPLES, REDRAWS
 
 if TYPE_CHECKING:

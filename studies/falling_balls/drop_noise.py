@@ -7,9 +7,9 @@ from math import sqrt
 import numpy as np
 
 from commonlaw.differentiation import noise_level
-from commonlaw.plots import plot_by_object
 from commonlaw.report import Picture, Table, Text, Verdict
 from commonlaw.trials import Trials
+from studies.falling_balls.plots import plot_by_object
 from studies.falling_balls.rate_errors import LARGEST, NoisyFall, relative
 from studies.falling_balls.settings import PRINTED_NOISE
 

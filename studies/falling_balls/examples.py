@@ -10,9 +10,9 @@ from commonlaw.differentiation import CenteredDifference
 from commonlaw.discovery import discover
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
-from commonlaw.plots import Curve
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Schema, Trial, Trials
+from studies.falling_balls.plots import Curve
 from studies.falling_balls.settings import (
     EXAMPLE_BALL,
     EXAMPLE_FALL,

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.plots import Curve, plot_curves
 from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
 from studies.falling_balls.errata import ERRATA
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.landing import listed
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.settings import STANDARD_GRAVITY, WHIFFLE_BALLS
 
 if TYPE_CHECKING:

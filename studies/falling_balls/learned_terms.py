@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.plots import plot_heat_maps
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.method import coefficients_of, group_law, single_law
+from studies.falling_balls.plots import plot_heat_maps
 from studies.falling_balls.printed import printed_table
 from studies.falling_balls.settings import GROUP_THRESHOLD, SINGLE_THRESHOLD, WHIFFLE_BALLS
 

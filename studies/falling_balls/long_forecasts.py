@@ -10,11 +10,11 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
-from commonlaw.plots import Curve, plot_curves
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.report.values import cell
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.method import single_law
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
     GAP_LIMITS,

@@ -6,13 +6,13 @@ from functools import partial
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.plots import plot_errors
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.errata import PREDICTION
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.long_forecasts import long_forecasts
 from studies.falling_balls.method import group_law, single_law
+from studies.falling_balls.plots import plot_errors
 from studies.falling_balls.settings import (
     HORIZON,
     MODEL_NAMES,

@@ -7,10 +7,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import SavitzkyGolay
-from commonlaw.plots import Curve, Figure, plot_curves
+from commonlaw.plots import Figure
 from commonlaw.report import Picture, Section, Text, Verdict
 from studies.falling_balls.drop_noise import noise_blocks, noise_of_drops, noise_verdict
 from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.rate_errors import (
     BEST,
     METHODS,

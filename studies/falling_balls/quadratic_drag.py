@@ -112,7 +112,7 @@ def _search(seed: int) -> Grid:
 
 
 def _draw(grid: Grid) -> "Figure":
-    from commonlaw.plots import Curve, plot_curves
+    from studies.falling_balls.plots import Curve, plot_curves
 
     coefficients = [each for each in FINDING_COEFFICIENTS if each]
 

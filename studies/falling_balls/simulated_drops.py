@@ -135,7 +135,7 @@ def _count(right: Bools) -> Recovery:
 
 
 def _draw_recoveries(recoveries: Recoveries) -> "Figure":
-    from commonlaw.plots import Curve, plot_curves
+    from studies.falling_balls.plots import Curve, plot_curves
 
     curves = []
     for label, row in recoveries.items():

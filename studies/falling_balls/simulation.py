@@ -125,7 +125,7 @@ def by_noise(values: Mapping[float, Any]) -> dict[str, Any]:
 
 def heat_maps(laws: Mapping[str, Mapping[float, Law]]) -> "Figure":
     """Draw laws as a grid: a row for each title, a column for each noise."""
-    from commonlaw.plots import plot_heat_maps
+    from studies.falling_balls.plots import plot_heat_maps
 
     flat = {f"{title}, noise {noise:g} m": law for title, row in laws.items() for noise, law in row.items()}
     return plot_heat_maps(flat, len(next(iter(laws.values()))), row_titles=list(laws))

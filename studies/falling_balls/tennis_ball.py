@@ -60,7 +60,7 @@ def _falls() -> Falls:
 
 
 def _draw(falls: Falls) -> "Figure":
-    from commonlaw.plots import Curve, plot_curves
+    from studies.falling_balls.plots import Curve, plot_curves
 
     panels, labels = {}, {}
     for n in LONG_FALL:

@@ -10,8 +10,9 @@ import commonlaw as cl
 from commonlaw.differentiation import FiniteDifference, RobustSpline
 from commonlaw.formulation import DiscreteForm, StrongForm
 from commonlaw.library import Variables, parse_library
-from commonlaw.plots import plot_forecast, plot_strobe, plot_trials, render
+from commonlaw.plots import plot_forecast, plot_trials, render
 from commonlaw.trials import Trial, Trials, TrialStream, stream
+from studies.falling_balls.plots import plot_displacement, plot_strobe
 
 ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x", "y"]}
 
@@ -168,7 +169,7 @@ def test_plots_leave_gaps_out_without_a_warning():
     trials = collection()
     for figure in (
         plot_trials(trials),
-        plot_trials(collection(spiral(gaps=((0, 0), (7, 1)))), displacement=True),
+        plot_displacement(collection(spiral(gaps=((0, 0), (7, 1))))),
         plot_strobe(trials, every=2),
         plot_forecast(law().predict(trials)),
     ):

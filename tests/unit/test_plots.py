@@ -20,15 +20,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
 from commonlaw.library import PolynomialLibrary
-from commonlaw.plots import (
-    plot_coefficients,
-    plot_forecast,
-    plot_law,
-    plot_library,
-    plot_trials,
-    render,
-    save_figure,
-)
+from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
 from commonlaw.trials import Schema, Trial, Trials
 
 DRAG = tuple(np.linspace(-0.1, -0.7, 10))
@@ -75,7 +67,7 @@ def diverging() -> tuple[Law, Trials]:
 EVERY: dict[str, Callable[[], Figure]] = {
     "one trial": lambda: plot_trials(drops(1, trials=1)),
     "trials": lambda: plot_trials(drops()),
-    "displacement": lambda: plot_trials(drops(), displacement=True),
+    "references": lambda: plot_trials(drops(), references={"free fall": (np.arange(3.0), 47 - np.arange(3.0))}),
     "library": lambda: plot_library(drops(1)[0], FORM, law_of(drops(1)).terms),
     "coefficients": lambda: plot_coefficients(law_of(drops(), degree=3)),
     "one coefficient": lambda: plot_coefficients(law_of(drops(1)), "support"),
@@ -134,23 +126,6 @@ def test_unknown_states_and_objects_are_named() -> None:
         plot_forecast(law_of(drops(1)).predict(drops(1)), objects=["Bal 1"])
 
 
-def test_displacement_is_logarithmic_and_free_fall_runs_along_the_guide_of_slope_two() -> None:
-    trials = datasets.linear_drag(drag=[0.0], noise=0.0, trials=1)
-    (panel,) = plot_trials(trials, displacement=True).axes
-    assert panel.get_xscale() == panel.get_yscale() == "log"
-    assert panel.get_ylabel() == "|x − x(start)| (m)"
-    times, states = trials[0].times, trials[0].states[:, 0]
-    np.testing.assert_array_equal(xy(panel, 0), (times[1:], np.abs(states - states[0])[1:]))
-    slopes = [np.polyfit(*np.log(xy(panel, i)), 1)[0] for i in range(3)]
-    np.testing.assert_allclose(slopes, [2, 1, 2], rtol=1e-6)
-
-
-def test_the_displacement_of_a_state_that_does_not_change_is_said_in_words() -> None:
-    still = Trials((Trial("stone", "1", np.arange(3.0), np.ones(3)),), Schema(("x",)))
-    (panel,) = plot_trials(still, displacement=True).axes
-    assert [text.get_text() for text in panel.texts] == ["x does not change"]
-
-
 def test_the_library_has_a_panel_for_each_term_with_its_values_along_the_trial() -> None:
     trials = drops(1)
     terms = law_of(trials, degree=3).terms
@@ -160,6 +135,32 @@ def test_the_library_has_a_panel_for_each_term_with_its_values_along_the_trial()
     for i, panel in enumerate(figure.axes):
         np.testing.assert_array_equal(xy(panel, 0), (trials[0].times, rows[:, i]))
     assert [panel.get_xlabel() for panel in figure.axes] == [""] * 5 + ["t (s)"] * 5
+
+
+def test_reference_curves_are_black_in_their_own_line_styles_and_change_nothing_else() -> None:
+    times, trials = np.arange(20) / 15, drops(3)
+    curves = {"free fall": (times, 47 - 4.9 * times**2), "drag": (times, 47 - times)}
+    plain, figure = plot_trials(trials), plot_trials(trials, references=curves)
+    count = len(plain.axes[0].lines)
+    assert len(figure.axes[0].lines) == count + 2
+    for i in range(count):
+        np.testing.assert_array_equal(xy(figure.axes[0], i), xy(plain.axes[0], i))
+    for i, curve in enumerate(curves.values()):
+        np.testing.assert_array_equal(xy(figure.axes[0], count + i), curve)
+    lines = figure.axes[0].lines[-2:]
+    assert [(line.get_color(), line.get_linestyle()) for line in lines] == [("black", "-"), ("black", "--")]
+    assert legend_of(figure) == [*legend_of(plain), "free fall", "drag"]
+
+
+def test_candidate_terms_have_their_units_beside_the_axes() -> None:
+    trials = drops(1)
+    terms = law_of(trials).terms
+    labels = {
+        panel.get_title(): panel.get_ylabel()
+        for panel in plot_library(trials[0], FORM, terms, {"x": "m", "t": "s"}).axes
+    }
+    assert labels == {"$1$": "", "$x$": "m", "$v$": "m/s", "$x^{2}$": "m²", "$x v$": "m²/s", "$v^{2}$": "m²/s²"}
+    assert {panel.get_ylabel() for panel in plot_library(trials[0], FORM, terms).axes} == {""}
 
 
 def test_heat_maps_colour_magnitudes_blank_zeros_and_print_values() -> None:

@@ -20,7 +20,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import unknown
 from commonlaw.law import Law
 from commonlaw.plots.equations import left_hand_sides, term_labels
-from commonlaw.plots.style import ABSENT, COLORS, key, number_text, plain, settled, styled
+from commonlaw.plots.style import ABSENT, COLORS, frozen_layout, key, number_text, plain, styled
 
 
 @styled()
@@ -47,7 +47,7 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
     maps = HeatMaps(law, law.support.any(axis=0) | np.full(len(law.terms), terms == "all"))
     figure = Figure(figsize=(maps.width, maps.height), layout="constrained")
     maps.draw(figure, figure.add_gridspec(1, 1)[0])
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 @dataclass(frozen=True, eq=False)

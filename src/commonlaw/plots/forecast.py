@@ -18,9 +18,9 @@ from commonlaw.plots.style import (
     add_legend,
     axis_label,
     columns_for,
+    frozen_layout,
     key,
     plain,
-    settled,
     show_lowest_ticks,
     styled,
 )
@@ -58,7 +58,7 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     figure = Figure(figsize=(1.4 + 2.4 * max(columns, 2), 1 + 3 * lines), layout="constrained")
     draw_forecast(figure, figure.add_gridspec(1, 1)[0], shown, columns)
     add_legend(figure, forecast_keys(shown), above=True)
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from commonlaw.plots.coefficients import HeatMaps
 from commonlaw.plots.dots import DotPlot
 from commonlaw.plots.equations import equation_lines
 from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
-from commonlaw.plots.style import add_legend, settled, styled
+from commonlaw.plots.style import add_legend, frozen_layout, styled
 from commonlaw.trials import Trials
 
 _MOST_DOTS = 12
@@ -48,7 +48,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     coefficients.draw(figure, indices[0])
     draw_forecast(figure, indices[1], forecast, columns)
     add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)])
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _coefficients(law: Law, truth: Law | None) -> DotPlot | HeatMaps:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from commonlaw.formulation import StrongForm
 from commonlaw.library import Terms, Variables, term_unit
-from commonlaw.plots.style import COLORS, axis_label, columns_for, math, plain, settled, show_lowest_ticks, styled
+from commonlaw.plots.style import COLORS, axis_label, columns_for, frozen_layout, math, plain, show_lowest_ticks, styled
 from commonlaw.trials import Trial
 from commonlaw.trials.units import parse_unit
 
@@ -53,7 +53,7 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
         panels.append(panel)
     time = terms.variables.time
     show_lowest_ticks(panels, columns, axis_label(time, units.get(time, "")))
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> dict[str, str]:

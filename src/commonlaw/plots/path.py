@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
 from commonlaw.plots.equations import left_hand_sides
-from commonlaw.plots.style import COLORS, DASHES, add_legend, key, plain, settled, styled
+from commonlaw.plots.style import COLORS, DASHES, add_legend, frozen_layout, key, plain, styled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float
     chosen = key("chosen", color=COLORS[2], alpha=0.3, linewidth=8)
     lines = [key(plain(name, 40), color="black", linestyle=dash) for name, dash in lined]
     add_legend(figure, [chosen, *lines], above=True)
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:

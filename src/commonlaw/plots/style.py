@@ -72,7 +72,7 @@ def styled() -> Iterator[None]:
         yield
 
 
-def settled(figure: Figure) -> Figure:
+def frozen_layout(figure: Figure) -> Figure:
     """Lay the figure out once and for all, so that the same data give the same bytes, however often it is drawn.
 
     The solver behind matplotlib's constrained layout rounds differently from run to run, and moves panels a little

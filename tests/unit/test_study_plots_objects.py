@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from commonlaw.plots import Curve, plot_by_object, plot_curves, render
+from commonlaw.plots import render
+from studies.falling_balls.plots import Curve, plot_by_object, plot_curves
 
 PANELS = {
     "one way": {"drop 1": {"Ball": 0.2, "Cube": 0.1}, "drop 2": {"Ball": 0.3}},

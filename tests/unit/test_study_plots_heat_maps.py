@@ -12,7 +12,7 @@ from commonlaw import datasets
 from commonlaw.discovery import discover
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.plots import plot_heat_maps
+from studies.falling_balls.plots import plot_heat_maps
 
 
 def law_of(*coefficients: dict[str, float]) -> Law:

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.plots.style import axis_label, looks, plain, settled, styled
+from commonlaw.plots.style import axis_label, frozen_layout, looks, plain, styled
 from commonlaw.trials import Trials
 
 
@@ -53,7 +53,7 @@ def plot_strobe(trials: Trials, every: int = 3, state: str | None = None) -> Fig
     panel.grid(False, axis="x")
     panel.set_ylabel(axis_label(name, schema.units.get(name, "")))
     panel.set_title("every sample" if every == 1 else f"every {every}{_ordinal(every)} sample", loc="left")
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _ordinal(number: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from commonlaw.plots.style import COLORS, GREY, add_legend, key, looks, plain, settled, styled
+from commonlaw.plots.style import COLORS, GREY, add_legend, frozen_layout, key, looks, plain, styled
 from commonlaw.sphere_drag import MAX_REYNOLDS, STOKES, drag_coefficient
 
 _SPAN = (1e-1, 1e7)
@@ -59,7 +59,7 @@ def plot_drag_regimes(ranges: Mapping[str, tuple[float, float]] = _NONE) -> Figu
             key("Stokes: 24/Re", color=GREY, linestyle="-."),
         ],
     )
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _draw_curve(panel: Axes) -> None:

@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from commonlaw.plots import plot_errors, render
+from commonlaw.plots import render
+from studies.falling_balls.plots import plot_errors
 
 NAMES = [f"Ball {i}" for i in range(1, 11)]
 

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from commonlaw.plots.style import GREY, add_legend, columns_for, key, looks, plain, settled, styled
+from commonlaw.plots.style import GREY, add_legend, columns_for, frozen_layout, key, looks, plain, styled
 
 _SPAN: Mapping[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 
@@ -55,4 +55,4 @@ def plot_by_object(
     keys = [key(plain(label), color=each.color, marker=each.marker, linestyle="") for label, each in look.items()]
     keys += [key(plain(label), **{**_SPAN, "linewidth": 8}) for label in spans or {}]
     add_legend(figure, keys)
-    return settled(figure)
+    return frozen_layout(figure)

@@ -8,21 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw import datasets
-from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm
-from commonlaw.library import PolynomialLibrary
-from commonlaw.plots import (
-    Curve,
-    plot_drag_regimes,
-    plot_library,
-    plot_property,
-    plot_strobe,
-    plot_trials,
-    render,
-)
+from commonlaw.plots import render
 from commonlaw.sphere_drag import MAX_REYNOLDS, drag_coefficient
 from commonlaw.trials import Schema, Trial, Trials
+from studies.falling_balls.plots import plot_displacement, plot_drag_regimes, plot_property, plot_strobe
 
 TIMES = np.arange(20) / 15
 TRIALS = datasets.linear_drag(drag=(-0.1, -0.5, -0.7), trials=2)
@@ -71,15 +61,21 @@ def test_the_strobe_refuses_what_cannot_be_drawn() -> None:
         plot_strobe(TRIALS, state="y")
 
 
-def test_reference_curves_are_black_in_their_own_line_styles_and_change_nothing_else() -> None:
-    curves = [Curve("free fall", TIMES, 47 - 4.9 * TIMES**2), Curve("drag", TIMES, 47 - TIMES, line=":")]
-    plain, figure = plot_trials(TRIALS), plot_trials(TRIALS, references=curves)
-    drawn = points(figure.axes[0])
-    assert drawn[:-2] == points(plain.axes[0])
-    assert drawn[-2:] == [(TIMES.tolist(), np.asarray(curve.y).tolist()) for curve in curves]
-    lines = figure.axes[0].lines[-2:]
-    assert [(line.get_color(), line.get_linestyle()) for line in lines] == [("black", "-"), ("black", ":")]
-    assert legend_of(figure) == [*legend_of(plain), "free fall", "drag"]
+def test_displacement_is_logarithmic_and_free_fall_runs_along_the_guide_of_slope_two() -> None:
+    trials = datasets.linear_drag(drag=[0.0], noise=0.0, trials=1)
+    (panel,) = plot_displacement(trials).axes
+    assert panel.get_xscale() == panel.get_yscale() == "log"
+    assert panel.get_ylabel() == "|x − x(start)| (m)"
+    times, states = trials[0].times, trials[0].states[:, 0]
+    np.testing.assert_array_equal(points(panel)[0], (times[1:], np.abs(states - states[0])[1:]))
+    slopes = [np.polyfit(*np.log(points(panel)[i]), 1)[0] for i in range(3)]
+    np.testing.assert_allclose(slopes, [2, 1, 2], rtol=1e-6)
+
+
+def test_the_displacement_of_a_state_that_does_not_change_is_said_in_words() -> None:
+    still = Trials((Trial("stone", "1", np.arange(3.0), np.ones(3)),), Schema(("x",)))
+    (panel,) = plot_displacement(still).axes
+    assert [text.get_text() for text in panel.texts] == ["x does not change"]
 
 
 def test_objects_stand_at_their_property_with_a_panel_for_each_title() -> None:
@@ -127,22 +123,11 @@ def test_each_object_has_a_bar_over_its_reynolds_numbers_below_the_curve() -> No
     assert lower.get_xlabel() == "Reynolds number"
 
 
-def test_candidate_terms_have_their_units_beside_the_axes() -> None:
-    form = StrongForm(parse_differentiation("savgol:35:3"), order=2)
-    terms = PolynomialLibrary(2).bind(form.variables(TRIALS.schema))
-    labels = {
-        panel.get_title(): panel.get_ylabel()
-        for panel in plot_library(TRIALS[0], form, terms, {"x": "m", "t": "s"}).axes
-    }
-    assert labels == {"$1$": "", "$x$": "m", "$v$": "m/s", "$x^{2}$": "m²", "$x v$": "m²/s", "$v^{2}$": "m²/s²"}
-    assert {panel.get_ylabel() for panel in plot_library(TRIALS[0], form, terms).axes} == {""}
-
-
 @pytest.mark.parametrize(
     "draw",
     [
         lambda: plot_strobe(TRIALS),
-        lambda: plot_trials(TRIALS, references=[Curve("free fall", TIMES, TIMES)]),
+        lambda: plot_displacement(TRIALS),
         lambda: plot_property(with_property("density", {"Ball 1": 7.0, "Ball 2": 100.0}), "density", VALUES, "y (s)"),
         plot_drag_regimes,
         lambda: plot_drag_regimes({"A ball with a very long name indeed": (1.0, 1e6)}),

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from commonlaw.plots.style import COLORS, MARKERS, add_legend, columns_for, key, plain, settled, styled
+from commonlaw.plots.style import COLORS, MARKERS, add_legend, columns_for, frozen_layout, key, plain, styled
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def plot_curves(
         drawn.append(panel)
     shown = {curve.label: curve for curves in panels.values() for curve in curves}
     add_legend(figure, [key(plain(label), **_look(curve, indices[label])) for label, curve in shown.items()])
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _draw(panel: Axes, curve: Curve, index: int) -> None:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.plots.style import add_legend, axis_label, columns_for, key, looks, plain, settled, styled
+from commonlaw.plots.style import add_legend, axis_label, columns_for, frozen_layout, key, looks, plain, styled
 from commonlaw.trials import Trials
 
 _LOGARITHMIC = 10.0
@@ -58,7 +58,7 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
         first = first or panel
     shown = [each for each in indices if any(each in points for points in values.values())]
     add_legend(figure, [key(plain(each), color=look[each].color, marker=look[each].marker, **_OPEN) for each in shown])
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _numbers(trials: Trials, name: str) -> dict[str, float]:

@@ -9,7 +9,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.plots.coefficients import add_color_bar, heat_map, scale
 from commonlaw.plots.equations import term_labels
-from commonlaw.plots.style import plain, settled, styled
+from commonlaw.plots.style import frozen_layout, plain, styled
 
 
 @styled()
@@ -59,7 +59,7 @@ def plot_heat_maps(laws: Mapping[str, Law], columns: int, *, row_titles: Sequenc
             panel.set_ylabel(plain(row_titles[line]), fontweight="bold")
     if any(law.support.any() for law in laws.values()):
         add_color_bar(figure, mesh, list(panels.flat[: len(laws)]), width)
-    return settled(figure)
+    return frozen_layout(figure)
 
 
 def _check(laws: Mapping[str, Law]) -> None:

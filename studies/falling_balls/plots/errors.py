@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.array_types import Floats
-from commonlaw.plots.style import SETTINGS, Look, add_legend, columns_for, key, looks, plain, settled, styled
+from commonlaw.plots.style import SETTINGS, Look, add_legend, columns_for, frozen_layout, key, looks, plain, styled
 
 _APART = 1.3 * SETTINGS["lines.markersize"]
 """Least distance between the middles of two dots, points."""
@@ -53,8 +53,8 @@ def plot_errors(panels: Mapping[str, Mapping[str, Mapping[str, float]]], y_label
     if len(finite) < len(values):
         keys.append(key("infinite", color="black", marker="o", linestyle="", markerfacecolor="none"))
     add_legend(figure, keys)
-    # Dots are spread by their size on paper, which is known when the layout is settled
-    settled(figure)
+    # Dots are spread by their size on paper, which is known when the layout is frozen
+    frozen_layout(figure)
     for panel, groups in zip(drawn, panels.values(), strict=True):
         for index, group in enumerate(groups.values()):
             _draw(panel, index, group, look)
