@@ -1,6 +1,6 @@
 """The public names, each once; `__init__.py` loads them when they are first used."""
 
-from . import datasets as datasets, plots as plots, sphere_drag as sphere_drag
+from . import datasets as datasets, plots as plots
 from .differentiation import (
     CenteredDifference as CenteredDifference,
     FiniteDifference as FiniteDifference,

@@ -11,11 +11,11 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Text, Verdict
-from commonlaw.selection import Recovery, recovered
 from commonlaw.solvers import STLSQ, GroupSTLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.quadratic_drag import quadratic_drag
+from studies.falling_balls.recovery import Recovery, recovered
 from studies.falling_balls.settings import (
     AVERAGE_DIGITS,
     DIFFERENTIATION,

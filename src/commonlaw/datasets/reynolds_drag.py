@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw import sphere_drag
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact
+from commonlaw.datasets import exact, sphere_drag
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
 from commonlaw.datasets.measurement import Measurement, Seed, ball_names, fixed, numbers, sample_times, together
-from commonlaw.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
+from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -45,9 +44,9 @@ def _load(
 ) -> Trials:
     """Return drops of smooth spheres in air from rest (de Silva et al. 2020, appendix on realistic simulations).
 
-    They obey ``m x'' = m gravity - sign(x') rho A C_D(Re) x'^2 / 2`` with `commonlaw.sphere_drag.drag_coefficient`.
-    The default balls are like the golf ball, tennis ball, whiffle ball 1, baseball and blue basketball. The last one
-    leaves the range of that correlation towards the end of its drop.
+    They obey ``m x'' = m gravity - sign(x') rho A C_D(Re) x'^2 / 2`` with the C_D of
+    `commonlaw.datasets.sphere_drag.drag_coefficient`. The default balls are like the golf ball, tennis ball, whiffle
+    ball 1, baseball and blue basketball. The last one leaves the range of that correlation towards the end of its drop.
 
     Parameters
     ----------
