@@ -2,34 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.base import AbstractSolver, groups, threshold_path
+from commonlaw.solvers.candidate import Candidate, least_squares
 from commonlaw.solvers.settings import check_setting, check_shared
-from commonlaw.solvers.sized import fit_of, refit
-
-
-@dataclass(frozen=True, eq=False)
-class _Relaxed:
-    """Where the iteration came to rest.
-
-    Parameters
-    ----------
-    support
-        Shape (objects, terms).
-    values
-        What was compared with the threshold last, shape (objects, terms).
-    converged
-        Whether it came to rest.
-    """
-
-    support: Bools
-    values: Floats
-    converged: bool
 
 
 @dataclass(frozen=True)
@@ -63,6 +44,8 @@ class SR3(AbstractSolver):
     max_iterations: int = 1000
     normalize: bool = False
 
+    hyperparameter_name = "threshold"
+
     def __post_init__(self) -> None:
         check_setting("threshold", self.threshold, 0, optional=True)
         check_setting("nu", self.nu, 0, above=True)
@@ -70,62 +53,90 @@ class SR3(AbstractSolver):
         check_shared(self.shared)
 
     @property
-    def is_set(self) -> bool:
-        return self.threshold is not None
+    def hyperparameter(self) -> float | None:
+        return self.threshold
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the terms that stay, and their least-squares coefficients.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no threshold.
-        """
-        if self.threshold is None:
-            raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
-        relaxed = [self._relax(problems, target, allowed, self.threshold) for target, allowed in enumerate(candidates)]
-        chosen = [refit(problems, target, each.support, self.threshold) for target, each in enumerate(relaxed)]
-        largest = np.stack([each.values.max(axis=1, initial=0.0) for each in relaxed], axis=1)
-        return fit_of(chosen, largest, all(each.converged for each in relaxed))
-
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return the equations of growing thresholds, from all terms to none.
-
-        Where the iteration rests, every value that stayed is at least the threshold; it cannot rest there once the
-        threshold passes the smallest, which is the next that is tried.
-        """
-        found: list[Candidate] = []
-        threshold = 0.0
-        while True:
-            relaxed = self._relax(problems, target, allowed, threshold)
-            if not found or not np.array_equal(found[-1].support, relaxed.support):
-                found.append(refit(problems, target, relaxed.support, threshold))
-            if not relaxed.support.any():
-                return tuple(found)
-            smallest = relaxed.values[relaxed.support].min()
-            threshold = float(np.nextafter(max(smallest, threshold), np.inf))
-
-    def _relax(
-        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, threshold: float
-    ) -> _Relaxed:
-        """Iterate from the least-squares coefficients of all allowed terms."""
-        norms = np.array([problem.norms for problem in problems])
-        scale = np.sqrt(np.mean(norms**2, axis=0))
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        scale = np.sqrt(np.mean([problem.norms**2 for problem in problems], axis=0))
         scale = np.where(allowed & (scale > 0), scale, 1.0)
-        size = problems[0].terms
-        columns = np.array([problem.factor[:, :size] * allowed for problem in problems]) / scale
-        right = np.array([problem.factor[:, size + target] for problem in problems])
-        back = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(size) / self.nu)
-        pulled = np.matmul(back, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
-        sparse = np.array([problem.least_squares(allowed, target) for problem in problems]) * scale
-        unit = np.ones(size) if self.normalize else scale
+        by_group = [self._relaxation(group, target, allowed, scale) for group in groups(problems, self.shared)]
+
+        def candidate_at(threshold: float) -> Candidate:
+            return Candidate.join([self._relax(each, threshold) for each in by_group])
+
+        if values is not None:
+            return tuple(candidate_at(value) for value in values)
+        path = threshold_path(candidate_at)
+        return path[:1] + tuple(each for last, each in pairwise(path) if not np.array_equal(last.support, each.support))
+
+    def _relaxation(
+        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, scale: Floats
+    ) -> "_Relaxation":
+        terms = problems[0].terms
+        columns = np.array([problem.factor[:, :terms] * allowed for problem in problems]) / scale
+        right = np.array([problem.factor[:, terms + target] for problem in problems])
+        inverse = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(terms) / self.nu)
+        pulled = np.matmul(inverse, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
+        unit = np.ones(terms) if self.normalize else scale
+        return _Relaxation(problems, target, allowed, scale, unit, inverse, pulled)
+
+    def _relax(self, relaxation: "_Relaxation", threshold: float) -> Candidate:
+        """Iterate from the least-squares coefficients of all allowed terms."""
+        problems, target, allowed = relaxation.problems, relaxation.target, relaxation.allowed
+        everything = np.repeat(allowed[np.newaxis], len(problems), axis=0)
+        sparse, converged = least_squares(problems, target, everything) * relaxation.scale, False
         for _ in range(self.max_iterations):
-            dense = pulled + np.matmul(back, sparse[..., np.newaxis])[..., 0] / self.nu
-            sizes = np.abs(dense) / unit
-            values = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
-            support = allowed & (values >= threshold)
+            dense = relaxation.dense(sparse, self.nu)
+            sizes = np.linalg.norm(np.abs(dense) / relaxation.unit, axis=0)
+            support = allowed & (sizes >= threshold)
             following = np.where(support, dense, 0.0)
             change, sparse = np.abs(following - sparse).max(initial=0.0), following
-            if change <= 1e-10 * np.abs(sparse).max(initial=0.0):
-                return _Relaxed(support, np.where(allowed, values, 0.0), True)
-        return _Relaxed(support, np.where(allowed, values, 0.0), False)
+            converged = bool(change <= 1e-10 * np.abs(sparse).max(initial=0.0))
+            if converged:
+                break
+        supports = np.repeat(support[np.newaxis], len(problems), axis=0)
+        return Candidate(
+            supports,
+            least_squares(problems, target, supports),
+            threshold,
+            converged=converged,
+            largest=float(sizes[allowed].max(initial=0.0)),
+            smallest=float(sizes[support].min(initial=np.inf)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Relaxation:
+    """What the iteration for some objects needs, whatever the threshold.
+
+    Parameters
+    ----------
+    problems, target, allowed
+        As in `AbstractSolver.path`.
+    scale
+        What columns are divided by, shape (terms,).
+    unit
+        What scaled coefficients are divided by for the threshold, shape (terms,).
+    inverse
+        Of the normal equations of b, shape (objects, terms, terms).
+    pulled
+        The b that would follow from w = 0, shape (objects, terms).
+    """
+
+    problems: Sequence[LeastSquaresProblem]
+    target: int
+    allowed: Bools
+    scale: Floats
+    unit: Floats
+    inverse: Floats
+    pulled: Floats
+
+    def dense(self, sparse: Floats, nu: float) -> Floats:
+        """Return the coefficients b that fit, given the sparse ones w near which they stay, shape (objects, terms)."""
+        return np.asarray(self.pulled + np.matmul(self.inverse, sparse[..., np.newaxis])[..., 0] / nu)
