@@ -44,20 +44,12 @@ from .library import (
 )
 from .outcomes import Outcome as Outcome
 from .solvers import (
-    L1 as L1,
-    L2 as L2,
     SR3 as SR3,
     STLSQ as STLSQ,
-    BackwardElimination as BackwardElimination,
     BestSubset as BestSubset,
     Constrained as Constrained,
-    Count as Count,
-    ForwardSelection as ForwardSelection,
-    GroupSTLSQ as GroupSTLSQ,
     Lasso as Lasso,
-    Mean as Mean,
-    Median as Median,
-    Quantile as Quantile,
+    StepwiseSelection as StepwiseSelection,
 )
 from .trials import (
     Schema as Schema,

@@ -90,7 +90,8 @@ def learned_fall(name: str, viscosity: float = PRINTED_VISCOSITY) -> Example:
     form = StrongForm(CenteredDifference())
     speeds = [Trial(each.object, each.name, each.times, form.rates(each).derivatives[0]) for each in heights]
     trials = Trials(tuple(speeds), Schema(("v",), units={"v": "m/s", "t": "s"}))
-    law = discover(trials, library="poly:2", differentiation="centered", solver=STLSQ(EXAMPLE_THRESHOLDS[name]))
+    solver = STLSQ(EXAMPLE_THRESHOLDS[name], shared=False)
+    law = discover(trials, library="poly:2", differentiation="centered", solver=solver)
     times = np.arange(samples) * heights[0].times[1]
     (path,) = truth.simulate(times, (EXAMPLE_FALL["height"], 0.0)).values()
     return _example(law, learned_from, times, path.states[:, 1:])

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.discovery import discover
 from commonlaw.law import Law
-from commonlaw.solvers import STLSQ, GroupSTLSQ
+from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.settings import DIFFERENTIATION, LIBRARY
 
@@ -17,7 +17,7 @@ def single_law(trials: Trials, threshold: float | None, library: str = LIBRARY, 
 
     Without a threshold the whole path is searched. Other settings are those of `discover`.
     """
-    return discover(trials, solver=STLSQ(threshold), **_common(library, "smoothed") | others)
+    return discover(trials, solver=STLSQ(threshold, shared=False), **_common(library, "smoothed") | others)
 
 
 def group_law(trials: Trials, threshold: float | None, library: str = LIBRARY, **others: Any) -> Law:
@@ -25,7 +25,7 @@ def group_law(trials: Trials, threshold: float | None, library: str = LIBRARY, *
 
     Without a threshold the whole path is searched. Other settings are those of `discover`.
     """
-    return discover(trials, solver=GroupSTLSQ(threshold), **_common(library, "measured") | others)
+    return discover(trials, solver=STLSQ(threshold), **_common(library, "measured") | others)
 
 
 METHODS: Mapping[str, Callable[..., Law]] = {"single": single_law, "group": group_law}

@@ -11,7 +11,7 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Text, Verdict
-from commonlaw.solvers import STLSQ, GroupSTLSQ
+from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.quadratic_drag import quadratic_drag
@@ -107,7 +107,7 @@ def _many(clean: Trials, seeds: Sequence[int]) -> Laws:
     """Return the laws that each method finds at each noise, one for each seed."""
     grid = on_grid(DIFFERENTIATION, clean[0].times)
     learn = partial(discover, order=2, library=LIBRARY, differentiation=grid)
-    single, group = STLSQ(_THRESHOLDS["single"]), GroupSTLSQ(_THRESHOLDS["group"])
+    single, group = STLSQ(_THRESHOLDS["single"], shared=False), STLSQ(_THRESHOLDS["group"])
     laws: dict[str, dict[float, list[Law]]] = {method: {n: [] for n in RECOVERY_NOISES} for method in _THRESHOLDS}
     for seed in seeds:
         for noise, trials in simulated(clean, RECOVERY_NOISES, seed).items():

@@ -15,7 +15,7 @@ DROPS = cl.datasets.linear_drag()
 
 @pytest.fixture(scope="module")
 def law() -> Law:
-    return cl.discover(DROPS, solver=cl.GroupSTLSQ(), **SETTINGS)
+    return cl.discover(DROPS, solver=cl.STLSQ(), **SETTINGS)
 
 
 def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
@@ -26,7 +26,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
     assert path["chosen"].sum() == 1
     for row in path.to_dict("records"):
         for threshold in (row["from"] * (1 + 1e-9), min(row["to"], 1e300) * (1 - 1e-9)):
-            at = cl.discover(DROPS, solver=cl.GroupSTLSQ(threshold), **SETTINGS)
+            at = cl.discover(DROPS, solver=cl.STLSQ(threshold), **SETTINGS)
             assert (
                 ", ".join(name for name, used in zip(at.terms.names, at.support[0], strict=True) if used)
                 == row["terms"]
@@ -79,7 +79,7 @@ def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law:
 
 def test_each_equation_has_its_own_column() -> None:
     pairs = cl.datasets.lotka_volterra(trials=2)
-    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(), n_resamples=0)
+    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(shared=False), n_resamples=0)
     figure = plot_path(law, "smallest coefficient")
     assert len(figure.axes) == 4
     assert all(figure.axes[i].get_title().startswith("equation of") for i in (0, 1))

@@ -73,8 +73,8 @@ class LawDiscovery:
     differentiation
         How rates are estimated, or its text such as ``"savgol:35:3"``. Default: `default_differentiation`.
     solver
-        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without its setting, ``GroupSTLSQ()``,
-        offers its whole path, from which `rule` chooses. Default: the paths of ``GroupSTLSQ()`` and ``BestSubset()``.
+        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without its setting, ``STLSQ()``,
+        offers its whole path, from which `rule` chooses. Default: the paths of ``STLSQ()`` and ``BestSubset()``.
     fixed
         Known terms: term to coefficient (``{"1": -9.8}``), or to coefficients by object; with several states the term
         is given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side.
@@ -250,7 +250,10 @@ class LawDiscovery:
             raise unknown("formulation", self.formulation, FORMULATIONS)
         of_rates = [name for name in _OF_RATES if getattr(self, name) != _DEFAULTS[name]]
         solver = self._solver()
-        reasons = [*of_rates, *["a solver with its setting"] * (solver is not None and solver.is_set)]
+        reasons = [
+            *of_rates,
+            *["a solver with its setting"] * (solver is not None and solver.hyperparameter is not None),
+        ]
         reasons += ["order=0"] * (self.order == 0) + ["a stream"] * isinstance(trials, TrialStream)
         if self.formulation == "trajectories" and reasons:
             raise CommonlawError(
@@ -309,15 +312,15 @@ class LawDiscovery:
     ) -> Law:
         """Return the law that a solver finds, or that is chosen from solvers' paths, on the rows of a formulation."""
         terms = self._library().bind(form.variables(trials.schema))
-        is_set = solver is not None and solver.is_set
-        data = compress(trials, trials.schema, form, terms, parts=1 if is_set else BLOCKS, n_jobs=self.n_jobs)
+        has_value = solver is not None and solver.hyperparameter is not None
+        data = compress(trials, trials.schema, form, terms, parts=1 if has_value else BLOCKS, n_jobs=self.n_jobs)
         known = known_coefficients(self.fixed or {}, trials.schema.states, data.objects, terms)
         rates = None if self.order == 0 else self._differentiation(trials)
         law = Law(terms, trials.schema, self.order, data.objects, np.nan_to_num(known), rates)
         universal = [place_of(key, trials.schema.states, terms) for key in self.universal]
-        if solver is not None and is_set:
-            fit = sharing(solver, universal).solve(data.subtract(law.coefficients).problems, np.isnan(known[0]))
-            found = fitted_law(law, fit, solver)
+        if solver is not None and has_value:
+            candidates = sharing(solver, universal).solve(data.subtract(law.coefficients).problems, np.isnan(known[0]))
+            found = fitted_law(law, candidates, solver)
         else:
             accuracy = Accuracy(form, terms, some_trials(trials, data.objects))
             listed = default_solvers(len(terms)) if solver is None else (solver,)

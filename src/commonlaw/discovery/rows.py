@@ -8,12 +8,11 @@ from commonlaw.formulation import MOST_GROUPS, Compressed
 from commonlaw.law import Law
 from commonlaw.selection import ForecastError, make_folds
 from commonlaw.solvers import (
+    STLSQ,
     AbstractSolver,
-    BackwardElimination,
     BestSubset,
     Constrained,
-    ForwardSelection,
-    GroupSTLSQ,
+    StepwiseSelection,
 )
 from commonlaw.trials import Trial, Trials, TrialStream
 
@@ -37,7 +36,9 @@ def default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
     Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
     are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
     """
-    return (GroupSTLSQ(), BestSubset()) if terms <= _MANY_TERMS else (ForwardSelection(), BackwardElimination())
+    if terms <= _MANY_TERMS:
+        return STLSQ(), BestSubset()
+    return StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
 
 
 def some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Trial]]:

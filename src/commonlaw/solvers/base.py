@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -86,3 +87,9 @@ def threshold_path(candidate_at: Callable[[float], Candidate]) -> tuple[Candidat
         last = found[-1]
         found.append(candidate_at(float(np.nextafter(max(last.smallest, last.hyperparameter), np.inf))))
     return tuple(found)
+
+
+def each_support_once(path: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return a path without the candidates that have the support of the one before."""
+    changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
+    return (path[0], *changed)

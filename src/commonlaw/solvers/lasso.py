@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, groups
+from commonlaw.solvers.base import AbstractSolver, each_support_once, groups
 from commonlaw.solvers.candidate import Candidate, least_squares
 from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.standardized_problem import StandardizedProblem
@@ -69,9 +68,7 @@ class Lasso(AbstractSolver):
         by_group = [self._candidates(group, target, allowed, penalties) for group in groups(problems, self.shared)]
         found = {own[0].hyperparameter: Candidate.join(own) for own in zip(*by_group, strict=True)}
         path = tuple(found[value] for value in wanted)
-        if values is not None:
-            return path
-        return path[:1] + tuple(each for last, each in pairwise(path) if not np.array_equal(last.support, each.support))
+        return each_support_once(path) if values is None else path
 
     def _candidates(
         self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, penalties: Sequence[float]

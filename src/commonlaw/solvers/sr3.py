@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, groups, threshold_path
+from commonlaw.solvers.base import AbstractSolver, each_support_once, threshold_path
 from commonlaw.solvers.candidate import Candidate, least_squares
 from commonlaw.solvers.settings import check_setting, check_shared
 
@@ -63,80 +62,66 @@ class SR3(AbstractSolver):
         allowed: Bools,
         values: Sequence[float] | None = None,
     ) -> tuple[Candidate, ...]:
-        scale = np.sqrt(np.mean([problem.norms**2 for problem in problems], axis=0))
-        scale = np.where(allowed & (scale > 0), scale, 1.0)
-        by_group = [self._relaxation(group, target, allowed, scale) for group in groups(problems, self.shared)]
+        relaxation = self._relaxation(problems, target, allowed)
 
         def candidate_at(threshold: float) -> Candidate:
-            return Candidate.join([self._relax(each, threshold) for each in by_group])
+            support, compared, converged = self._relax(relaxation, allowed, threshold)
+            stayed, coefficients = compared[support].min(initial=np.inf), least_squares(problems, target, support)
+            largest = float(compared[:, allowed].max(initial=0.0))
+            return Candidate(support, coefficients, threshold, False, converged, largest, float(stayed))
 
         if values is not None:
             return tuple(candidate_at(value) for value in values)
-        path = threshold_path(candidate_at)
-        return path[:1] + tuple(each for last, each in pairwise(path) if not np.array_equal(last.support, each.support))
+        return each_support_once(threshold_path(candidate_at))
 
-    def _relaxation(
-        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, scale: Floats
-    ) -> "_Relaxation":
-        terms = problems[0].terms
+    def _relaxation(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "_Relaxation":
+        norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
+        scale = np.sqrt(np.mean(norms**2, axis=0))
+        scale = np.where(allowed & (scale > 0), scale, 1.0)
         columns = np.array([problem.factor[:, :terms] * allowed for problem in problems]) / scale
         right = np.array([problem.factor[:, terms + target] for problem in problems])
         inverse = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(terms) / self.nu)
         pulled = np.matmul(inverse, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
-        unit = np.ones(terms) if self.normalize else scale
-        return _Relaxation(problems, target, allowed, scale, unit, inverse, pulled)
+        start = least_squares(problems, target, np.repeat(allowed[np.newaxis], len(problems), axis=0)) * scale
+        return _Relaxation(start, np.ones(terms) if self.normalize else scale, inverse, pulled)
 
-    def _relax(self, relaxation: "_Relaxation", threshold: float) -> Candidate:
-        """Iterate from the least-squares coefficients of all allowed terms."""
-        problems, target, allowed = relaxation.problems, relaxation.target, relaxation.allowed
-        everything = np.repeat(allowed[np.newaxis], len(problems), axis=0)
-        sparse, converged = least_squares(problems, target, everything) * relaxation.scale, False
+    def _relax(self, relaxation: "_Relaxation", allowed: Bools, threshold: float) -> tuple[Bools, Floats, bool]:
+        """Return the support at rest, what was compared with the threshold last, and whether it came to rest.
+
+        All objects take their turns together, where each has its own terms too: one product of arrays for all.
+        """
+        sparse, converged = relaxation.start, False
         for _ in range(self.max_iterations):
-            dense = relaxation.dense(sparse, self.nu)
-            sizes = np.linalg.norm(np.abs(dense) / relaxation.unit, axis=0)
-            support = allowed & (sizes >= threshold)
+            pull = np.matmul(relaxation.inverse, sparse[..., np.newaxis])[..., 0] / self.nu
+            dense = relaxation.pulled + pull
+            sizes = np.abs(dense) / relaxation.unit
+            compared = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
+            support = allowed & (compared >= threshold)
             following = np.where(support, dense, 0.0)
             change, sparse = np.abs(following - sparse).max(initial=0.0), following
             converged = bool(change <= 1e-10 * np.abs(sparse).max(initial=0.0))
             if converged:
                 break
-        supports = np.repeat(support[np.newaxis], len(problems), axis=0)
-        return Candidate(
-            supports,
-            least_squares(problems, target, supports),
-            threshold,
-            converged=converged,
-            largest=float(sizes[allowed].max(initial=0.0)),
-            smallest=float(sizes[support].min(initial=np.inf)),
-        )
+        return support, compared, converged
 
 
 @dataclass(frozen=True, eq=False)
 class _Relaxation:
-    """What the iteration for some objects needs, whatever the threshold.
+    """What the iteration needs at every threshold.
 
     Parameters
     ----------
-    problems, target, allowed
-        As in `AbstractSolver.path`.
-    scale
-        What columns are divided by, shape (terms,).
+    start
+        Least squares on all allowed terms, in scaled columns, shape (objects, terms).
     unit
-        What scaled coefficients are divided by for the threshold, shape (terms,).
+        What coefficients of scaled columns are divided by for the threshold, shape (terms,).
     inverse
         Of the normal equations of b, shape (objects, terms, terms).
     pulled
-        The b that would follow from w = 0, shape (objects, terms).
+        The b that follows from w = 0, shape (objects, terms).
     """
 
-    problems: Sequence[LeastSquaresProblem]
-    target: int
-    allowed: Bools
-    scale: Floats
+    start: Floats
     unit: Floats
     inverse: Floats
     pulled: Floats
-
-    def dense(self, sparse: Floats, nu: float) -> Floats:
-        """Return the coefficients b that fit, given the sparse ones w near which they stay, shape (objects, terms)."""
-        return np.asarray(self.pulled + np.matmul(self.inverse, sparse[..., np.newaxis])[..., 0] / nu)

@@ -30,8 +30,8 @@ class STLSQ(AbstractSolver):
     shared
         Whether all objects have the same terms, or each object its own.
     importance
-        The measure R of a row of coefficients, for a shared support: `L1` (the paper's), `L2`, `Mean`, `Median`,
-        `Quantile`, `Count`.
+        The measure R of a row of coefficients, for a shared support: of `commonlaw.solvers`, `L1` (the paper's), `L2`,
+        `Mean`, `Median`, `Quantile` or `Count`.
     ridge
         Weight of the squared norm of the coefficients, in their own units also where columns are scaled for the
         threshold, in each least-squares problem.
