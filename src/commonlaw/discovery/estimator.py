@@ -108,7 +108,7 @@ class LawDiscovery:
         everywhere.
     pool
         Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike, see
-        `Law.pooled`.
+        `Law.partial_pooling`.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
 
