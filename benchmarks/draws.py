@@ -77,9 +77,9 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
 def _outcome(name: str, level: float, seed: int) -> Outcome:
     known = experiment(name)
     trials = known.measured(level, seed)
-    law = known.discover(trials, pool=False)
+    law = known.discover(trials, partial_pooling=False)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(_stated(known, law), _stated(known, law.partial_pooling()), plain)
+    return Outcome(_stated(known, law), _stated(known, law.pooled()), plain)
 
 
 def _stated(known: Experiment, law: cl.Law) -> Stated | None:

@@ -92,9 +92,14 @@ class Experiment:
         names = self.family.variables[: len(noise)]
         return cl.Trials.from_arrays([self.family.times] * len(states), states, object=objects, names=names)
 
-    def discover(self, trials: cl.Trials, pool: bool = True) -> cl.Law:
+    def discover(self, trials: cl.Trials, partial_pooling: bool = True) -> cl.Law:
         """Return what commonlaw finds with nothing given but the order and the library."""
-        return cl.discover(trials, order=self.family.order, library=self.family.library, pool=pool)
+        return cl.discover(
+            trials,
+            order=self.family.order,
+            library=self.family.library,
+            method=cl.TrajectoryLikelihood(partial_pooling=partial_pooling),
+        )
 
     def estimates(self, law: cl.Law) -> Floats | None:
         """Return the coefficients as those here are ordered; nothing if an object's support is not the true one."""

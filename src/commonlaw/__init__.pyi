@@ -1,6 +1,6 @@
 """The public names, each once; `__init__.py` loads them when they are first used."""
 
-from . import datasets as datasets, plots as plots
+from . import datasets as datasets, plots as plots, sphere_drag as sphere_drag
 from .differentiation import (
     CenteredDifference as CenteredDifference,
     FiniteDifference as FiniteDifference,
@@ -16,7 +16,11 @@ from .differentiation import (
     noise_level as noise_level,
 )
 from .discovery import (
+    DerivativeRegression as DerivativeRegression,
+    DiscreteTimeRegression as DiscreteTimeRegression,
     LawDiscovery as LawDiscovery,
+    TrajectoryLikelihood as TrajectoryLikelihood,
+    WeakRegression as WeakRegression,
     discover as discover,
 )
 from .errors import CommonlawError as CommonlawError
@@ -44,12 +48,20 @@ from .library import (
 )
 from .outcomes import Outcome as Outcome
 from .solvers import (
+    L1 as L1,
+    L2 as L2,
     SR3 as SR3,
     STLSQ as STLSQ,
+    BackwardElimination as BackwardElimination,
     BestSubset as BestSubset,
     Constrained as Constrained,
+    Count as Count,
+    ForwardSelection as ForwardSelection,
+    GroupSTLSQ as GroupSTLSQ,
     Lasso as Lasso,
-    StepwiseSelection as StepwiseSelection,
+    Mean as Mean,
+    Median as Median,
+    Quantile as Quantile,
 )
 from .trials import (
     Schema as Schema,

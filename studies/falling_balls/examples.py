@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices
 from commonlaw.datasets import PRINTED_VISCOSITY, linear_drag, nonlinear_oscillator, reynolds_drag
 from commonlaw.differentiation import CenteredDifference
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
 from commonlaw.solvers import STLSQ
@@ -19,6 +19,7 @@ from studies.falling_balls.settings import (
     EXAMPLE_SAMPLES,
     EXAMPLE_THRESHOLDS,
     OSCILLATOR,
+    OSCILLATOR_LIBRARY,
     OSCILLATOR_SAMPLES,
 )
 
@@ -79,7 +80,11 @@ class Example:
 def learned_oscillator() -> Example:
     learned_from, samples = OSCILLATOR_SAMPLES
     (whole,) = nonlinear_oscillator(samples=samples)
-    law = discover(nonlinear_oscillator(samples=learned_from), **OSCILLATOR)
+    law = discover(
+        nonlinear_oscillator(samples=learned_from),
+        library=OSCILLATOR_LIBRARY,
+        method=DerivativeRegression(**OSCILLATOR),
+    )
     return _example(law, learned_from, whole.times, whole.states)
 
 
@@ -90,8 +95,11 @@ def learned_fall(name: str, viscosity: float = PRINTED_VISCOSITY) -> Example:
     form = StrongForm(CenteredDifference())
     speeds = [Trial(each.object, each.name, each.times, form.rates(each).derivatives[0]) for each in heights]
     trials = Trials(tuple(speeds), Schema(("v",), units={"v": "m/s", "t": "s"}))
-    solver = STLSQ(EXAMPLE_THRESHOLDS[name], shared=False)
-    law = discover(trials, library="poly:2", differentiation="centered", solver=solver)
+    law = discover(
+        trials,
+        library="poly:2",
+        method=DerivativeRegression(differentiation="centered", solver=STLSQ(EXAMPLE_THRESHOLDS[name])),
+    )
     times = np.arange(samples) * heights[0].times[1]
     (path,) = truth.simulate(times, (EXAMPLE_FALL["height"], 0.0)).values()
     return _example(law, learned_from, times, path.states[:, 1:])

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
-from commonlaw.solvers import STLSQ
+from commonlaw.solvers import STLSQ, AbstractSolver, GroupSTLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.settings import DIFFERENTIATION, LIBRARY
 
@@ -15,17 +15,17 @@ from studies.falling_balls.settings import DIFFERENTIATION, LIBRARY
 def single_law(trials: Trials, threshold: float | None, library: str = LIBRARY, **others: Any) -> Law:
     """Return the law in which each object has its own terms: STLSQ, terms on the smoothed heights.
 
-    Without a threshold the whole path is searched. Other settings are those of `discover`.
+    Without a threshold the whole path is searched. Other settings are those of `DerivativeRegression`.
     """
-    return discover(trials, solver=STLSQ(threshold, shared=False), **_common(library, "smoothed") | others)
+    return _law(trials, library, STLSQ(threshold), "smoothed", others)
 
 
 def group_law(trials: Trials, threshold: float | None, library: str = LIBRARY, **others: Any) -> Law:
     """Return the law whose terms all objects share: group STLSQ, terms on the heights as measured.
 
-    Without a threshold the whole path is searched. Other settings are those of `discover`.
+    Without a threshold the whole path is searched. Other settings are those of `DerivativeRegression`.
     """
-    return discover(trials, solver=STLSQ(threshold), **_common(library, "measured") | others)
+    return _law(trials, library, GroupSTLSQ(threshold), "measured", others)
 
 
 METHODS: Mapping[str, Callable[..., Law]] = {"single": single_law, "group": group_law}
@@ -37,5 +37,12 @@ def coefficients_of(law: Law, ball: str) -> dict[str, float]:
     return {law.terms.names[k]: float(own[k]) for k in np.flatnonzero(own)}
 
 
-def _common(library: str, states: Literal["smoothed", "measured"]) -> dict[str, Any]:
-    return {"order": 2, "library": library, "differentiation": DIFFERENTIATION, "library_states": states}
+def _law(
+    trials: Trials,
+    library: str,
+    solver: AbstractSolver,
+    states: Literal["smoothed", "measured"],
+    others: dict[str, Any],
+) -> Law:
+    settings = {"differentiation": DIFFERENTIATION, "library_states": states} | others
+    return discover(trials, order=2, library=library, method=DerivativeRegression(solver=solver, **settings))

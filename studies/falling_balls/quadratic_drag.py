@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.datasets import linear_drag
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.selection import Recovery
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.method import group_law
-from studies.falling_balls.recovery import Recovery
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
     FINDING,
     FINDING_COEFFICIENTS,
     FINDING_DIFFERENTIATION,
+    FINDING_LIBRARY,
     FINDING_NOISES,
     FINDING_SEEDS,
     FINDING_TRIALS,
@@ -96,11 +97,12 @@ def _search(seed: int) -> Grid:
     for coefficient in FINDING_COEFFICIENTS:
         clean = linear_drag(quadratic=coefficient, noise=0.0, trials=max(FINDING_TRIALS))
         grid = on_grid(FINDING_DIFFERENTIATION, clean[0].times)
+        method = DerivativeRegression(differentiation=grid, **FINDING)
         for each in range(seed, seed + FINDING_SEEDS):
             for noise, trials in simulated(clean, FINDING_NOISES, each).items():
                 for drops in FINDING_TRIALS:
                     some = trials.keep([trial for trial in trials if int(trial.name) <= drops])
-                    law = discover(some, differentiation=grid, **FINDING)
+                    law = discover(some, order=2, library=FINDING_LIBRARY, method=method)
                     right.setdefault((noise, drops, coefficient), []).append(set(average(law)))
     return {
         key: (

@@ -9,10 +9,10 @@ import numpy as np
 from commonlaw import datasets
 from commonlaw.array_types import Bools
 from commonlaw.datasets import PRINTED_VISCOSITY
-from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.sphere_drag import AIR_VISCOSITY
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import THRESHOLDS
 from studies.falling_balls.inquiry import Inquiry
@@ -21,6 +21,7 @@ from studies.falling_balls.settings import (
     EXTREME,
     FINDING,
     FINDING_DIFFERENTIATION,
+    FINDING_LIBRARY,
     FINDING_NOISES,
     NOISES,
     PRINTED_THRESHOLDS,
@@ -122,7 +123,12 @@ def _titled(laws: Laws, thresholds: Mapping[str, float]) -> dict[str, Mapping[fl
 def _other_method(clean: Trials, seed: int) -> Law:
     """Return what the method learns that finds a squared velocity where there is one."""
     (drops,) = simulated(clean, FINDING_NOISES[:1], seed).values()
-    return discover(drops, differentiation=FINDING_DIFFERENTIATION, **FINDING)
+    return discover(
+        drops,
+        order=2,
+        library=FINDING_LIBRARY,
+        method=DerivativeRegression(differentiation=FINDING_DIFFERENTIATION, **FINDING),
+    )
 
 
 def _variants_frame(variants: Mapping[str, Laws], other: Mapping[str, Law]) -> "pd.DataFrame":

@@ -8,14 +8,14 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.datasets import linear_drag
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Text, Verdict
-from commonlaw.solvers import STLSQ
+from commonlaw.selection import Recovery, recovered
+from commonlaw.solvers import STLSQ, GroupSTLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.quadratic_drag import quadratic_drag
-from studies.falling_balls.recovery import Recovery, recovered
 from studies.falling_balls.settings import (
     AVERAGE_DIGITS,
     DIFFERENTIATION,
@@ -106,13 +106,15 @@ def simulated_drops(inquiry: Inquiry) -> Section:
 def _many(clean: Trials, seeds: Sequence[int]) -> Laws:
     """Return the laws that each method finds at each noise, one for each seed."""
     grid = on_grid(DIFFERENTIATION, clean[0].times)
-    learn = partial(discover, order=2, library=LIBRARY, differentiation=grid)
-    single, group = STLSQ(_THRESHOLDS["single"], shared=False), STLSQ(_THRESHOLDS["group"])
+    learn = partial(discover, order=2, library=LIBRARY)
+    single = DerivativeRegression(differentiation=grid, solver=STLSQ(_THRESHOLDS["single"]))
+    solver = GroupSTLSQ(_THRESHOLDS["group"])
+    group = DerivativeRegression(differentiation=grid, solver=solver, library_states="measured")
     laws: dict[str, dict[float, list[Law]]] = {method: {n: [] for n in RECOVERY_NOISES} for method in _THRESHOLDS}
     for seed in seeds:
         for noise, trials in simulated(clean, RECOVERY_NOISES, seed).items():
-            laws["single"][noise].append(learn(trials, solver=single, library_states="smoothed"))
-            laws["group"][noise].append(learn(trials, solver=group, library_states="measured"))
+            laws["single"][noise].append(learn(trials, method=single))
+            laws["group"][noise].append(learn(trials, method=group))
     return laws
 
 

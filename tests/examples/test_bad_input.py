@@ -139,8 +139,8 @@ def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(monkeypa
     law = cl.discover(
         cl.Trials.read("drops.csv", object="ball", trial="drop", time="t", states=["height"]),
         library="terms:height**2",
-        solver="stlsq:0",
-        fixed={"height^2": 1.0},
+        method=cl.DerivativeRegression(solver="stlsq:0"),
+        known={"height^2": 1.0},
     )
     law.save("law.json")
     monkeypatch.setattr("sys.argv", ["commonlaw", "predict", "law.json", "drops.csv", "--save", "forecast.csv"])

@@ -112,7 +112,7 @@ def test_a_law_by_rates_is_refined(run, tmp_path):
 
 @pytest.mark.usefixtures("table")
 def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
-    for name, options in (("law", ()), ("drawn", ("--errors", "bootstrap")), ("alone", ("--no-pool",))):
+    for name, options in (("law", ()), ("drawn", ("--covariance", "bootstrap")), ("alone", ("--no-partial-pooling",))):
         code, _, _ = run(
             "discover", "drops.csv", *DROPS, "--order", "2", "--library", "poly:1", *options, "--save", f"{name}.json"
         )
@@ -183,7 +183,7 @@ def test_a_data_set_shows_its_truth_beside_what_was_learned(run):
 
 
 def test_known_terms_and_each_objects_own_terms(run):
-    own = ["--fix", "1=-9.8", "--differentiation", "finite:6", "--solver", "stlsq:0.05"]
+    own = ["--known", "1=-9.8", "--differentiation", "finite:6", "--solver", "stlsq:0.05"]
     code, out, _ = run("discover", "--dataset", "linear-drag:noise=0", *SETTINGS[:4], *own, "--json")
     assert code == 0
     assert json.loads(out)["equations"]["Ball 4"] == ["x'' = -9.8 - 0.5 v"]
@@ -231,8 +231,8 @@ def test_every_command_explains_itself(run, command):
         (["discover"], "give a file of measurements, or a data set with --dataset"),
         (["discover", "a.csv", "--dataset", "lorenz"], "give a file or --dataset, not both"),
         (["discover", "a.csv", "--order", "3"], "3 is not in the range 0<=x<=2"),
-        (["discover", "--dataset", "lorenz", "--fix", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
-        (["discover", "--dataset", "lorenz", "--fix", "1=g"], "'g' is not a number"),
+        (["discover", "--dataset", "lorenz", "--known", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
+        (["discover", "--dataset", "lorenz", "--known", "1=g"], "'g' is not a number"),
         (["discvoer"], "No such command 'discvoer'"),
         (["predict"], "Missing argument 'LAW.json'"),
         (["data", "export", "--dataset", "lorenz"], "Missing option '--save'"),
@@ -242,3 +242,57 @@ def test_wrong_usage_ends_with_2(run, arguments, message):
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert message in err
+
+
+def test_the_help_of_discover_groups_options_by_method(run):
+    _, out, _ = run("discover", "--help")
+    heads = [line.rstrip(":") for line in out.splitlines() if line.endswith(":") and not line.startswith(" ")]
+    assert heads == [
+        "Table",
+        "Law",
+        "Method",
+        "Options of trajectory-likelihood",
+        "Options of derivative-regression, weak-regression and discrete-time-regression",
+        "Options of derivative-regression",
+        "Options of weak-regression",
+        "Output",
+        "Options",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "method"),
+    [
+        ([], None),
+        (["--noise", "x=0.1"], cl.TrajectoryLikelihood(noise={"x": 0.1})),
+        (["--seed", "3"], cl.TrajectoryLikelihood(seed=3)),
+        (["--solver", "best-subset"], cl.DerivativeRegression(solver="best-subset")),
+        (["--trim", "2", "--jobs", "2"], cl.DerivativeRegression(trim=2, n_jobs=2)),
+        (["--radius", "9", "--radius", "20"], cl.WeakRegression(radii=(9.0, 20.0))),
+        (["--method", "weak-regression", "--resamples", "0"], cl.WeakRegression(n_resamples=0)),
+        (["--order", "0", "--rule", "bic"], cl.DiscreteTimeRegression(rule="bic")),
+        (
+            ["--method", "trajectory-likelihood", "--solver", "best-subset"],
+            cl.TrajectoryLikelihood(solver="best-subset"),
+        ),
+    ],
+)
+def test_options_make_the_method_that_has_them(run, monkeypatch, options, method):
+    asked = []
+
+    def discover(*_, **parameters):
+        asked.append(parameters["method"])
+        raise cl.CommonlawError("enough")
+
+    monkeypatch.setattr("commonlaw.discover", discover)
+    run("discover", "--dataset", "linear-drag", *options)
+    assert asked == [method]
+
+
+def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
+    code, _, err = run("discover", "--dataset", "lorenz", "--method", "trajectory-likelihood", "--trim", "3")
+    assert code == 2
+    assert (
+        "--trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative-regression"
+        in " ".join(err.split())
+    )

@@ -11,7 +11,11 @@ import pytest
 import commonlaw as cl
 from studies.falling_balls.printed import printed_table, prints_as
 
-PAPER = {"order": 2, "library": "poly:3", "differentiation": "savgol:35:3"}
+PAPER = {"order": 2, "library": "poly:3"}
+
+
+def regression(**settings):
+    return cl.DerivativeRegression(differentiation="savgol:35:3", **settings)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +29,7 @@ def rows_of(name):
 
 @pytest.mark.parametrize("drop", [1, 2])
 def test_the_group_models_of_all_balls_come_out_to_the_printed_decimals(drops, drop):
-    law = cl.discover(drops.select(trial=drop), solver="group-stlsq:1.5", **PAPER)
+    law = cl.discover(drops.select(trial=drop), method=regression(solver="group-stlsq:1.5"), **PAPER)
     learned = law.to_frame()
     assert list(learned.columns) == ["1", "v"]
     printed = printed_table("learned_models").query("drop == @drop_text", local_dict={"drop_text": str(drop)})
@@ -50,7 +54,7 @@ def test_the_largest_speeds_come_out_to_a_centimetre_a_second(drops):
     [("Golf Ball", 2, "x'' = -9.089"), ("Whiffle Ball 2", 1, "x'' = -9.808 - 0.5569 v")],
 )
 def test_single_trial_models_at_threshold_0_04(drops, ball, drop, equation):
-    law = cl.discover(drops.select(object=ball, trial=drop), solver="stlsq:0.04", **PAPER)
+    law = cl.discover(drops.select(object=ball, trial=drop), method=regression(solver="stlsq:0.04"), **PAPER)
     assert law.equations() == (equation,)
 
 
@@ -59,7 +63,7 @@ def test_single_trial_models_at_threshold_0_04(drops, ball, drop, equation):
 )
 def test_the_single_trial_thresholds_of_the_tennis_ball(drops, row):
     trials = drops.select(object="Tennis Ball", trial=1)
-    assert_printed(cl.discover(trials, solver=cl.STLSQ(float(row["threshold"]), shared=False), **PAPER), row)
+    assert_printed(cl.discover(trials, method=regression(solver=cl.STLSQ(float(row["threshold"]))), **PAPER), row)
 
 
 @pytest.mark.parametrize(
@@ -68,8 +72,8 @@ def test_the_single_trial_thresholds_of_the_tennis_ball(drops, row):
 def test_the_group_thresholds_averaged_over_the_balls(drops, row):
     if row["threshold"] == "0.005":
         row = row | {"v": "0.87"}  # the print has -0.8, which the method does not give
-    solver = cl.STLSQ(float(row["threshold"]))
-    law = cl.discover(drops.select(trial=1), solver=solver, library_states="measured", **PAPER)
+    solver = cl.GroupSTLSQ(float(row["threshold"]))
+    law = cl.discover(drops.select(trial=1), method=regression(solver=solver, library_states="measured"), **PAPER)
     assert_printed(law.average(), row)
 
 
@@ -115,7 +119,7 @@ def simulated(data_set, objects):
 )
 def test_the_averages_of_linear_drag_with_the_seed_100(noise, expected):
     trials = simulated(cl.datasets.linear_drag, 5)[noise]
-    law = cl.discover(trials, solver="group-stlsq:1.5", library_states="measured", **PAPER)
+    law = cl.discover(trials, method=regression(solver="group-stlsq:1.5", library_states="measured"), **PAPER)
     assert law.average().to_frame().iloc[0].round(6).to_dict() == expected
 
 
@@ -145,7 +149,7 @@ def test_the_averages_of_reynolds_dependent_drag_with_the_seed_100(noise, expect
         return cl.datasets.reynolds_drag(radius=radius, mass=mass, viscosity=viscosity, **options)
 
     trials = simulated(data_set, 5)[noise]
-    law = cl.discover(trials, solver="group-stlsq:1", library_states="measured", **PAPER)
+    law = cl.discover(trials, method=regression(solver="group-stlsq:1", library_states="measured"), **PAPER)
     averages = law.average().to_frame().iloc[0].to_dict()
     assert averages.keys() == expected.keys()
     assert averages == pytest.approx(expected, abs=1e-6)
@@ -153,7 +157,9 @@ def test_the_averages_of_reynolds_dependent_drag_with_the_seed_100(noise, expect
 
 def test_the_nonlinear_oscillator():
     trials = cl.datasets.nonlinear_oscillator()
-    law = cl.discover(trials, library="poly:5", differentiation="centered", solver="stlsq:0.05")
+    law = cl.discover(
+        trials, library="poly:5", method=cl.DerivativeRegression(differentiation="centered", solver="stlsq:0.05")
+    )
     assert law.equations(digits=3) == ("x' = -0.1 x^3 + 2 y^3", "y' = -2 x^3 - 0.0995 y^3")
     (x, y), names = law.coefficients[0], law.terms.names
     assert [f"{x[names.index('x^3')]:.1f}", f"{x[names.index('y^3')]:.3f}"] == ["-0.1", "1.999"]
@@ -165,7 +171,9 @@ def fall(trials, solver):
     form = cl.StrongForm(cl.CenteredDifference())
     speeds = [cl.Trial(trial.object, trial.name, trial.times, form.rates(trial).derivatives[0]) for trial in trials]
     trials = cl.Trials(tuple(speeds), cl.Schema(("v",)))
-    return cl.discover(trials, library="poly:2", differentiation="centered", solver=solver)
+    return cl.discover(
+        trials, library="poly:2", method=cl.DerivativeRegression(differentiation="centered", solver=solver)
+    )
 
 
 def test_the_falls_without_drag_and_with_linear_drag():

@@ -55,7 +55,12 @@ def error(drops, ball, drop, powers):
 
 
 def test_forecasts_start_from_the_first_height_and_the_rate_at_the_first_sample(drops):
-    law = cl.discover(drops, order=2, library="terms:1,v", differentiation="savgol:35:3", solver="stlsq:0.01")
+    law = cl.discover(
+        drops,
+        order=2,
+        library="terms:1,v",
+        method=cl.DerivativeRegression(differentiation="savgol:35:3", solver="stlsq:0.01"),
+    )
     for trial, trajectory in zip(drops, law.predict(drops).trajectories, strict=True):
         assert trajectory.states[0].tolist() == pytest.approx([trial.states[0, 0], speed(trial)[0]], abs=1e-11)
 

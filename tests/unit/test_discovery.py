@@ -1,3 +1,5 @@
+import inspect
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -11,25 +13,41 @@ def drops():
     return cl.datasets.linear_drag(noise=0.01, trials=3)
 
 
-SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8}
+SETTINGS = {"order": 2, "library": "poly:2"}
+
+
+def regression(**settings):
+    return cl.DerivativeRegression(**{"differentiation": "savgol:25:3", "trim": 8} | settings)
 
 
 def test_every_choice_can_be_an_object_or_its_text(drops):
-    by_text = cl.discover(drops, order=2, library="poly:3", differentiation="savgol:35:3", solver="group-stlsq:1.5")
+    by_text = cl.discover(
+        drops,
+        order=2,
+        library="poly:3",
+        method=cl.DerivativeRegression(differentiation="savgol:35:3", solver="group-stlsq:1.5"),
+    )
     by_object = cl.discover(
         drops,
         order=2,
         library=cl.PolynomialLibrary(3),
-        differentiation=cl.SmoothedDifference(cl.SavitzkyGolay(35, 3), cl.CenteredDifference()),
-        solver=cl.STLSQ(threshold=1.5),
+        method=cl.DerivativeRegression(
+            differentiation=cl.SmoothedDifference(cl.SavitzkyGolay(35, 3), cl.CenteredDifference()),
+            solver=cl.GroupSTLSQ(threshold=1.5),
+        ),
     )
     np.testing.assert_array_equal(by_text.coefficients, by_object.coefficients)
-    default = cl.discover(drops, order=2, library=cl.PolynomialLibrary(3), solver=cl.STLSQ(threshold=1.5))
+    default = cl.discover(
+        drops,
+        order=2,
+        library=cl.PolynomialLibrary(3),
+        method=cl.DerivativeRegression(solver=cl.GroupSTLSQ(threshold=1.5)),
+    )
     np.testing.assert_array_equal(by_text.coefficients, default.coefficients)
 
 
 def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
-    law = cl.discover(drops, solver="group-stlsq:1.5", **SETTINGS)
+    law = cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
     form = cl.StrongForm(law.differentiation, 2, trim=8)
     for name in drops.objects:
@@ -39,7 +57,12 @@ def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
 
 
 def test_known_terms_are_moved_to_the_left_hand_side(drops):
-    law = cl.discover(drops, solver="stlsq:0.01", fixed={"1": -9.8}, **SETTINGS | {"library": "terms:1,v"})
+    law = cl.discover(
+        drops,
+        method=regression(solver="stlsq:0.01"),
+        known={"1": -9.8},
+        **SETTINGS | {"library": "terms:1,v"},
+    )
     assert (law.to_frame()["1"] == -9.8).all()
     form = cl.StrongForm(law.differentiation, 2, trim=8)
     for name in drops.objects:
@@ -50,17 +73,22 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
 
 def test_known_terms_may_differ_between_objects_and_equations(drops):
     own = dict(zip(drops.objects, [-0.1, -0.3, -0.3, -0.5, -0.7], strict=True))
-    law = cl.discover(drops, solver="group-stlsq:1", fixed={("x", "v"): own}, **SETTINGS)
+    law = cl.discover(drops, method=regression(solver="group-stlsq:1"), known={("x", "v"): own}, **SETTINGS)
     assert law.to_frame()["v"].to_dict() == own
     assert law.to_frame()["1"].to_numpy() == pytest.approx(-9.8, abs=0.02)
 
 
 def test_a_first_order_law_of_several_states():
     trials = cl.datasets.nonlinear_oscillator()
-    law = cl.discover(trials, library="poly:3", differentiation="finite:6", solver="stlsq:0.05")
+    law = cl.discover(
+        trials, library="poly:3", method=cl.DerivativeRegression(differentiation="finite:6", solver="stlsq:0.05")
+    )
     assert law.equations(digits=3) == ("x' = -0.1 x^3 + 2 y^3", "y' = -2 x^3 - 0.1 y^3")
     held = cl.discover(
-        trials, library="poly:3", differentiation="finite:6", solver="stlsq:0.05", fixed={("x", "y^3"): 2.0}
+        trials,
+        library="poly:3",
+        method=cl.DerivativeRegression(differentiation="finite:6", solver="stlsq:0.05"),
+        known={("x", "y^3"): 2.0},
     )
     assert held.equations(digits=3) == law.equations(digits=3)
 
@@ -72,35 +100,43 @@ def test_rates_of_several_states_have_names_of_their_own():
         cl.Trials((trial,), cl.Schema(("x", "y"))),
         order=2,
         library="poly:1",
-        differentiation="finite:6",
-        solver="stlsq:0.1",
+        method=cl.DerivativeRegression(differentiation="finite:6", solver="stlsq:0.1"),
     )
     assert law.rates == ("v_x", "v_y")
     assert law.equations(digits=3) == ("x'' = -1 x", "y'' = -4 y")
 
 
 def test_the_estimator_follows_scikit_learn(drops):
-    model = cl.LawDiscovery(solver=cl.STLSQ(1.5), **SETTINGS)
+    model = cl.LawDiscovery(method=regression(solver=cl.GroupSTLSQ(1.5)), **SETTINGS)
     copy = clone(model)
     assert copy.get_params() == model.get_params()
-    assert copy.set_params(trim=4) is copy
-    assert model.trim == 8
+    assert copy.set_params(method__trim=4) is copy
+    assert copy.method.trim == 4
+    assert model.method.trim == 8
+    assert copy.set_params(method__solver="best-subset:2", method__solver__nodes=9).method.solver.nodes == 9
+    copy.set_params(method=model.method)
     assert copy.fit(drops) is copy
     assert copy.score(drops) == copy.law_.score(drops) > 0.999
     with pytest.raises(cl.CommonlawError, match="unknown parameter 'treshold'"):
         copy.set_params(treshold=1)
+    with pytest.raises(
+        cl.CommonlawError, match="unknown parameter of method__solver 'treshold': did you mean 'threshold'"
+    ):
+        copy.set_params(method__solver__treshold=1)
+    with pytest.raises(cl.CommonlawError, match="method is None and has no parameter 'trim': set method first"):
+        cl.LawDiscovery().set_params(method__trim=1)
     with pytest.raises(cl.CommonlawError, match="no law was found yet: call fit first"):
         model.predict(drops)
 
 
 def test_the_threshold_is_chosen_by_held_out_trials(drops):
     search = GridSearchCV(
-        cl.LawDiscovery(**SETTINGS),
-        {"solver": [cl.STLSQ(20), cl.STLSQ(1.5), cl.STLSQ(1000)]},
+        cl.LawDiscovery(method=regression(solver=cl.GroupSTLSQ()), **SETTINGS),
+        {"method__solver__threshold": [20, 1.5, 1000]},
         cv=GroupKFold(3),
     )
     search.fit(drops, groups=[trial.name for trial in drops])
-    assert search.best_params_ == {"solver": cl.STLSQ(1.5)}
+    assert search.best_params_ == {"method__solver__threshold": 1.5}
     assert search.best_estimator_.law_.objects == drops.objects
 
 
@@ -111,18 +147,18 @@ def outcome(law, kind):
 
 
 def test_a_threshold_that_empties_the_support_is_an_outcome(drops):
-    law = cl.discover(drops, solver="group-stlsq:1e6", **SETTINGS)
+    law = cl.discover(drops, method=regression(solver="group-stlsq:1e6"), **SETTINGS)
     assert law.average().equations() == ("x'' = 0",)
     assert "choose a threshold below that" in outcome(law, "empty support")
 
 
 def test_one_trial_with_a_group_solver_works_and_says_so(drops):
-    law = cl.discover(drops[:1], solver="group-stlsq:0.05", **SETTINGS)
-    assert "with a single object the terms that all objects share are those of this one" in outcome(law, "one object")
+    law = cl.discover(drops[:1], method=regression(solver="group-stlsq:0.05"), **SETTINGS)
+    assert "with a single object the group solver equals STLSQ" in outcome(law, "one object")
 
 
 def test_terms_that_depend_on_each_other_are_an_outcome(drops):
-    law = cl.discover(drops, solver="group-stlsq:0", **SETTINGS | {"library": "terms:v,v+1e-9*x"})
+    law = cl.discover(drops, method=regression(solver="group-stlsq:0"), **SETTINGS | {"library": "terms:v,v+1e-9*x"})
     assert "raise the threshold, leave terms out" in outcome(law, "ill-conditioned")
 
 
@@ -130,21 +166,53 @@ def test_terms_that_depend_on_each_other_are_an_outcome(drops):
     ("settings", "message"),
     [
         ({"differentiation": "savgol:51:3"}, "Ball 1, trial 1: .*49 samples.*51"),
-        ({"order": 3}, "order 3 is not supported"),
         ({"trim": 30}, "Ball 1, trial 1: no row is left of 49 samples after trimming 30"),
         ({"trim": -1}, "trim -1 is negative"),
         ({"solver": "laso"}, "unknown solver 'laso': did you mean 'lasso'"),
-        ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
-        ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),
+        ({"differentiation": "savgoal"}, "unknown differentiation 'savgoal': did you mean 'savgol'"),
         ({"library_states": "raw"}, "library states 'raw' are not known"),
-        ({"fixed": {"w": 1.0}}, "unknown term 'w'"),
-        ({"fixed": {("y", "1"): 1.0}}, "unknown state 'y'"),
-        ({"fixed": {"1": {"Ball 1": 1.0}}}, "fixed term '1' has no coefficient for Ball 2, Ball 3"),
+        ({"rule": "bci"}, "unknown rule 'bci': did you mean 'bic'"),
+        ({"scoring": "forecast"}, "unknown scoring 'forecast': did you mean 'forecasts'"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused_with_place_and_remedy(drops, settings, message):
+def test_settings_of_a_method_that_do_not_fit_are_refused_with_place_and_remedy(drops, settings, message):
     with pytest.raises(cl.CommonlawError, match=message):
-        cl.discover(drops, **SETTINGS | {"differentiation": "savgol:25:3"} | settings)
+        cl.discover(drops, method=regression(**settings), **SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"order": 3}, "order 3 is not supported"),
+        ({"order": 0}, r"order=0 does not go with DerivativeRegression: use method=DiscreteTimeRegression\(\)"),
+        ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
+        ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),
+        ({"known": {"w": 1.0}}, "unknown term 'w'"),
+        ({"known": {("y", "1"): 1.0}}, "unknown state 'y'"),
+        ({"known": {"1": {"Ball 1": 1.0}}}, "known term '1' has no coefficient for Ball 2, Ball 3"),
+    ],
+)
+def test_structures_that_do_not_fit_are_refused_with_place_and_remedy(drops, settings, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.discover(drops, method=regression(), **SETTINGS | settings)
+
+
+@pytest.mark.parametrize("method", [cl.TrajectoryLikelihood(), cl.WeakRegression(), cl.DiscreteTimeRegression()])
+def test_a_method_refuses_an_order_or_a_stream_that_it_does_not_take(drops, tmp_path, method):
+    drops.to_parquet(tmp_path / "drops.parquet")
+    stream, name = cl.TrialStream.of_parquet(tmp_path / "drops.parquet"), type(method).__name__
+    order = 1 if 0 in method.orders else 0
+    with pytest.raises(cl.CommonlawError, match=f"order={order} does not go with {name}: use method="):
+        cl.discover(drops, order=order, method=method)
+    if not method.takes_streams:
+        with pytest.raises(cl.CommonlawError, match=f"a stream does not go with {name}: use method=Derivative"):
+            cl.discover(stream, order=2, method=method)
+
+
+def test_the_signature_of_discover_is_that_of_the_estimator():
+    ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
+    assert list(ours) == ["trials", *estimators]
+    assert all(ours[name].default == estimators[name].default for name in estimators)
 
 
 def test_a_state_that_never_changes_is_refused():
@@ -152,7 +220,9 @@ def test_a_state_that_never_changes_is_refused():
     still = cl.Trial("rock", "1", times, np.full(50, 3.0))
     moving = cl.Trial("ball", "1", times, times**2)
     with pytest.raises(cl.CommonlawError, match="the state 'x' of rock never changes"):
-        cl.discover(cl.Trials((moving, still), cl.Schema(("x",))), differentiation="finite")
+        cl.discover(
+            cl.Trials((moving, still), cl.Schema(("x",))), method=cl.DerivativeRegression(differentiation="finite")
+        )
 
 
 @pytest.fixture
@@ -169,7 +239,9 @@ def populations():
 
 
 def test_a_law_in_discrete_time(populations, tmp_path):
-    law = cl.discover(populations, order=0, library="poly:3", solver="group-stlsq:0.5")
+    law = cl.discover(
+        populations, order=0, library="poly:3", method=cl.DiscreteTimeRegression(solver="group-stlsq:0.5")
+    )
     assert law.structure() == ("x[k+1] = a x + b x^2",)
     assert law.equations("fast") == ("x[k+1] = 3.9 x - 3.9 x^2",)
     assert law.to_latex("slow") == "\\begin{aligned}\nx_{k+1} &= 2.6\\, x - 2.6\\, x^{2}\n\\end{aligned}"
@@ -183,26 +255,29 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
     times[20:] += 0.5
     uneven = populations.keep([cl.Trial(trial.object, trial.name, times, trial.states)])
     with pytest.raises(cl.CommonlawError, match=r"fast, trial 1: the step from sample 20 to sample 21 is 1.5"):
-        cl.discover(uneven, order=0, solver="stlsq:0.5")
+        cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"))
 
 
 def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
     drops.to_parquet(tmp_path / "drops.parquet")
     stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
-    streamed = cl.discover(stream, solver="group-stlsq:1.5", **SETTINGS)
+    streamed = cl.discover(stream, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     np.testing.assert_array_equal(
-        streamed.coefficients, cl.discover(drops, solver="group-stlsq:1.5", **SETTINGS).coefficients
+        streamed.coefficients,
+        cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS).coefficients,
     )
     assert streamed.objects == drops.objects
 
 
 def test_two_processes_give_the_same_law(drops):
-    one, two = (cl.discover(drops, solver="group-stlsq:1.5", n_jobs=n_jobs, **SETTINGS) for n_jobs in (1, 2))
+    one, two = (
+        cl.discover(drops, method=regression(solver="group-stlsq:1.5", n_jobs=n_jobs), **SETTINGS) for n_jobs in (1, 2)
+    )
     np.testing.assert_array_equal(one.coefficients, two.coefficients)
 
 
 def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, tmp_path):
-    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8)
+    law = cl.discover(drops, order=2, method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8))
     assert law.structure() == ("x'' = a + b v",)
     assert "its held-out error is" in outcome(law, "chosen")
     candidates = law.candidates()
@@ -216,12 +291,21 @@ def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, 
 @pytest.mark.parametrize("rule", ["held-out", "aic", "aicc", "bic", "ebic"])
 def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
     pairs = cl.datasets.lotka_volterra()
-    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(), rule=rule)
+    law = cl.discover(
+        pairs,
+        library="poly:2",
+        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.GroupSTLSQ(), rule=rule),
+    )
     assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
 
 
 def test_known_terms_are_not_chosen_again(drops):
-    law = cl.discover(drops, order=2, differentiation="savgol:25:3", trim=8, fixed={"1": -9.8}, n_resamples=0)
+    law = cl.discover(
+        drops,
+        order=2,
+        method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8, n_resamples=0),
+        known={"1": -9.8},
+    )
     assert law.structure() == ("x'' = a + b v",)
     assert (law.to_frame()["1"] == -9.8).all()
 
@@ -229,7 +313,7 @@ def test_known_terms_are_not_chosen_again(drops):
 def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):
     drops.to_parquet(tmp_path / "drops.parquet")
     stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
-    settings = {"order": 2, "differentiation": "savgol:25:3", "trim": 8}
+    settings = {"order": 2, "method": regression()}
     np.testing.assert_array_equal(
         cl.discover(stream, **settings).coefficients, cl.discover(drops, **settings).coefficients
     )
@@ -239,26 +323,27 @@ def test_a_law_in_discrete_time_is_chosen(populations):
     assert cl.discover(populations, order=0).structure() == ("x[k+1] = a x + b x^2",)
 
 
-def test_a_rule_that_does_not_exist_is_refused(drops):
-    with pytest.raises(cl.CommonlawError, match="unknown rule 'bci': did you mean 'bic'"):
-        cl.discover(drops, order=2, rule="bci")
-
-
 def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
-    settings = {"order": 2, "differentiation": "savgol:25:3", "trim": 8, "universal": ["1"]}
-    named = cl.discover(drops, library="poly:2", solver="group-stlsq:1.5", **settings)
-    chosen = cl.discover(drops, **settings)
+    settings = {"order": 2, "universal": ["1"]}
+    named = cl.discover(drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings)
+    chosen = cl.discover(drops, method=regression(), **settings)
     for law in (named, chosen):
         assert law.structure() == ("x'' = a + b v",)
         assert np.ptp(law.to_frame()["1"]) < 1e-12
         assert law.to_frame()["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
-    own = cl.discover(drops, library="poly:2", solver="group-stlsq:1.5", **settings | {"universal": ()})
+    own = cl.discover(
+        drops,
+        library="poly:2",
+        method=regression(solver="group-stlsq:1.5"),
+        **settings | {"universal": ()},
+    )
     assert np.ptp(own.to_frame()["1"]) > 1e-3
 
 
 def test_universal_terms_of_several_equations_are_named_with_their_state():
     pairs = cl.datasets.lotka_volterra(decline=1.1, noise=0.0)
-    settings = {"library": "poly:2", "differentiation": "finite:6", "solver": "group-stlsq:0.2"}
+    method = cl.DerivativeRegression(differentiation="finite:6", solver="group-stlsq:0.2")
+    settings = {"library": "poly:2", "method": method}
     law = cl.discover(pairs, universal=[("y", "y")], **settings)
     assert np.ptp(law.to_frame()["y'", "y"]) < 1e-12
     assert np.ptp(law.to_frame()["x'", "x"]) > 0.1
@@ -270,13 +355,13 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
     pairs = cl.datasets.lotka_volterra(
         growth=[1.0, 0.8], predation=0.1, decline=1.2, reproduction=0.06, noise=0.02, samples=100
     )
-    settings = {"library": "poly:2", "differentiation": "savgol:9:3", "solver": cl.STLSQ(), "n_resamples": 0}
-    law = cl.discover(pairs, judge="forecasts", **settings)
+    method = cl.DerivativeRegression(
+        differentiation="savgol:9:3", solver=cl.GroupSTLSQ(), n_resamples=0, scoring="forecasts"
+    )
+    law = cl.discover(pairs, library="poly:2", method=method)
     assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
     with pytest.raises(cl.CommonlawError, match="has a single trial, so none can be held out and forecast"):
-        cl.discover(pairs.select(trial=1), judge="forecasts", **settings)
-    with pytest.raises(cl.CommonlawError, match="unknown judge 'forecast': did you mean 'forecasts'"):
-        cl.discover(pairs, judge="forecast", **settings)
+        cl.discover(pairs.select(trial=1), library="poly:2", method=method)
 
 
 def test_a_bare_frame_is_refused_with_the_way_to_trials(drops):

@@ -154,7 +154,9 @@ def test_gross_outliers_do_not_spoil_it():
 def test_intervals_are_as_narrow_as_the_data_allow():
     variables, equations = ("x", "y"), (("x^3", "y^3"), ("x^3", "y^3"))
     trials, noise = datasets.nonlinear_oscillator(samples=1500, step=0.01, noise=0.05), np.array([0.05, 0.05])
-    law = found(trials, datasets.nonlinear_oscillator.truth(), noise={"x": 0.05, "y": 0.05})
+    law = found(
+        trials, datasets.nonlinear_oscillator.truth(), method=cl.TrajectoryLikelihood(noise={"x": 0.05, "y": 0.05})
+    )
     coefficients = np.array([-0.1, 2.0, -2.0, -0.1])
     bounds = cramer_rao([solve(variables, equations, coefficients, np.array([2.0, 0.0]), trials[0].times)], noise)
     np.testing.assert_allclose(law.standard_errors[0][law.support] / bounds, 1, atol=0.03)
@@ -170,7 +172,7 @@ def test_a_few_seeds_of_an_oscillator_are_all_found():
 
 def test_known_terms_stay_and_are_certain(drops, drag):
     truth = datasets.linear_drag.truth(**DRAGS)
-    law = found(drops, truth, order=2, library="poly:2", fixed={"1": -9.8})
+    law = found(drops, truth, order=2, library="poly:2", known={"1": -9.8})
     gravity, slope = law.terms.index("1"), law.terms.index("v")
     np.testing.assert_array_equal(law.coefficients[:, 0, gravity], -9.8)
     np.testing.assert_array_equal(law.standard_errors[:, 0, gravity], 0)
@@ -184,16 +186,18 @@ def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
     gravity = law.terms.index("1")
     assert len(set(law.coefficients[:, 0, gravity])) == 1
     assert np.all(law.standard_errors[:, 0, gravity] < drag.standard_errors[:, 0, gravity])
-    alone = cl.discover(drops, order=2, library="poly:2", universal=["1"], pool=False)
+    alone = cl.discover(
+        drops, order=2, library="poly:2", universal=["1"], method=cl.TrajectoryLikelihood(partial_pooling=False)
+    )
     assert alone.coefficients[0, 0, gravity] == pytest.approx(law.coefficients[0, 0, gravity], abs=0.05)
     assert "1 in x'': alike (1.00); v in x'': each its own (0.00)" in alone.history[-1].choice
 
 
 def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
-    own = cl.discover(drops, order=2, library="poly:2", pool=False)
+    own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
     assert own.common is None
     assert own.history == drag.history[:-1]
-    assert own.partial_pooling().to_json() == drag.to_json()
+    assert own.pooled().to_json() == drag.to_json()
     gravity = own.terms.index("1")
     assert np.ptp(drag.coefficients[:, 0, gravity]) < np.ptp(own.coefficients[:, 0, gravity])
     assert np.all(drag.standard_errors[:, 0, gravity] < own.standard_errors[:, 0, gravity])
@@ -201,7 +205,7 @@ def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
 
 def test_a_law_may_be_known_altogether(drops):
     fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
-    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", fixed=fixed)
+    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", known=fixed)
     assert not law.covariance.any()
 
 
@@ -216,13 +220,19 @@ def test_what_does_not_move_by_itself_has_no_terms():
 
 def test_given_noise_is_used(drops, drag):
     settings = {"order": 2, "library": "poly:2"}
-    law = cl.discover(drops, noise={"x": 0.2}, **settings)
+    law = cl.discover(drops, method=cl.TrajectoryLikelihood(noise={"x": 0.2}), **settings)
     assert law.noise == pytest.approx([0.2])
     assert law.history[0].reason == "as given"
     assert drag.history[0].reason != "as given"
     # With the same support, standard errors grow with the noise
-    assert cl.discover(drops, noise={"x": 0.1}, order=2, library="terms:1,v").standard_errors == pytest.approx(
-        2 * cl.discover(drops, noise={"x": 0.05}, order=2, library="terms:1,v").standard_errors, rel=0.05
+    assert cl.discover(
+        drops, method=cl.TrajectoryLikelihood(noise={"x": 0.1}), order=2, library="terms:1,v"
+    ).standard_errors == pytest.approx(
+        2
+        * cl.discover(
+            drops, method=cl.TrajectoryLikelihood(noise={"x": 0.05}), order=2, library="terms:1,v"
+        ).standard_errors,
+        rel=0.05,
     )
 
 
@@ -279,8 +289,8 @@ def test_the_chosen_support_is_listed_however_many_have_more_evidence(drag):
 def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
     trials, truth = oscillator(noise=0.005), datasets.nonlinear_oscillator.truth()
     law = found(trials, truth)
-    for formulation in ("rates", "weak"):
-        other = cl.discover(trials, formulation=formulation)
+    for method in (cl.DerivativeRegression(), cl.WeakRegression()):
+        other = cl.discover(trials, method=method)
         np.testing.assert_array_equal(other.support, law.support)
         np.testing.assert_allclose(other.coefficients, law.coefficients, atol=0.06)
         assert other.covariance is None
@@ -288,7 +298,7 @@ def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
 
 def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
     for solver in ("best-subset", "group-stlsq"):
-        law = cl.discover(drops, order=2, library="poly:2", formulation="trajectories", solver=solver)
+        law = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(solver=solver))
         np.testing.assert_array_equal(law.support, drag.support)
         np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-3)
 
@@ -296,36 +306,23 @@ def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"formulation": "magic"}, "'magic'.*trajectories"),
-        ({"formulation": "trajectories", "solver": "stlsq:0.1"}, "a solver with its setting does not go"),
-        ({"formulation": "trajectories", "order": 0}, "order=0 does not go with formulation='trajectories'"),
-        ({"formulation": "trajectories", "differentiation": "savgol:25:3"}, "differentiation does not go"),
-        ({"formulation": "trajectories", "trim": 3}, "trim does not go"),
-        ({"formulation": "weak", "order": 0}, "order=0 does not go with formulation='weak'"),
-        ({"formulation": "rates", "pool": False}, "pool does not go with formulation='rates'"),
-        ({"solver": "stlsq:0.1", "errors": "bootstrap"}, "errors does not go with formulation='rates'"),
-        ({"errors": "guess"}, "unknown kind of errors 'guess'"),
+        (
+            {"solver": "stlsq:0.1"},
+            "a solver with a value of its hyperparameter, .*does not go with TrajectoryLikelihood",
+        ),
+        ({"covariance": "guess"}, "unknown covariance 'guess'"),
         ({"noise": {"y": 0.1}}, "'y'"),
         ({"noise": {}}, "the noise of x is missing"),
         ({"noise": {"x": 0.0}}, "above zero"),
         ({"noise": {"x": -1.0}}, "above zero"),
         ({"noise": {"x": np.nan}}, "above zero"),
-        ({"outliers": 0.0}, "above zero"),
-        ({"outliers": np.nan}, "above zero"),
-        ({"order": 3}, "order 3"),
+        ({"huber_threshold": 0.0}, "above zero"),
+        ({"huber_threshold": np.nan}, "above zero"),
     ],
 )
-def test_what_does_not_go_together_is_refused(drops, settings, message):
+def test_what_does_not_fit_is_refused(drops, settings, message):
     with pytest.raises(CommonlawError, match=message):
-        cl.discover(drops, **{"order": 2, "library": "poly:1"} | settings)
-
-
-@pytest.mark.parametrize("formulation", ["trajectories", "weak"])
-def test_a_stream_has_no_trajectories(tmp_path, drops, formulation):
-    drops.to_parquet(tmp_path / "drops.parquet")
-    stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
-    with pytest.raises(CommonlawError, match=f"a stream does not go with formulation='{formulation}'"):
-        cl.discover(stream, order=2, formulation=formulation)
+        cl.discover(drops, order=2, library="poly:1", method=cl.TrajectoryLikelihood(**settings))
 
 
 def test_short_trials_give_short_laws_and_say_so():
@@ -345,12 +342,15 @@ def test_a_trial_that_is_too_short_is_named(drops):
 def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
     steps = []
     model = cl.LawDiscovery(
-        order=2, library="poly:2", formulation="trajectories", noise={"x": 0.05}, outliers=5.0, progress=steps.append
+        order=2,
+        library="poly:2",
+        method=cl.TrajectoryLikelihood(noise={"x": 0.05}, huber_threshold=5.0),
+        progress=steps.append,
     )
     again = clone(model)
     assert again.get_params() == model.get_params()
-    assert again.get_params()["outliers"] == 5.0
-    again.set_params(noise=None, outliers=4.0).fit(drops)
+    assert again.get_params()["method__huber_threshold"] == 5.0
+    again.set_params(method__noise=None, method__huber_threshold=4.0).fit(drops)
     np.testing.assert_array_equal(again.law_.coefficients, drag.coefficients)
     assert steps[0] == "estimating noise, smoothing"
     assert steps[-1] == "judging terms and coefficients"

@@ -1,5 +1,7 @@
 """The path of a solver: every stretch of thresholds has its row, its step in the figure, and comes back from JSON."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,13 +11,19 @@ from commonlaw.law import Law
 from commonlaw.law.alternative import Alternative, stretches
 from commonlaw.plots import plot_path
 
-SETTINGS = {"order": 2, "library": "poly:2", "differentiation": "savgol:25:3", "trim": 8, "n_resamples": 0}
+SETTINGS = {"order": 2, "library": "poly:2"}
+
+
+def regression(**settings: Any) -> cl.DerivativeRegression:
+    return cl.DerivativeRegression(differentiation="savgol:25:3", trim=8, n_resamples=0, **settings)
+
+
 DROPS = cl.datasets.linear_drag()
 
 
 @pytest.fixture(scope="module")
 def law() -> Law:
-    return cl.discover(DROPS, solver=cl.STLSQ(), **SETTINGS)
+    return cl.discover(DROPS, method=regression(solver=cl.GroupSTLSQ()), **SETTINGS)
 
 
 def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
@@ -26,7 +34,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
     assert path["chosen"].sum() == 1
     for row in path.to_dict("records"):
         for threshold in (row["from"] * (1 + 1e-9), min(row["to"], 1e300) * (1 - 1e-9)):
-            at = cl.discover(DROPS, solver=cl.STLSQ(threshold), **SETTINGS)
+            at = cl.discover(DROPS, method=regression(solver=cl.GroupSTLSQ(threshold)), **SETTINGS)
             assert (
                 ", ".join(name for name, used in zip(at.terms.names, at.support[0], strict=True) if used)
                 == row["terms"]
@@ -47,7 +55,10 @@ def test_a_law_without_settings_in_its_alternatives_can_still_be_read(law: Law) 
 
 
 def test_settings_of_several_solvers_are_not_mixed_into_one_path() -> None:
-    for several in (cl.discover(DROPS, **SETTINGS), cl.discover(DROPS, solver="group-stlsq:1.5", **SETTINGS)):
+    for several in (
+        cl.discover(DROPS, method=regression(), **SETTINGS),
+        cl.discover(DROPS, method=regression(solver="group-stlsq:1.5"), **SETTINGS),
+    ):
         with pytest.raises(CommonlawError, match="not chosen from the path of one solver; discover it with a solver"):
             several.path()
 
@@ -79,7 +90,11 @@ def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law:
 
 def test_each_equation_has_its_own_column() -> None:
     pairs = cl.datasets.lotka_volterra(trials=2)
-    law = cl.discover(pairs, library="poly:2", differentiation="finite:6", solver=cl.STLSQ(shared=False), n_resamples=0)
+    law = cl.discover(
+        pairs,
+        library="poly:2",
+        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(), n_resamples=0),
+    )
     figure = plot_path(law, "smallest coefficient")
     assert len(figure.axes) == 4
     assert all(figure.axes[i].get_title().startswith("equation of") for i in (0, 1))

@@ -22,7 +22,11 @@ def prey():
 
 @pytest.fixture(scope="module")
 def by_rates(prey):
-    return cl.discover(prey, library="terms:x,y,x*y", differentiation="spline", solver="group-stlsq:0.15")
+    return cl.discover(
+        prey,
+        library="terms:x,y,x*y",
+        method=cl.DerivativeRegression(differentiation="spline", solver="group-stlsq:0.15"),
+    )
 
 
 def shooting(trials, truth):
@@ -106,7 +110,7 @@ def test_stretches_drawn_anew_may_tell_nothing_of_a_term():
 
 def test_known_coefficients_stay_and_other_objects_are_left_out():
     drops = datasets.linear_drag(noise=0.05)
-    law = cl.discover(drops, order=2, library="poly:1", fixed={"1": -9.8})
+    law = cl.discover(drops, order=2, library="poly:1", known={"1": -9.8})
     some = drops.select(object=list(drops.objects[1:3]))
     refined = cl.refine(law, some)
     assert refined.objects == some.objects

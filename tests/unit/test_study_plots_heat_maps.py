@@ -9,7 +9,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from commonlaw import datasets
-from commonlaw.discovery import discover
+from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from studies.falling_balls.plots import plot_heat_maps
@@ -18,7 +18,7 @@ from studies.falling_balls.plots import plot_heat_maps
 def law_of(*coefficients: dict[str, float]) -> Law:
     """A law of balls with these coefficients over polynomials of degree 2."""
     drops = datasets.linear_drag(drag=(-0.1,) * len(coefficients), noise=0.0)
-    law = discover(drops, order=2, library="poly:2", solver="group-stlsq:1e9")
+    law = discover(drops, order=2, library="poly:2", method=DerivativeRegression(solver="group-stlsq:1e9"))
     values = [[each.get(term, 0.0) for term in law.terms.names] for each in coefficients]
     return replace(law, coefficients=np.array(values)[:, np.newaxis], outcomes=())
 
@@ -72,7 +72,7 @@ def test_laws_that_do_not_fit_into_one_grid_are_refused() -> None:
     with pytest.raises(CommonlawError, match=r"b: the objects are Ball 1, those of a are Ball 1, Ball 2; draw laws of"):
         plot_heat_maps({"a": LAWS["alone, drop 1"], "b": law_of({"1": -9.8})}, 2)
     pairs = datasets.lotka_volterra(trials=1)
-    two = discover(pairs, library="poly:2", solver="stlsq:0.1")
+    two = discover(pairs, library="poly:2", method=DerivativeRegression(solver="stlsq:0.1"))
     with pytest.raises(CommonlawError, match="pair: the law has 2 equations, a grid shows one of each law"):
         plot_heat_maps({"pair": two}, 1)
     with pytest.raises(CommonlawError, match="no law to draw"):

@@ -2,24 +2,26 @@
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cli.options import errors_option, noise_option, numbers, pool_option
+from commonlaw.cli.methods import with_method
+from commonlaw.cli.options import GroupedCommand, numbers, option
 from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 if TYPE_CHECKING:
+    from commonlaw.discovery import AbstractMethod
     from commonlaw.forecast import Forecast
     from commonlaw.law import Law
     from commonlaw.trials import Trials
 
 
-FORMULATIONS = ("auto", "trajectories", "rates", "weak")
+_LAW, _OUTPUT = "Law", "Output"
 
 _MORE_TERMS = 2
 
@@ -27,101 +29,49 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence l
 """What is shown of a candidate, as far as it is there."""
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @with_source
-@click.option(
+@option(
+    _LAW,
     "--order",
     type=click.IntRange(0, 2),
     default=1,
     show_default=True,
     help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
 )
-@click.option(
+@option(
+    _LAW,
     "--library",
     metavar="SPEC",
     help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), or sums such as 'poly:2 + fourier:1'.  "
     "[default: poly:3]",
 )
-@click.option(
-    "--formulation",
-    type=click.Choice(FORMULATIONS),
-    default="auto",
-    show_default=True,
-    help="How laws and measurements are compared: by whole trajectories, with standard errors; by estimated rates; in "
-    "the weak form. auto: trajectories, or rates where a setting of rates is given.",
-)
-@noise_option
-@errors_option
-@pool_option
-@click.option(
-    "--differentiation",
-    metavar="SPEC",
-    help="How rates are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
-    "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust.  [default: finite:2 for order 1, savgol:35:3 for "
-    "order 2]",
-)
-@click.option(
-    "--solver",
-    metavar="SPEC",
-    help="How terms are found: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], forward[:TERMS], "
-    "backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), stlsq[:THRESHOLD] "
-    "(each its own). Without its setting a solver offers all its candidates, and --rule chooses.  "
-    "[default: best-subset for trajectories, group-stlsq and best-subset for rates]",
-)
-@click.option(
-    "--rule",
-    default="one-standard-error",
-    show_default=True,
-    metavar="RULE",
-    help="How a candidate is chosen by rates: one-standard-error or held-out (by the error on trials held out), aic, "
-    "aicc, bic, ebic.",
-)
-@click.option(
-    "--fix",
-    "fixed",
+@option(
+    _LAW,
+    "--known",
     metavar="TERM=VALUE",
     multiple=True,
     help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
 )
-@click.option(
+@option(
+    _LAW,
     "--universal",
     metavar="TERM",
     multiple=True,
     help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
 )
-@click.option(
-    "--library-states",
-    type=click.Choice(["smoothed", "measured"]),
-    default="smoothed",
-    show_default=True,
-    help="States that terms are evaluated on.",
-)
-@click.option(
-    "--trim",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Rows left out at each end of a trial, where smoothing is least accurate.",
-)
-@click.option("--save", metavar="LAW.json", help="Write the law.")
-@click.option("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
-@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@with_method
+@option(_OUTPUT, "--save", metavar="LAW.json", help="Write the law.")
+@option(_OUTPUT, "--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
+@option(_OUTPUT, "--history", is_flag=True, help="Print every choice on the way to the law, and why.")
+@option(_OUTPUT, "--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def discover(
     source: Source,
     order: int,
     library: str | None,
-    formulation: Literal["auto", "trajectories", "rates", "weak"],
-    noises: tuple[str, ...],
-    errors: Literal["likelihood", "bootstrap"],
-    pool: bool,
-    differentiation: str | None,
-    solver: str | None,
-    rule: str,
-    fixed: tuple[str, ...],
+    known: tuple[str, ...],
     universal: tuple[str, ...],
-    library_states: Literal["smoothed", "measured"],
-    trim: int,
+    method: "AbstractMethod | None",
     save: str | None,
     plot: str | None,
     history: bool,
@@ -147,17 +97,9 @@ def discover(
             training,
             order=order,
             library=library,
-            differentiation=differentiation,
-            solver=solver,
-            rule=rule,
-            fixed={_key(name): value for name, value in numbers("--fix", fixed).items()},
+            method=method,
+            known={_key(name): value for name, value in numbers("--known", known).items()},
             universal=[_key(name) for name in universal],
-            library_states=library_states,
-            trim=trim,
-            formulation=formulation,
-            noise=numbers("--noise", noises) or None,
-            errors=errors,
-            pool=pool,
             progress=show,
         )
         forecast = law.predict(_known(law, held_out) or training, spread=bool(plot) and law.has_spread)

@@ -1,37 +1,64 @@
-"""Options that several commands share."""
+"""Options in groups, each under a heading of its own in the help of a command."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import click
 
-from commonlaw.cli.source import pairs
+_OTHERS = "Options"
+"""The heading of options that have none."""
 
-noise_option = click.option(
-    "--noise",
-    "noises",
-    metavar="STATE=VALUE",
-    multiple=True,
-    help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
-)
-errors_option = click.option(
-    "--errors",
-    type=click.Choice(["likelihood", "bootstrap"]),
-    default="likelihood",
-    show_default=True,
-    help="How standard errors by trajectories are found: from the likelihood, or by drawing stretches of trials anew.",
-)
-pool_option = click.option(
-    "--pool/--no-pool",
-    default=True,
-    show_default=True,
-    help="Whether coefficients by trajectories are drawn to their mean over objects as far as these are alike.",
-)
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
-def numbers(option: str, texts: tuple[str, ...]) -> dict[str, float]:
+class GroupedOption(click.Option):
+    """An option that stands under a heading."""
+
+    def __init__(self, *args: Any, group: str, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.group = group
+
+
+class GroupedCommand(click.Command):
+    """A command whose help lists options by their headings; those without one come last."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option)]
+        headings = dict.fromkeys(each.group for each in options if isinstance(each, GroupedOption))
+        for heading in [*headings, _OTHERS]:
+            own = (each for each in options if getattr(each, "group", _OTHERS) == heading)
+            records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+def option(group: str, *names: str, **settings: Any) -> Decorator:
+    """Return the decorator that adds an option under a heading."""
+    return click.option(*names, cls=GroupedOption, group=group, **settings)
+
+
+def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
+    """Add options to a command; its help lists them in this order."""
+    for each in reversed(options):
+        command = each(command)
+    return command
+
+
+def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield name and value of texts like ``NAME=VALUE`` that an option got; any other text is wrong usage."""
+    for text in texts:
+        key, sign, value = text.partition("=")
+        if not (key and sign and value):
+            raise click.UsageError(f"{name} {text!r} is not of the form NAME=VALUE")
+        yield key.strip(), value.strip()
+
+
+def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
     """Return the numbers that an option gives by name."""
     found = {}
-    for name, text in pairs(option, texts):
+    for key, text in pairs(name, texts):
         try:
-            found[name] = float(text)
+            found[key] = float(text)
         except ValueError:
-            raise click.UsageError(f"{option} {name}={text}: {text!r} is not a number") from None
+            raise click.UsageError(f"{name} {key}={text}: {text!r} is not a number") from None
     return found

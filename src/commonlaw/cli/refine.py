@@ -1,32 +1,23 @@
 """`commonlaw refine`: fit the coefficients of a saved law to trajectories."""
 
-from typing import Literal
+from typing import Any
 
 import click
 
-from commonlaw.cli.options import errors_option, noise_option, numbers, pool_option
+from commonlaw.cli.methods import with_likelihood
+from commonlaw.cli.options import GroupedCommand
 from commonlaw.cli.output import print_history, print_notes, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @click.argument("law_path", metavar="LAW.json")
 @with_source
-@noise_option
-@errors_option
-@pool_option
+@with_likelihood
 @click.option("--save", metavar="REFINED.json", help="Write the law.")
 @click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
-def refine(
-    law_path: str,
-    source: Source,
-    noises: tuple[str, ...],
-    errors: Literal["likelihood", "bootstrap"],
-    pool: bool,
-    save: str | None,
-    history: bool,
-) -> None:
+def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | None, history: bool) -> None:
     """Fit the coefficients of LAW.json to FILE.
 
     They become those of maximum likelihood of the trajectories. The terms stay as they are, whatever found them; the
@@ -42,7 +33,7 @@ def refine(
     law = cl.Law.load(law_path)
     with working("Refining ..."):
         trials, _ = source.split(source.load(law.schema))
-        law = cl.refine(law, trials, noise=numbers("--noise", noises) or None, errors=errors, pool=pool)
+        law = cl.refine(law, trials, **settings)
         outputs = {save: law.to_json().encode()} if save else {}
     write_all(outputs)
     click.echo(str(law))

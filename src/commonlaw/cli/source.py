@@ -1,53 +1,73 @@
 """Where trials come from: the options that every command on a table shares."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
 from typing import Any
 
 import click
 
+from commonlaw.cli.options import option, pairs, with_options
 from commonlaw.trials import Schema, Trials
+
+_TABLE = "Table"
 
 _OPTIONS = (
     click.argument("path", required=False, metavar="[FILE]"),
-    click.option(
+    option(
+        _TABLE,
         "--dataset",
         metavar="NAME",
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
-    click.option("--object", metavar="COLUMN", help="Column that names the object."),
-    click.option("--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
-    click.option("--time", metavar="COLUMN", help="Column of times."),
-    click.option(
-        "--state", "states", metavar="COLUMN", multiple=True, help="Column of a measured state; repeat for more."
+    option(_TABLE, "--object", metavar="COLUMN", help="Column that names the object."),
+    option(_TABLE, "--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
+    option(_TABLE, "--time", metavar="COLUMN", help="Column of times."),
+    option(
+        _TABLE,
+        "--state",
+        "states",
+        metavar="COLUMN",
+        multiple=True,
+        help="Column of a measured state; repeat for more.",
     ),
-    click.option(
-        "--input", "inputs", metavar="COLUMN", multiple=True, help="Column of a measured input; repeat for more."
+    option(
+        _TABLE,
+        "--input",
+        "inputs",
+        metavar="COLUMN",
+        multiple=True,
+        help="Column of a measured input; repeat for more.",
     ),
-    click.option(
+    option(
+        _TABLE,
         "--property",
         "properties",
         metavar="COLUMN",
         multiple=True,
         help="Column of an object's property; repeat for more.",
     ),
-    click.option(
+    option(
+        _TABLE,
         "--unit",
         "units",
         metavar="COLUMN=UNIT",
         multiple=True,
         help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
     ),
-    click.option("--sheet", metavar="NAME", help="Sheet of a workbook."),
-    click.option(
+    option(_TABLE, "--sheet", metavar="NAME", help="Sheet of a workbook."),
+    option(
+        _TABLE,
         "--where",
         metavar="NAME=VALUE",
         multiple=True,
         help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several; repeat for more.",
     ),
-    click.option(
-        "--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."
+    option(
+        _TABLE,
+        "--clip",
+        is_flag=True,
+        help="Cut each trial at its last irregular time step (5 ms off the median step).",
     ),
 )
 
@@ -124,18 +144,7 @@ def with_source(command: Callable[..., None]) -> Callable[..., None]:
         source = Source(**{field.name: options.pop(field.name) for field in fields(Source)})
         command(source=source, **options)
 
-    for option in reversed(_OPTIONS):
-        wrapped = option(wrapped)
-    return wrapped
-
-
-def pairs(option: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield name and value of texts like ``NAME=VALUE``; any other text is wrong usage."""
-    for text in texts:
-        name, sign, value = text.partition("=")
-        if not (name and sign and value):
-            raise click.UsageError(f"{option} {text!r} is not of the form NAME=VALUE")
-        yield name.strip(), value.strip()
+    return with_options(wrapped, _OPTIONS)
 
 
 def _value(text: str) -> float | str:

@@ -8,6 +8,7 @@ from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, lea
 from commonlaw.formulation.resolution import resolution
 from commonlaw.formulation.reweighting import reweighted
 from commonlaw.formulation.strong import StrongForm
+from commonlaw.formulation.variables import law_variables
 from commonlaw.formulation.weak import WeakForm
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "compress",
     "effective_rows",
     "independent_share",
+    "law_variables",
     "leave_one_out",
     "merge",
     "refuse_constant_states",

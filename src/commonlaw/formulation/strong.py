@@ -10,6 +10,7 @@ import numpy as np
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Piece
+from commonlaw.formulation.variables import law_variables
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
@@ -55,8 +56,7 @@ class StrongForm(AbstractSampledForm):
 
     def variables(self, schema: Schema) -> Variables:
         """Return the variables of a law over trials of this schema: states, their rates if of order 2, inputs, time."""
-        rates = rate_names(schema) if self.order == 2 else ()
-        return Variables((*schema.states, *rates), schema.inputs, schema.time)
+        return law_variables(schema, self.order)
 
     @property
     def takes_missing(self) -> bool:
@@ -100,10 +100,3 @@ class StrongForm(AbstractSampledForm):
             lower = [each[inside] for each in rates.derivatives[: self.order - 1]]
             columns = [states, *lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
             yield start, np.concatenate(columns, axis=1), rates.derivatives[self.order - 1][inside]
-
-
-def rate_names(schema: Schema) -> tuple[str, ...]:
-    """Return the names of the states' rates: ``v`` for a single state, ``v_x`` and ``v_y`` for several."""
-    plain = ["v"] if len(schema.states) == 1 else [f"v_{state}" for state in schema.states]
-    taken = {*schema.states, *schema.inputs, schema.time}
-    return tuple(f"{state}_rate" if name in taken else name for name, state in zip(plain, schema.states, strict=True))

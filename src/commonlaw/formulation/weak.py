@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
-from commonlaw.formulation.strong import rate_names
+from commonlaw.formulation.variables import law_variables
 from commonlaw.formulation.weak_rows import WeakRows
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
@@ -85,8 +85,7 @@ class WeakForm(AbstractFormulation):
             raise CommonlawError(f"noise {self.noise}: give a standard deviation for each state, 0 or positive")
 
     def variables(self, schema: Schema) -> Variables:
-        rates = rate_names(schema) if self.order == 2 else ()
-        return Variables((*schema.states, *rates), schema.inputs, schema.time)
+        return law_variables(schema, self.order)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         tested = self.tested(trial, terms)

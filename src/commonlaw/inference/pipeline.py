@@ -11,7 +11,7 @@ from commonlaw.inference.objects import Objects, prepare
 from commonlaw.inference.record import alternatives, history, outcomes
 from commonlaw.inference.resolution import FINEST, on_finer_mesh
 from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_supports
-from commonlaw.law import Law, partial_pooling
+from commonlaw.law import Law, pooled
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -63,7 +63,7 @@ def find_law(
     universal
         Coefficients that all objects have in common, shape (equations, terms).
     pool
-        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+        Whether the others are drawn to their means as far as the objects are alike, see `Law.pooled`.
     progress
         Takes what is being done.
 
@@ -94,7 +94,7 @@ def find_law(
         alternatives=alternatives(law, others),
         history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),
     )
-    return partial_pooling(law, universal, pool)
+    return pooled(law, universal, pool)
 
 
 def _searched(

@@ -12,7 +12,7 @@ from commonlaw.inference.pipeline import OUTLIERS
 from commonlaw.inference.record import coefficients_step, error_step, noise_step
 from commonlaw.inference.resolution import on_finer_mesh
 from commonlaw.inference.search import ERRORS, FINAL, OBEYED, Found, with_supports
-from commonlaw.law import Law, partial_pooling
+from commonlaw.law import Law, pooled
 from commonlaw.trials import Trials
 
 
@@ -43,7 +43,7 @@ def refine(
     errors
         How the covariance is found: ``"likelihood"`` or ``"bootstrap"``, see `LawDiscovery`.
     pool
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.pooled`.
 
     Returns
     -------
@@ -60,7 +60,8 @@ def refine(
     --------
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
-    >>> law = cl.discover(drops, order=2, library="poly:1", differentiation="savgol:25:3", solver="group-stlsq:1.5")
+    >>> method = cl.DerivativeRegression(differentiation="savgol:25:3", solver="group-stlsq:1.5")
+    >>> law = cl.discover(drops, order=2, library="poly:1", method=method)
     >>> print(cl.refine(law, drops).average())
     x'' = -9.836 ± 0.046 - (0.3834 ± 0.0041) v
     <BLANKLINE>
@@ -97,7 +98,7 @@ def refine(
         noise=objects.noise,
         history=(*law.history, *steps, coefficients_step(trials, objects, found)),
     )
-    return partial_pooling(refined, None, pool)
+    return pooled(refined, None, pool)
 
 
 def _resolved(trials: Trials, objects: Objects, found: Found) -> tuple[Objects, Found]:

@@ -4,6 +4,6 @@ from commonlaw.law.alternative import Alternative
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.history import History, Step
 from commonlaw.law.law import Law
-from commonlaw.law.objects import partial_pooling
+from commonlaw.law.objects import pooled
 
-__all__ = ["Alternative", "Forecast", "History", "Law", "Step", "partial_pooling"]
+__all__ = ["Alternative", "Forecast", "History", "Law", "Step", "pooled"]

@@ -63,7 +63,7 @@ class Law:
     common
         What the errors of different objects have in common since they were pooled: the covariance of two objects'
         coefficients is the product of one's matrix with the other's transposed, shape (objects, parameters,
-        parameters). None if objects do not depend on each other, see `partial_pooling`.
+        parameters). None if objects do not depend on each other, see `pooled`.
     """
 
     terms: Terms
@@ -139,7 +139,7 @@ class Law:
 
         return select(self, objects)
 
-    def partial_pooling(self) -> "Law":
+    def pooled(self) -> "Law":
         """Return the law with each coefficient drawn to its mean over objects, as far as the objects are alike in it.
 
         What objects have in common, such as gravity, all trials tell together; what is an object's own stays so.
@@ -151,9 +151,9 @@ class Law:
         CommonlawError
             If the law does not know how accurate its coefficients are, or is pooled already.
         """
-        from commonlaw.law.objects import partial_pooling
+        from commonlaw.law.objects import pooled
 
-        return partial_pooling(self)
+        return pooled(self)
 
     # How accurate it is
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.hierarchy import shrink
 from commonlaw.law.history import Step
+from commonlaw.law.pooling import pool
 from commonlaw.law.uncertainty import covariance_of
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ def select(law: "Law", objects: Sequence[str]) -> "Law":
     return _of_others(law, tuple(objects), law.coefficients[indices], covariance, common)
 
 
-def partial_pooling(law: "Law", universal: Bools | None = None, others: bool = True) -> "Law":
-    """Return the law with coefficients drawn to their means, see `Law.partial_pooling`.
+def pooled(law: "Law", universal: Bools | None = None, others: bool = True) -> "Law":
+    """Return the law with coefficients drawn to their means, see `Law.pooled`.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def partial_pooling(law: "Law", universal: Bools | None = None, others: bool = T
         return law
     indices = np.argwhere(law.support)[free].T
     variances = np.where(shared[law.support][free], 0.0, np.nan if others else np.inf)
-    found = shrink(law.coefficients[:, *indices], covariance[:, free][:, :, free], variances)
+    found = pool(law.coefficients[:, *indices], covariance[:, free][:, :, free], variances)
     coefficients, errors, common = law.coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
     inner = np.ix_(np.arange(len(law.objects)), free, free)
-    coefficients[:, *indices], errors[inner], common[inner] = found.estimates, found.covariances, found.shared_factors
+    coefficients[:, *indices], errors[inner], common[inner] = found.estimates, found.covariances, found.common
     shrinkage = np.zeros(law.support.shape)
     shrinkage[*indices] = found.shrinkage
     step = _step(law, shrinkage)

@@ -85,6 +85,6 @@ def path(law: "Law") -> pd.DataFrame:
     if not rows:
         raise CommonlawError(
             "this law was not chosen from the path of one solver; discover it with a solver that has no setting, "
-            "such as STLSQ()"
+            "such as GroupSTLSQ()"
         )
     return pd.DataFrame(rows)

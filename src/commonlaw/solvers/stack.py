@@ -19,7 +19,7 @@ _NOTHING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class StandardizedProblem:
+class Stack:
     """The least-squares problems of one equation, one for each object, and the terms that may enter.
 
     Columns have unit norm. Each object's squared residuals are divided by its residual variance with all terms
@@ -45,8 +45,8 @@ class StandardizedProblem:
     variance: Floats
 
     @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "StandardizedProblem":
-        """Return the problem of all objects from theirs.
+    def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "Stack":
+        """Stack the systems of all objects.
 
         Dependent columns are parted by a small ridge.
         """
@@ -100,7 +100,7 @@ class StandardizedProblem:
 
 
 def _triangles(matrices: Floats) -> Floats:
-    """Return the triangular factors of several matrices."""
+    """Return the triangular factors of a stack of matrices."""
     return np.asarray(np.linalg.qr(matrices, mode="r"))
 
 
@@ -138,7 +138,7 @@ class Directions:
         return cls(vectors * scale[..., np.newaxis], left, indices)
 
     @property
-    def error_reductions(self) -> Floats:
+    def gains(self) -> Floats:
         """Squared projections onto each term's direction, summed over the objects, shape (terms,)."""
         projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]
         return np.asarray(np.einsum("ot,ot->t", projections, projections))
@@ -155,7 +155,7 @@ class Directions:
         """Return the others as they are."""
         return Directions(np.delete(self.units, index, axis=1), self.left, np.delete(self.indices, index))
 
-    def pair_error_reductions(self) -> Floats:
+    def pair_gains(self) -> Floats:
         """Squared projections onto the span of every pair, summed over the objects, shape (terms, terms).
 
         The span of two unit vectors is that of their sum and difference, which are orthogonal.

@@ -1,0 +1,241 @@
+"""The options that say how a law is found: one group for each method, in the words of the library."""
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from commonlaw.cli.options import numbers, option, with_options
+
+if TYPE_CHECKING:
+    from commonlaw.discovery import AbstractMethod
+
+METHODS = {
+    "trajectory-likelihood": "TrajectoryLikelihood",
+    "derivative-regression": "DerivativeRegression",
+    "weak-regression": "WeakRegression",
+    "discrete-time-regression": "DiscreteTimeRegression",
+}
+
+_LIKELIHOOD = "Options of trajectory-likelihood"
+_REGRESSION = "Options of derivative-regression, weak-regression and discrete-time-regression"
+_DERIVATIVE = "Options of derivative-regression"
+_WEAK = "Options of weak-regression"
+
+
+_LIKELIHOOD_OPTIONS = (
+    option(
+        _LIKELIHOOD,
+        "--noise",
+        metavar="STATE=VALUE",
+        multiple=True,
+        help="Known standard deviation of a state's measurement noise; repeat for each state. Goes with "
+        "weak-regression too.  [default: estimated]",
+    ),
+    option(
+        _LIKELIHOOD,
+        "--huber-threshold",
+        type=float,
+        default=4.0,
+        show_default=True,
+        help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
+    ),
+    option(
+        _LIKELIHOOD,
+        "--covariance",
+        type=click.Choice(["likelihood", "bootstrap"]),
+        default="likelihood",
+        show_default=True,
+        help="How standard errors are found: from the curvature of the likelihood, "
+        "or by drawing blocks of the trials anew.",
+    ),
+    option(
+        _LIKELIHOOD,
+        "--partial-pooling/--no-partial-pooling",
+        default=True,
+        show_default=True,
+        help="Whether coefficients are drawn to their mean over objects as far as these are alike.",
+    ),
+    option(
+        _LIKELIHOOD,
+        "--seed",
+        type=click.IntRange(0),
+        default=0,
+        show_default=True,
+        help="Of whatever is drawn at random. Goes with every method.",
+    ),
+)
+
+_REGRESSION_OPTIONS = (
+    option(
+        _REGRESSION,
+        "--solver",
+        metavar="SPEC",
+        help="How terms are chosen: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], "
+        "forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), "
+        "stlsq[:THRESHOLD] (each its own). Without its value a solver offers all its candidates, and --rule chooses; "
+        "so it goes with trajectory-likelihood too.  [default: group-stlsq and best-subset; best-subset for "
+        "trajectory-likelihood]",
+    ),
+    option(
+        _REGRESSION,
+        "--rule",
+        metavar="RULE",
+        default="one-standard-error",
+        show_default=True,
+        help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, "
+        "bic, ebic.",
+    ),
+    option(
+        _REGRESSION,
+        "--scoring",
+        type=click.Choice(["residuals", "forecasts"]),
+        default="residuals",
+        show_default=True,
+        help="What candidates are compared by on trials held out.",
+    ),
+    option(
+        _REGRESSION,
+        "--resamples",
+        "n_resamples",
+        type=click.IntRange(0),
+        default=20,
+        show_default=True,
+        help="Bootstrap resamples that tell how stable the candidates are.",
+    ),
+    option(
+        _REGRESSION,
+        "--jobs",
+        "n_jobs",
+        type=int,
+        default=1,
+        show_default=True,
+        help="Processes that share the trials; -1 for one a core.",
+    ),
+    option(
+        _DERIVATIVE,
+        "--differentiation",
+        metavar="SPEC",
+        help="How derivatives are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
+        "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. Goes with weak-regression too, where it smooths."
+        "  [default: finite:2 for order 1, savgol:35:3 for order 2]",
+    ),
+    option(
+        _DERIVATIVE,
+        "--library-states",
+        type=click.Choice(["smoothed", "measured"]),
+        default="smoothed",
+        show_default=True,
+        help="States that terms are evaluated on.",
+    ),
+    option(
+        _DERIVATIVE,
+        "--trim",
+        type=click.IntRange(0),
+        default=0,
+        show_default=True,
+        help="Rows left out at each end of a trial, where smoothing is least accurate.",
+    ),
+    option(
+        _WEAK,
+        "--radius",
+        "radii",
+        type=float,
+        multiple=True,
+        help="Radius of the test functions in samples; repeat for more.  [default: by the spectrum of each trial]",
+    ),
+)
+
+_LIKELIHOOD_FIELDS = ("noise", "huber_threshold", "covariance", "partial_pooling", "seed")
+_REGRESSION_FIELDS = (
+    "solver",
+    "rule",
+    "scoring",
+    "n_resamples",
+    "n_jobs",
+    "differentiation",
+    "library_states",
+    "trim",
+    "radii",
+)
+_FLAGS = {"n_resamples": "--resamples", "n_jobs": "--jobs", "radii": "--radius"}
+"""Flags that are not the name of their field."""
+
+_METHOD = option(
+    "Method",
+    "--method",
+    type=click.Choice(list(METHODS)),
+    help="How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on "
+    "estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for large data "
+    "derivative-regression, for --order 0 discrete-time-regression; or the one whose options are given]",
+)
+
+
+def with_method(command: Callable[..., None]) -> Callable[..., None]:
+    """Add --method and the options of all methods to a command; it receives them as `method`, None if none is given."""
+
+    @wraps(command)
+    def wrapped(*, method: str | None, order: int, **values: Any) -> None:
+        given = _likelihood_settings(values) | _given(values, _REGRESSION_FIELDS)
+        command(method=_method(method, given, order), order=order, **values)
+
+    return with_options(wrapped, (_METHOD, *_LIKELIHOOD_OPTIONS, *_REGRESSION_OPTIONS))
+
+
+def with_likelihood(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the likelihood's options to a command; it receives those that are given as `settings`."""
+
+    @wraps(command)
+    def wrapped(**values: Any) -> None:
+        command(settings=_likelihood_settings(values), **values)
+
+    return with_options(wrapped, _LIKELIHOOD_OPTIONS)
+
+
+def _likelihood_settings(values: dict[str, Any]) -> dict[str, Any]:
+    """Take the likelihood's options out of a command's values, and return those that were given."""
+    given = _given(values, _LIKELIHOOD_FIELDS)
+    return given | ({"noise": numbers("--noise", given["noise"])} if "noise" in given else {})
+
+
+def _given(values: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    context = click.get_current_context()
+    own = {name: values.pop(name) for name in names}
+    return {
+        name: value for name, value in own.items() if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
+
+
+def _method(name: str | None, given: dict[str, Any], order: int) -> "AbstractMethod | None":
+    """Return the method of this name, or the one whose options are given.
+
+    Raises
+    ------
+    UsageError
+        If an option was given that the method does not have.
+    """
+    from commonlaw import discovery
+
+    if name is None and not given:
+        return None
+    name = name or _method_of(given, order)
+    takes = {name: {field.name for field in fields(getattr(discovery, each))} for name, each in METHODS.items()}
+    for each in given:
+        if each not in takes[name]:
+            flag = _FLAGS.get(each, "--" + each.replace("_", "-"))
+            others = " or ".join(other for other in METHODS if each in takes[other])
+            raise click.UsageError(f"{flag} does not go with --method {name}: leave it out, or use --method {others}")
+    made: AbstractMethod = getattr(discovery, METHODS[name])(**given)
+    return made
+
+
+def _method_of(given: dict[str, Any], order: int) -> str:
+    """Return the name of the method whose options are given."""
+    if order == 0:
+        return "discrete-time-regression"
+    if "radii" in given:
+        return "weak-regression"
+    return "trajectory-likelihood" if given.keys() <= {*_LIKELIHOOD_FIELDS} else "derivative-regression"

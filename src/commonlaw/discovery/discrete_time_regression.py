@@ -1,0 +1,34 @@
+"""Laws in discrete time, fitted to the next samples."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.regression import AbstractRegression
+from commonlaw.formulation import DiscreteForm
+from commonlaw.trials import Trials, TrialStream
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiscreteTimeRegression(AbstractRegression):
+    """Terms at one sample are fitted to the states at the next: ``x[k+1] = f(x[k])``. It takes streams.
+
+    Parameters
+    ----------
+    solver, rule, scoring, n_resamples, n_jobs, seed
+        How terms are chosen, see `AbstractRegression`.
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (0,)
+    takes_streams: ClassVar[bool] = True
+
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> DiscreteForm:
+        return DiscreteForm()
+
+    def initial_rates(self, trials: Trials | TrialStream, order: int) -> None:
+        return None

@@ -1,0 +1,78 @@
+"""What every method is: one way from trials to a law."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, TypeVar
+
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.law import Law
+from commonlaw.progress import ProgressCallback
+from commonlaw.trials import Trials, TrialStream
+
+T = TypeVar("T")
+
+
+class AbstractMethod(ABC):
+    """One way from trials to a law. Its fields are all that it heeds; what it does not take it refuses by name."""
+
+    orders: ClassVar[tuple[int, ...]]
+    """The orders of laws that it finds."""
+
+    takes_streams: ClassVar[bool]
+    """Whether it takes trials that come from a stream."""
+
+    @abstractmethod
+    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        """Return the law that these trials obey best.
+
+        Parameters
+        ----------
+        trials
+            What was measured.
+        structure
+            What is sought.
+        progress
+            Takes the text of each step.
+
+        Raises
+        ------
+        CommonlawError
+            If the order or a stream does not go with this method, or the trials cannot be used as they are; the
+            message names the object and trial and says what to do.
+        """
+
+
+def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, order: int) -> None:
+    """Refuse an order or a stream that a method does not take, before work starts.
+
+    Raises
+    ------
+    CommonlawError
+        Naming the method, and one that takes it.
+    """
+    name = type(method).__name__
+    if order not in method.orders:
+        other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
+        raise CommonlawError(f"order={order} does not go with {name}: use method={other}(), or another order")
+    if isinstance(trials, TrialStream) and not method.takes_streams:
+        raise CommonlawError(
+            f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
+        )
+
+
+def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
+    """Refuse a value that is not among the choices of a setting.
+
+    Raises
+    ------
+    CommonlawError
+        Naming the nearest choice.
+    """
+    if value not in choices:
+        raise unknown(name, value, choices)
+
+
+def parsed(value: T | str | None, parse: Callable[[str], T]) -> T | None:
+    """Return what a text stands for; anything else as it is."""
+    return parse(value) if isinstance(value, str) else value

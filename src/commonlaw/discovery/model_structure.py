@@ -1,0 +1,108 @@
+"""What is sought: the order of a law, its candidate terms, and what is known of their coefficients beforehand."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.formulation import law_variables
+from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
+from commonlaw.trials import Schema
+
+Key = str | tuple[str, str]
+"""A term, with the state of its equation before it when there are several."""
+
+Known = Mapping[Key, float | Mapping[str, float]]
+"""Coefficients that are known: one number, or one for each object by its name."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelStructure:
+    """The family of laws among which one is sought.
+
+    Parameters
+    ----------
+    order
+        1 or 2; 0 for laws in discrete time.
+    library
+        Candidate terms.
+    known
+        Coefficients that are known, see `Known`.
+    universal
+        Terms that have one coefficient for all objects.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such order.
+    """
+
+    order: int
+    library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
+    known: Known = field(default_factory=dict)
+    universal: Sequence[Key] = ()
+
+    def __post_init__(self) -> None:
+        if self.order not in (0, 1, 2):
+            raise CommonlawError(
+                f"order {self.order} is not supported: a law is of order 1 (x' = ...), of order 2 (x'' = ...), or of "
+                "order 0 in discrete time (x[k+1] = ...)"
+            )
+
+    def terms(self, schema: Schema) -> Terms:
+        """Return the candidate terms over the variables of trials of this schema.
+
+        Raises
+        ------
+        CommonlawError
+            If the library names a variable or a term that is not there.
+        """
+        return self.library.bind(law_variables(schema, self.order))
+
+    def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
+        """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.
+
+        Raises
+        ------
+        CommonlawError
+            If a term or state is not there, or an object has no coefficient.
+        """
+        terms = self.terms(schema)
+        found = np.full((len(objects), len(schema.states), len(terms)), np.nan)
+        for key, value in self.known.items():
+            equation, term = _index_of(key, schema.states, terms)
+            values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
+            missing = [name for name in objects if name not in values]
+            if missing:
+                raise CommonlawError(
+                    f"known term {terms.names[term]!r} has no coefficient for {', '.join(missing)}; give one for each "
+                    "object"
+                )
+            found[:, equation, term] = [values[name] for name in objects]
+        return found
+
+    def universal_coefficients(self, schema: Schema) -> Bools:
+        """Return which coefficients all objects have in common, shape (equations, terms).
+
+        Raises
+        ------
+        CommonlawError
+            If a term or state is not there.
+        """
+        terms = self.terms(schema)
+        found = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
+        for key in self.universal:
+            found[_index_of(key, schema.states, terms)] = True
+        return found
+
+
+def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
+    """Return the indices of the equation and of the term that a key names."""
+    if not isinstance(key, tuple) and len(states) > 1:
+        raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
+    state, term = key if isinstance(key, tuple) else (states[0], key)
+    if state not in states:
+        raise unknown("state", state, states)
+    return states.index(state), terms.index(term)

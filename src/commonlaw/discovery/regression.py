@@ -1,0 +1,161 @@
+"""Laws by least squares on rows, whatever makes the rows: a solver at its value, or a choice from solvers' paths."""
+
+from abc import abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, Compressed, compress
+from commonlaw.law import Law
+from commonlaw.progress import ProgressCallback
+from commonlaw.selection import (
+    BLOCKS,
+    RULES,
+    Accuracy,
+    ForecastError,
+    chosen_law,
+    fitted_law,
+    ill_conditions,
+    make_folds,
+    select,
+)
+from commonlaw.solvers import (
+    AbstractSolver,
+    BackwardElimination,
+    BestSubset,
+    Constrained,
+    ForwardSelection,
+    GroupSTLSQ,
+    parse_solver,
+)
+from commonlaw.trials import Trial, Trials, TrialStream
+
+_MANY_TERMS = 60
+"""More are too many for the solvers that look closely."""
+
+_TRIALS_FOR_ACCURACY = 4
+"""Trials of an object that the accuracy of its rows is estimated from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbstractRegression(AbstractMethod):
+    """Terms are chosen, and coefficients found, by least squares on rows.
+
+    Parameters
+    ----------
+    solver
+        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without a value of its hyperparameter,
+        ``STLSQ()``, offers its whole path, from which `rule` chooses. Default: the paths of ``STLSQ()`` and
+        ``BestSubset()``, or of stepwise selection where there are more than 60 terms.
+    rule
+        How an equation is chosen from the candidates when the solver has no value, see `commonlaw.selection.choose`.
+    scoring
+        What candidates are compared by on held-out trials: the ``"residuals"`` of their rows, or their ``"forecasts"``,
+        which takes longer.
+    n_resamples
+        Bootstrap resamples that tell how stable the candidates are.
+    n_jobs
+        Processes that share the trials; each computes with one thread.
+    seed
+        Of the resamples.
+    """
+
+    solver: AbstractSolver | str | None = None
+    rule: str = "one-standard-error"
+    scoring: Literal["residuals", "forecasts"] = "residuals"
+    n_resamples: int = 20
+    n_jobs: int = 1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice("rule", self.rule, RULES)
+        check_choice("scoring", self.scoring, ("residuals", "forecasts"))
+        object.__setattr__(self, "solver", parsed(self.solver, parse_solver))
+
+    @abstractmethod
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> AbstractFormulation:
+        """Return what makes rows of these trials."""
+
+    @abstractmethod
+    def initial_rates(self, trials: Trials | TrialStream, order: int) -> AbstractDifferentiator | None:
+        """Return what estimates the rates that forecasts of the law start with."""
+
+    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        refuse_what_does_not_fit(self, trials, structure.order)
+        schema, terms = trials.schema, structure.terms(trials.schema)
+        solver = parsed(self.solver, parse_solver)
+        progress("turning trials into regression rows")
+        formulation = self.formulation(trials, structure)
+        segments = 1 if solver is not None and solver.is_set else BLOCKS
+        data = compress(trials, schema, formulation, terms, parts=segments, n_jobs=self.n_jobs)
+        known = structure.known_coefficients(schema, data.objects)
+        law = Law(
+            terms,
+            schema,
+            structure.order,
+            data.objects,
+            np.nan_to_num(known),
+            self.initial_rates(trials, structure.order),
+        )
+        universal = structure.universal_coefficients(schema)
+        progress("choosing terms")
+        if solver is not None and solver.is_set:
+            rest = data.subtract(law.coefficients).problems
+            found = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
+        else:
+            listed = _default_solvers(len(terms)) if solver is None else (solver,)
+            solvers = [_sharing(each, universal) for each in listed]
+            accuracy = Accuracy(formulation, terms, _some_trials(trials, data.objects))
+            choose = partial(
+                select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples, seed=self.seed
+            )
+            found = chosen_law(law, choose())
+            if self.scoring == "forecasts":
+                progress("comparing forecasts of trials held out")
+                scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
+                found = chosen_law(law, choose(scores=scores))
+        return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.problems)))
+
+
+def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
+    """Return the solvers whose paths list the candidates when none is named.
+
+    Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
+    are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
+    """
+    return (GroupSTLSQ(), BestSubset()) if terms <= _MANY_TERMS else (ForwardSelection(), BackwardElimination())
+
+
+def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
+    """Return the solver with one coefficient for all objects where `universal`, shape (equations, terms), says so."""
+    for equation in np.flatnonzero(universal.any(axis=1)):
+        equal = tuple(int(term) for term in np.flatnonzero(universal[equation]))
+        solver = Constrained(solver, equal, equation=int(equation))
+    return solver
+
+
+def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Trial]]:
+    """Return the first few trials of each object, from which the accuracy of its rows is estimated."""
+    found: dict[str, list[Trial]] = {name: [] for name in objects}
+    for trial in trials:
+        if len(found[trial.object]) < _TRIALS_FOR_ACCURACY:
+            found[trial.object].append(trial)
+    return list(found.values())
+
+
+def _forecast_scores(trials: Trials | TrialStream, data: Compressed, law: Law, free: Bools) -> list[ForecastError]:
+    """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
+    if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
+        raise CommonlawError(
+            f"scoring='forecasts' needs trials in memory, at most {MOST_GROUPS} of an object; use scoring='residuals'"
+        )
+    folds = make_folds(data.groups)
+    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]

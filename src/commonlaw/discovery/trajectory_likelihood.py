@@ -1,0 +1,101 @@
+"""States and coefficients fitted together to what was measured, terms chosen by their evidence."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
+from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import OUTLIERS, PATH, find_law, known_noise
+from commonlaw.law import Law
+from commonlaw.progress import ProgressCallback
+from commonlaw.solvers import AbstractSolver, parse_solver
+from commonlaw.trials import Trials, TrialStream
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryLikelihood(AbstractMethod):
+    """Maximum likelihood of whole trajectories with free initial states; supports are compared by their evidence.
+
+    The law knows how accurate it is. See `commonlaw.inference`, and docs/method.md for every step.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of each state's measurement noise by name. Default: it is estimated.
+    huber_threshold
+        Standard deviations of noise beyond which a measurement counts as an outlier; infinite for none.
+    covariance
+        How the coefficients' covariance is found. ``"likelihood"``: from the curvature of the likelihood.
+        ``"bootstrap"``: from the scatter of coefficients when blocks of the trials are drawn anew, for noise that is
+        neither normal nor alike everywhere.
+    partial_pooling
+        Whether coefficients are drawn to their mean over objects as far as these are alike, see `Law.partial_pooling`.
+    solver
+        Whose path lists the candidates of each equation, or its text such as ``"best-subset"``; it has no value of its
+        hyperparameter, as the evidence chooses. Default: best subset selection.
+    seed
+        Of the bootstrap.
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (1, 2)
+    takes_streams: ClassVar[bool] = False
+
+    noise: Mapping[str, float] | None = None
+    huber_threshold: float = OUTLIERS
+    covariance: Literal["likelihood", "bootstrap"] = "likelihood"
+    partial_pooling: bool = True
+    solver: AbstractSolver | str | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice("covariance", self.covariance, ("likelihood", "bootstrap"))
+        if not self.huber_threshold > 0:
+            raise CommonlawError(
+                f"huber_threshold is {self.huber_threshold}: give how many standard deviations of noise a measurement "
+                "must be off to be an outlier, above zero"
+            )
+        solver = parsed(self.solver, parse_solver)
+        if solver is not None and solver.is_set:
+            raise CommonlawError(
+                f"a solver with a value of its hyperparameter, {solver}, does not go with TrajectoryLikelihood, which "
+                "chooses by evidence: leave the value out, or use method=DerivativeRegression(solver=...)"
+            )
+        object.__setattr__(self, "solver", solver)
+
+    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        refuse_what_does_not_fit(self, trials, structure.order)
+        assert isinstance(trials, Trials)
+        schema, terms = trials.schema, structure.terms(trials.schema)
+        known = structure.known_coefficients(schema, trials.objects)
+        universal = structure.universal_coefficients(schema)
+        noise = None if self.noise is None else known_noise(self.noise, schema.states)
+        rates = suitable_differentiation(trials, structure.order)
+        frame = Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), rates)
+
+        def by_derivatives() -> Bools:
+            return np.asarray(DerivativeRegression().find(trials, structure, progress).support & np.isnan(known[0]))
+
+        return find_law(
+            trials,
+            frame,
+            known,
+            by_rates=by_derivatives,
+            solver=parsed(self.solver, parse_solver) or PATH,
+            noise=noise,
+            outliers=self.huber_threshold,
+            errors=self.covariance,
+            universal=universal,
+            pool=self.partial_pooling,
+            progress=progress,
+        )

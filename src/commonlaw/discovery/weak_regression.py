@@ -1,0 +1,60 @@
+"""Terms fitted in the weak form."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from commonlaw.differentiation import AbstractDifferentiator, parse_differentiation
+from commonlaw.discovery.derivative_regression import suitable_differentiation
+from commonlaw.discovery.method import parsed
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.regression import AbstractRegression
+from commonlaw.formulation import WeakForm, reweighted
+from commonlaw.inference import known_noise
+from commonlaw.trials import Trials, TrialStream
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakRegression(AbstractRegression):
+    """Terms are integrated against test functions, so that no derivative is estimated (Messenger and Bortz 2021).
+
+    Rows are whitened by their covariance (Bortz, Messenger and Dukic 2023), see `WeakForm`.
+
+    Parameters
+    ----------
+    radii
+        Radii of the test functions in samples; None chooses one for each trial.
+    noise
+        Standard deviation of each state's measurement noise by name. Default: it is estimated for each trial.
+    differentiation
+        How states are smoothed before terms are evaluated on them, and where the rates of laws of second order come
+        from, or its text such as ``"spline"``. Default: see `WeakForm`.
+    solver, rule, scoring, n_resamples, n_jobs, seed
+        How terms are chosen, see `AbstractRegression`.
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (1, 2)
+    takes_streams: ClassVar[bool] = False
+
+    radii: tuple[float, ...] | None = None
+    noise: Mapping[str, float] | None = None
+    differentiation: AbstractDifferentiator | str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
+        WeakForm(radii=self.radii)  # Refuses radii that do not fit
+
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> WeakForm:
+        assert isinstance(trials, Trials)
+        noise = None if self.noise is None else tuple(known_noise(self.noise, trials.schema.states).tolist())
+        form = WeakForm(structure.order, self.radii, noise, parsed(self.differentiation, parse_differentiation))
+        return reweighted(trials, structure.terms(trials.schema), form)[0]
+
+    def initial_rates(self, trials: Trials | TrialStream, order: int) -> AbstractDifferentiator:
+        return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)
