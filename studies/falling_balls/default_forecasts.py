@@ -81,7 +81,7 @@ class Forecasts:
         return medians[self.best]["both"] - medians[DEFAULT]["both"]
 
     @property
-    def doubt(self) -> float:
+    def deviation(self) -> float:
         """Standard deviation of that over forecasts drawn anew, m."""
         both = np.array([every(self.rule[self.best]), every(self.rule[DEFAULT])])
         drawn = np.random.default_rng(SEED).integers(both.shape[1], size=(REDRAWS, both.shape[1]))
@@ -94,8 +94,8 @@ class Forecasts:
         for forecast in self.default.values():
             parts = zip(forecast.trials, forecast.trajectories, forecast.margins(measured=True), strict=True)
             for trial, trajectory, margin in parts:
-                gap = trial.states[HORIZON - 1, 0] - trajectory.states[HORIZON - 1, 0]
-                count += bool(abs(gap) <= margin[HORIZON - 1, 0])
+                residual = trial.states[HORIZON - 1, 0] - trajectory.states[HORIZON - 1, 0]
+                count += bool(abs(residual) <= margin[HORIZON - 1, 0])
         return count
 
     def share(self, model: str) -> float:

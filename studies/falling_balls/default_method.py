@@ -53,7 +53,7 @@ def default_method(inquiry: Inquiry) -> Section:
         "medians": medians,
         "share_of_initial_rate": {model: found.share(model) for model in found.fitted},
         "gain_on_best_model": found.gain,
-        "doubt_of_gain": found.doubt,
+        "deviation_of_gain": found.deviation,
     }
     results = {"default_method": {"choices": section.results, "forecasts": forecasts}}
     return Section(_NAME, _TITLE, blocks, _verdicts(choices, found), results)
@@ -97,7 +97,7 @@ def _form(law: Law) -> str:
 
 def _comparison(found: Forecasts) -> str:
     medians = found.medians[0]
-    if abs(found.gain) < found.doubt:
+    if abs(found.gain) < found.deviation:
         word = "a tie"
     else:
         word = "better" if found.gain > 0 else "worse"
@@ -113,13 +113,13 @@ def _compared(found: Forecasts) -> str:
     return (
         f"The default's median error is {_comparison(found)}. The medians differ by {abs(found.gain):.3f} m; over "
         f"{REDRAWS} draws of {len(default)} forecasts from these, with repetition, that difference has a standard "
-        f"deviation of {found.doubt:.2f} m. The default is the nearer of the two in {np.sum(default < best)} of "
+        f"deviation of {found.deviation:.2f} m. The default is the nearer of the two in {np.sum(default < best)} of "
         f"{len(default)} forecasts. If it is given no library either, it has all terms in $x$ and $v$ up to the third "
         f"degree to choose from: it takes {cubic['1']} on drop 1 and {cubic['2']} on drop 2, and has a median of "
         f"{found.medians[0][CUBIC]['both']:.3f} m. "
         f"Of the heights measured at sample {HORIZON}, {found.inside} of {len(default)} lie in the default's 95 % "
-        "bands. These count the noise and the doubt about the coefficients; that another drop of the same ball is "
-        "another fall, with another wind, they cannot know from one drop of each ball."
+        "bands. These count the noise and the standard errors of the coefficients; that another drop of the same ball "
+        "is another fall, with another wind, they cannot know from one drop of each ball."
     )
 
 

@@ -213,9 +213,9 @@ drops: all ten balls; the four whiffle balls, whose openings add drag; the six b
 pairs: the basketballs, which are nearly the same; the golf ball and the baseball, which are the densest; and the tennis
 ball and the volleyball, which remain.
 
-The measured heights obey none of these laws: they stray from each by more than their noise, as one may expect of a
-camera held by hand, of wind, and of balls that spin. Each law is therefore given an error, a random walk whose steps
-are a multiple of the noise, and the multiple is found from the drops. In this case the default does not trust the
+The measured heights depart from each of these laws by more than their noise, as one may expect of a camera held by
+hand, of wind, and of balls that spin. Each law is therefore given a model error, a random walk whose steps are a
+multiple of the noise, and the multiple is found from the drops. In this case the default does not trust the
 evidence. It chooses by rates on held-out trials, and takes the fewest terms within one standard error of the best. Here
 the evidence stands beside the choice, and they need not agree.
 """

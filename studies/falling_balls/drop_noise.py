@@ -102,8 +102,8 @@ def _found(drops: Trials, noise: Noise) -> str:
     typical = {way: float(np.median([each[way] for each in pairs.values()])) for way in _WAYS}
     drop, ball = max(pairs, key=lambda key: pairs[key]["paper_method"] / pairs[key]["robust"])
     (trial,) = drops.select(object=ball, trial=drop)
-    gaps = np.abs(trial.states - LARGEST.smooth(trial.times, trial.states))[:, 0]
-    worst, share = int(np.argmax(gaps)), float(np.max(gaps**2) / np.sum(gaps**2))
+    residuals = np.abs(trial.states - LARGEST.smooth(trial.times, trial.states))[:, 0]
+    worst, share = int(np.argmax(residuals)), float(np.max(residuals**2) / np.sum(residuals**2))
     return f"""
 The median over all drops is {typical["paper_method"]:.3f} m in the paper's way and {typical["robust"]:.3f} m from
 differences. The paper's way calls noise all that smoothing changes: also wobbles of the camera that last for several

@@ -50,7 +50,7 @@ class Example:
     predicted: Floats
 
     @property
-    def gaps(self) -> Floats:
+    def errors(self) -> Floats:
         """Distance of the prediction from the truth over the size of the true trajectory, shape (n,)."""
         size = np.linalg.norm(self.true, axis=1).max()
         return np.asarray(np.linalg.norm(self.predicted - self.true, axis=1) / size)

@@ -17,7 +17,7 @@ from studies.falling_balls.method import single_law
 from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
-    GAP_LIMITS,
+    ERROR_LIMITS,
     LONG_AGREEMENT,
     LONG_DROP,
     LONG_LIMITS,
@@ -58,13 +58,13 @@ class _Ball:
     smoothed: Floats
     forecasts: Mapping[str, _Forecast]
 
-    def gap(self, heights: Floats) -> Floats:
+    def error(self, heights: Floats) -> Floats:
         """Return how far heights are from the measured ones, m."""
         return np.asarray(np.abs(heights - self.trial.states[:, 0]))
 
     def rms(self, heights: Floats) -> float:
         """Return the root of the mean squared distance, m."""
-        return float(np.sqrt(np.mean(self.gap(heights) ** 2)))
+        return float(np.sqrt(np.mean(self.error(heights) ** 2)))
 
 
 def long_forecasts(drops: Trials) -> Section:
@@ -72,14 +72,16 @@ def long_forecasts(drops: Trials) -> Section:
     balls = {name: _study(drops.select(object=name, trial=LONG_DROP)) for name in LONG_STARTS}
     far = partial(plot_curves, _far_panels(balls), "t (s)", "height (m)", y_limits=LONG_LIMITS)
     near = partial(plot_curves, _near_panels(balls), "t (s)", "height (m)")
-    gaps = partial(plot_curves, _gap_panels(balls), "t (s)", "absolute error (m)", log_y=True, y_limits=GAP_LIMITS)
+    errors = partial(
+        plot_curves, _error_panels(balls), "t (s)", "absolute error (m)", log_y=True, y_limits=ERROR_LIMITS
+    )
     return Section(
         "long-forecasts",
         "Beyond what was seen",
         (
             Text(_ASKED),
             Picture("forecasts-of-the-learned-drop", f"{_HERE} Measured heights and forecasts.", near),
-            Picture("errors-on-the-learned-drop", f"{_HERE} {_OBSERVED}", gaps),
+            Picture("errors-on-the-learned-drop", f"{_HERE} {_OBSERVED}", errors),
             Text(_near_found(balls)),
             Picture("long-forecasts", _FAR, far),
             _equations(balls),
@@ -114,13 +116,13 @@ def _near_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
     return panels
 
 
-def _gap_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
+def _error_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
     panels = {}
     for name, ball in balls.items():
         # All forecasts begin at the measured height, and a logarithmic axis has no place for an error of nothing
         times = ball.trial.times[1:]
-        gaps = {model: ball.gap(each.near.states[:, 0])[1:] for model, each in ball.forecasts.items()}
-        panels[name] = [Curve("observed", times, ball.gap(ball.smoothed)[1:], line=":"), *_curves(times, gaps)]
+        errors = {model: ball.error(each.near.states[:, 0])[1:] for model, each in ball.forecasts.items()}
+        panels[name] = [Curve("observed", times, ball.error(ball.smoothed)[1:], line=":"), *_curves(times, errors)]
     return panels
 
 
@@ -183,14 +185,14 @@ def _verdict(balls: Mapping[str, _Ball]) -> Verdict:
     runs_away = ended is not None and UNBOUNDED_AFTER[0] <= ended < UNBOUNDED_AFTER[1]
     # Heights count upwards: what hurries a falling ball has the sign of gravity
     hurries = coefficient < 0 and golf["3"].end < golf["1"].end
-    gap = abs(whiffle["3"].end - whiffle["2"].end)
+    apart = abs(whiffle["3"].end - whiffle["2"].end)
     fallen = LONG_STARTS["Whiffle Ball 2"] - whiffle["2"].end
-    agree = gap < LONG_AGREEMENT * fallen
+    agree = apart < LONG_AGREEMENT * fallen
     text = (
         "The paper says that model 4 of the golf ball grows without bound after seven seconds; here it "
         + ("stays finite. " if ended is None else f"diverges after {ended:.2f} s. ")
         + "It says that models 2 and 3 of whiffle ball 2 agree; after 15 s they are "
-        f"{gap:.1f} m apart, after a fall of {fallen:.0f} m. It says that the $v^2$ term in model 3 of the golf ball "
+        f"{apart:.1f} m apart, after a fall of {fallen:.0f} m. It says that the $v^2$ term in model 3 of the golf ball "
         "is wrongly positive and cancels the drag, so that the ball falls too fast; the coefficient is "
         f"{cell(coefficient, 2)} with heights counted upwards, as in the paper's equations, "
         + (

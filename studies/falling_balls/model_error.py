@@ -83,11 +83,14 @@ def errors_of_height(laws: Mapping[str, Law], drops: Trials) -> dict[str, dict[s
 def _errors(law: Law, tests: Trials) -> dict[str, float]:
     # From one sample: the paper's rule, also for laws that could fit their start to more of the unseen drop
     forecast = law.predict(tests, start=1)
-    gaps = [
+    residuals = [
         abs(float(trajectory.states[HORIZON - 1, 0] - trial.states[HORIZON - 1, 0]))
         for trial, trajectory in zip(tests, forecast.trajectories, strict=True)
     ]
-    return {trial.object: gap if np.isfinite(gap) else np.inf for trial, gap in zip(tests, gaps, strict=True)}
+    return {
+        trial.object: residual if np.isfinite(residual) else np.inf
+        for trial, residual in zip(tests, residuals, strict=True)
+    }
 
 
 def medians_of(errors: Errors) -> dict[str, dict[str, float]]:

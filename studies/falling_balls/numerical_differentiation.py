@@ -162,11 +162,11 @@ def _found(fall: NoisyFall, errors: Medians) -> str:
         order: " and ".join(_least(fall, by_window, noise) for noise in PRINTED_NOISE)
         for order, by_window in errors.items()
     }
-    gaps = fall.rate_gaps(METHODS[BEST], (low + high) / 2)
-    ends = {order: _share_of_ends(gap) for order, gap in gaps.items()}
+    residuals = fall.derivative_errors(METHODS[BEST], (low + high) / 2)
+    ends = {order: _share_of_ends(error) for order, error in residuals.items()}
     largest = {
-        order: float(np.median(np.max(np.abs(gap), axis=0)) / np.max(np.abs(exact)))
-        for (order, gap), exact in zip(gaps.items(), fall.rates, strict=True)
+        order: float(np.median(np.max(np.abs(error), axis=0)) / np.max(np.abs(exact)))
+        for (order, error), exact in zip(residuals.items(), fall.rates, strict=True)
     }
     usual = {order: at(fall.levels, errors[order][str(WINDOWS[-1])], (low + high) / 2) for order in ORDERS}
     return f"""
@@ -186,6 +186,6 @@ def _least(fall: NoisyFall, errors: Mapping[str, Floats], noise: float) -> str:
     return min(errors, key=lambda window: at(fall.levels, errors[window], noise))
 
 
-def _share_of_ends(gap: Floats) -> float:
-    squares = np.sum(gap**2, axis=1)
+def _share_of_ends(error: Floats) -> float:
+    squares = np.sum(error**2, axis=1)
     return float((squares[:END_SAMPLES].sum() + squares[-END_SAMPLES:].sum()) / squares.sum())

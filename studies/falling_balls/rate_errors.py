@@ -82,8 +82,8 @@ class NoisyFall:
             for order, rate, exact in zip(ORDERS, found, self.rates, strict=True)
         }
 
-    def rate_gaps(self, method: AbstractDifferentiator, level: float) -> dict[int, Floats]:
-        """Return by how much rates are off at the level nearest to this one, each of shape (n, draws)."""
+    def derivative_errors(self, method: AbstractDifferentiator, level: float) -> dict[int, Floats]:
+        """Return the errors of the derivatives at the level nearest to this one, each of shape (n, draws)."""
         index = int(np.argmin(np.abs(self.levels - level)))
         found = method.differentiate(self.times, self.measured[:, index], max(ORDERS)).derivatives
         return {

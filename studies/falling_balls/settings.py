@@ -98,7 +98,7 @@ OUNCES = (1.6, 2.0, 1.0, 5.0, 18.0)
 OUNCE = 0.0283495
 """As the authors' program had it, kg."""
 TENNIS_BALL = 1
-"""Its place among these balls."""
+"""Its index among these balls."""
 LONG_FALL = (49, 900)
 """Samples of the short and the long comparison of linear with Reynolds-dependent drag."""
 LINEAR_RIVALS: Mapping[str, Mapping[str, float]] = {
@@ -148,7 +148,7 @@ LONG_DROP = "2"
 """The drop that the long forecasts learn from and start from."""
 LONG_LIMITS = (-100.0, 1050.0)
 """Heights that the figure of the long forecasts shows, m."""
-GAP_LIMITS = (1e-3, 20.0)
+ERROR_LIMITS = (1e-3, 20.0)
 """Errors that the figure of the learned drop shows, m."""
 UNBOUNDED_AFTER = (7.0, 8.0)
 """When the overfit model of the golf ball must run away to do so "after seven seconds", s."""

@@ -41,11 +41,11 @@ def sparsity_path(inquiry: Inquiry) -> Section:
         Table(f"thresholds-{kind}", _TABLES[kind], _side_by_side(printed[kind], found[kind]), _DIGITS[kind])
         for kind in trials
     ]
-    stretches = Table("threshold-stretches", _STRETCHES, _stretches(printed, paths))
+    intervals = Table("threshold-intervals", _INTERVALS, _intervals(printed, paths))
     return Section(
         _NAME,
         _TITLE,
-        (Text(_ASKED), *tables, stretches, *choices.blocks),
+        (Text(_ASKED), *tables, intervals, *choices.blocks),
         (
             _single_table(printed["single"], found["single"]),
             _group_table(printed["group"], found["group"]),
@@ -91,8 +91,8 @@ def _side_by_side(printed: Printed, found: Found) -> "pd.DataFrame":
     return pd.DataFrame(rows).astype(object).pipe(lambda frame: frame.where(frame.notna(), None))
 
 
-def _stretches(printed: Mapping[str, Printed], paths: "Mapping[str, pd.DataFrame]") -> "pd.DataFrame":
-    """Return the stretches of thresholds that give the same terms, and the printed thresholds in each."""
+def _intervals(printed: Mapping[str, Printed], paths: "Mapping[str, pd.DataFrame]") -> "pd.DataFrame":
+    """Return the intervals of thresholds that give the same terms, and the printed thresholds in each."""
     import pandas as pd
 
     return pd.DataFrame(
@@ -147,9 +147,9 @@ _TABLES = {
         "(rounded or cut off to few digits) and as found. An empty cell is a term that is not in the equations."
     ),
 }
-_STRETCHES = (
+_INTERVALS = (
     f"All thresholds for drop {PATH_DROP}: from where to where the method gives the same terms, and the thresholds of "
-    "the printed tables in each stretch."
+    "the printed tables in each interval."
 )
 _ASKED = f"""
 One number decides how many terms a law has: the threshold. The paper chose it by hand, and shows in two tables what

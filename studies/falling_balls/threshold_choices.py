@@ -67,13 +67,13 @@ def chosen_law(kind: str, trials: Trials, rule: str) -> Law:
     return METHODS[kind](trials, None, rule=rule, n_resamples=0)
 
 
-def _stretch_at(path: "pd.DataFrame", threshold: float) -> "pd.Series[Any]":
+def _interval_at(path: "pd.DataFrame", threshold: float) -> "pd.Series[Any]":
     """Return the row of a path that holds at a threshold."""
     return path[(path["from"] <= threshold) & (threshold < path["to"])].iloc[0]
 
 
 def _choice(law: Law) -> dict[str, Any]:
-    """Return what a law was chosen for, and the stretches of thresholds that give it."""
+    """Return what a law was chosen for, and the intervals of thresholds that give it."""
     path = law.path()
     rows = path[path["chosen"]]
     return {
@@ -158,7 +158,7 @@ other thresholds than the tables, which learn from one.
 
 def _found(choices: Choices, paths: "Mapping[str, pd.DataFrame]") -> str:
     group, single = choices["group"], choices["single"]
-    above = {kind: value / _stretch_at(paths[kind], value)["from"] for kind, value in _THRESHOLDS.items()}
+    above = {kind: value / _interval_at(paths[kind], value)["from"] for kind, value in _THRESHOLDS.items()}
     low, high = group["held-out"]["thresholds"][0]
     return f"""
 For the group the held-out drop chooses {_listed(group["held-out"])}, at every threshold from

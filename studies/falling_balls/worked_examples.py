@@ -103,15 +103,15 @@ def _coefficient_verdict(rows: Sequence[Coefficient]) -> Verdict:
 
 def _trajectory_verdict(examples: Mapping[str, Example]) -> Verdict:
     """Check that laws with all terms hold where nothing was learned, and that one without the drag does not."""
-    gaps = {name: float(example.gaps.max()) for name, example in examples.items()}
-    whole = [gaps[name] for name in (_OSCILLATOR, *list(EXAMPLE_THRESHOLDS)[:2])]
-    lacking = gaps[_HIGH]
+    errors = {name: float(example.errors.max()) for name, example in examples.items()}
+    whole = [errors[name] for name in (_OSCILLATOR, *list(EXAMPLE_THRESHOLDS)[:2])]
+    lacking = errors[_HIGH]
     example = examples[_OSCILLATOR]
     return Verdict(
         "reproduced" if max(whole) < CLOSE < lacking else "differs",
         f"The paper notes the close agreement of the learned oscillator with the true one up to "
-        f"$t = {example.times[-1]:g}$: they part by at most {gaps[_OSCILLATOR]:.2%} of its size, after learning up to "
-        f"$t = {example.times[example.learned_from - 1]:g}$. The falls with all terms in the library agree within "
+        f"$t = {example.times[-1]:g}$: they part by at most {errors[_OSCILLATOR]:.2%} of its size, after learning up "
+        f"to $t = {example.times[example.learned_from - 1]:g}$. The falls with all terms in the library agree within "
         f"{max(whole[1:]):.2%}. The fall whose drag was thresholded away is off by {lacking:.0%} of its largest speed.",
     )
 
@@ -192,7 +192,7 @@ def _found(examples: Mapping[str, Example], rows: Sequence[Coefficient]) -> str:
     high, low = examples[_HIGH], examples[_LOW]
     (square,) = (row.found for row in rows if row.example == _LOW and row.term == "v^2")
     in_air = learned_fall(_HIGH, AIR_VISCOSITY).law.coefficients[0, 0, 0]
-    seen = high.gaps[: high.learned_from].max()
+    seen = high.errors[: high.learned_from].max()
     digits = f"the last digit does not agree for {len(short)} of them" if short else "both print so"
     upward = "that pushes a falling ball up, as drag does" if square > 0 else "here it is negative"
     return f"""
@@ -205,8 +205,8 @@ where it was learned its velocity is off by up to {seen:.0%} of the largest, and
 (With the viscosity of the text's air it is {_minus(f"{in_air:.3f}")} m/s².)
 
 With the low threshold the paper prints {QUADRATIC.printed} where {QUADRATIC.found} is found. It calls the positive sign
-of this term nonphysical; but {upward}, and this law is within {low.gaps.max():.2%} of the true velocity, also where it
-did not learn. It would be wrong for a ball that rises.
+of this term nonphysical; but {upward}, and this law is within {low.errors.max():.2%} of the true velocity, also where
+it did not learn. It would be wrong for a ball that rises.
 """
 
 

@@ -98,7 +98,7 @@ def test_the_median_errors_to_a_centimetre(results):
     assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
         "2": 0.72, "default": 0.92,
     }  # fmt: skip
-    assert abs(results["forecasts"]["gain_on_best_model"]) < results["forecasts"]["doubt_of_gain"]
+    assert abs(results["forecasts"]["gain_on_best_model"]) < results["forecasts"]["deviation_of_gain"]
 
 
 def test_what_is_chosen_is_what_discover_chooses_and_its_list_says(drops, results):

@@ -63,8 +63,8 @@ def test_both_tables_of_thresholds_are_reproduced_but_for_the_erratum(path: Sect
 
 
 def test_every_printed_threshold_stands_in_the_stretch_that_holds_it(path: Section) -> None:
-    stretches = table(path, "threshold-stretches").frame
-    for method, part in stretches.groupby("method"):
+    intervals = table(path, "threshold-intervals").frame
+    for method, part in intervals.groupby("method"):
         kind = "group" if "group" in method else "single"
         listed = ", ".join(part["printed"].dropna()).split(", ")
         assert sorted(listed) == sorted(path.results[f"threshold_path_{kind}"])

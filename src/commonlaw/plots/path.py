@@ -1,4 +1,4 @@
-"""How a solver's setting decides: the law at every threshold."""
+"""How a solver's hyperparameter decides: the law at every threshold."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_ERROR, _SPREAD = "held-out error", "standard error"
+_ERROR, _DEVIATION = "held-out error", "standard error"
 
 
 @styled()
-def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float] | None = None) -> Figure:
-    """Plot the number of terms and the held-out error against the setting of the solver, for each equation.
+def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str, float] | None = None) -> Figure:
+    """Plot the number of terms and the held-out error against the solver's hyperparameter, for each equation.
 
-    A band shows one standard error to both sides; the stretch of the chosen equation is shaded.
+    A band shows one standard error to both sides; the interval of the chosen equation is shaded.
 
     Parameters
     ----------
     law
         A law that was chosen from the path of one solver.
-    setting
-        What the solver's setting is.
+    hyperparameter
+        What the solver's hyperparameter is called.
     marks
-        Settings to be marked by a line, by name.
+        Values to be marked by a line, by name.
 
     Raises
     ------
@@ -50,10 +50,10 @@ def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float
         edges = _edges(own, marks)
         _step(above, edges, own["size"].to_numpy(dtype=np.float64), COLORS[0])
         error = own[_ERROR].to_numpy(dtype=np.float64)
-        spread = own[_SPREAD].to_numpy(dtype=np.float64)
+        deviation = own[_DEVIATION].to_numpy(dtype=np.float64)
         _step(below, edges, error, COLORS[1])
         # A band that went down to zero would have no end on a logarithmic axis
-        low, high = np.maximum(error - spread, error / 10), error + spread
+        low, high = np.maximum(error - deviation, error / 10), error + deviation
         below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
         for panel in (above, below):
             for i in np.flatnonzero(own["chosen"]):
@@ -63,10 +63,10 @@ def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float
         above.set_title(f"equation of {label}" if columns > 1 else "")
         below.set_xscale("log")
         below.set_xlim(edges[0], edges[-1])
-        below.set_xlabel(plain(setting, 60))
+        below.set_xlabel(plain(hyperparameter, 60))
     panels[0, 0].set_ylabel("number of terms")
     panels[0, 0].yaxis.set_major_locator(MaxNLocator(integer=True))
-    panels[1, 0].set_ylabel(f"{_ERROR}\n± one {_SPREAD}")
+    panels[1, 0].set_ylabel(f"{_ERROR}\n± one {_DEVIATION}")
     panels[1, 0].set_yscale("log")
     chosen = key("chosen", color=COLORS[2], alpha=0.3, linewidth=8)
     lines = [key(plain(name, 40), color="black", linestyle=dash) for name, dash in lined]
@@ -75,7 +75,7 @@ def plot_path(law: Law, setting: str = "threshold", *, marks: Mapping[str, float
 
 
 def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:
-    """Return where the stretches begin, and where the last is cut off, shape (stretches + 1,); all above zero."""
+    """Return where the intervals begin, and where the last is cut off, shape (intervals + 1,); all above zero."""
     begins = path["from"].to_numpy(dtype=np.float64)
     inner = np.array([*begins[begins > 0], *marks.values()])
     low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
@@ -88,5 +88,5 @@ def _step(panel: Axes, edges: Floats, values: Floats, color: str) -> None:
 
 
 def _closed(values: Floats) -> Floats:
-    """Return the values with the last once more, for the end of its stretch."""
+    """Return the values with the last once more, for the end of its interval."""
     return np.append(values, values[-1])
