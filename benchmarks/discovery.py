@@ -144,7 +144,7 @@ def method(objects: Sequence[tuple[Arrays, Arrays]], info: Mapping[str, Any]) ->
     law = cl.discover(trials, order=order, library=library)
     names = library.bind(Variables(tuple(f"x{i}" for i in range(order * size)), (), "t")).names
     known = [{f"x{size + i}": 1.0} for i in range(size)] if order == 2 else []
-    return [[*known, *(_named(names, row) for row in law.of(name))] for name in trials.objects]
+    return [[*known, *(_named(names, row) for row in law.coefficients_of(name))] for name in trials.objects]
 
 
 def library_of(info: Mapping[str, Any]) -> AbstractLibrary:

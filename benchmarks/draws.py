@@ -79,7 +79,7 @@ def _outcome(name: str, level: float, seed: int) -> Outcome:
     trials = known.measured(level, seed)
     law = known.discover(trials, partial_pooling=False)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(_stated(known, law), _stated(known, law.pooled()), plain)
+    return Outcome(_stated(known, law), _stated(known, law.partial_pooling()), plain)
 
 
 def _stated(known: Experiment, law: cl.Law) -> Stated | None:

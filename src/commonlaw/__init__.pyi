@@ -38,7 +38,11 @@ from .integration import (
     Event as Event,
     Trajectory as Trajectory,
 )
-from .law import Law as Law
+from .law import (
+    Law as Law,
+    Provenance as Provenance,
+    Uncertainty as Uncertainty,
+)
 from .library import (
     ConstantLibrary as ConstantLibrary,
     ExpressionLibrary as ExpressionLibrary,

@@ -116,14 +116,14 @@ def default_forecasts(drops: Trials) -> Forecasts:
         {model: errors_of_height(by_drop, drops) for model, by_drop in laws.items()},
         {model: _started(by_drop, drops, _fitted_rate) for model, by_drop in started.items()},
         {model: _started(by_drop, drops, _parabola_rate) for model, by_drop in started.items()},
-        {drop: law.predict(each[OTHER_DROP[drop]], start=1, spread=True) for drop, law in laws[DEFAULT].items()},
+        {drop: law.predict(each[OTHER_DROP[drop]], start=1, return_std=True) for drop, law in laws[DEFAULT].items()},
     )
 
 
 def _default(trials: Trials, library: str | None) -> Law:
     """Return the default's law, whose forecasts start with the paper's rate."""
     law = discover(trials, order=2, library=library, progress=lambda _: None)
-    return replace(law, differentiation=parse_differentiation(DIFFERENTIATION))
+    return replace(law, provenance=replace(law.provenance, differentiation=parse_differentiation(DIFFERENTIATION)))
 
 
 def _started(laws: Mapping[str, Law], drops: Trials, starter: Starter) -> dict[str, dict[str, float]]:

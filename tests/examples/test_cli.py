@@ -81,7 +81,11 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
     run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
     law = cl.Law.load(tmp_path / "law.json")
     steps = (Step("noise", "height: 0.01", "given"),)
-    replace(law, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01], history=steps).save("law.json")
+    replace(
+        law,
+        uncertainty=replace(law.uncertainty, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01]),
+        provenance=replace(law.provenance, history=steps),
+    ).save("law.json")
 
     code, out, _ = run("show", "law.json")
     assert (code, "Ball 3" in out, "± 0.10" in out, "standard error" in out) == (0, True, True, True)
@@ -118,15 +122,16 @@ def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
         )
         assert code == 0
     law, drawn, alone = (cl.Law.load(tmp_path / f"{name}.json") for name in ("law", "drawn", "alone"))
-    assert law.common is not None
-    assert alone.common is None
+    assert law.uncertainty.shared_factor is not None
+    assert alone.uncertainty.shared_factor is None
     assert np.nanmax(np.abs(drawn.standard_errors - law.standard_errors)) > 0
 
 
 @pytest.mark.usefixtures("table")
 def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
     run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
-    replace(cl.Law.load(tmp_path / "law.json"), noise=[0.01]).save("law.json")
+    law = cl.Law.load(tmp_path / "law.json")
+    replace(law, uncertainty=replace(law.uncertainty, noise=[0.01])).save("law.json")
     found = {}
     for start in (1, 15):
         code, out, err = run("predict", "law.json", "drops.csv", "--start", str(start), "--json")
@@ -141,7 +146,11 @@ def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
     def certain(*given, **settings):
         law = discover(*given, **settings)
         steps = (Step("support", "1, v", "the evidence is largest"),)
-        return replace(law, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01], history=steps)
+        return replace(
+            law,
+            uncertainty=replace(law.uncertainty, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01]),
+            provenance=replace(law.provenance, history=steps),
+        )
 
     discover = cl.discover
     monkeypatch.setattr(cl, "discover", certain)

@@ -48,7 +48,7 @@ def first_speed(trial):
 
 def heights(law, trial, speed):
     """Integrate ``x'' = a + b v + c v^2`` from the trial's first height."""
-    a, b, c = law.of(trial.object)[0]
+    a, b, c = law.coefficients_of(trial.object)[0]
     start, span = [trial.states[0, 0], speed], trial.times[[0, 41]]
 
     def rates(_, y):

@@ -51,7 +51,7 @@ def test_drops_with_a_squared_velocity_solve_their_equation_and_come_from_their_
         expected = integrated(lambda _, y, d=drag, q=square: [y[1], -9.8 + d * y[1] + q * y[1] ** 2], [47.33, 0.0],
                               trial.times)  # fmt: skip
         np.testing.assert_allclose(trial.states, expected[:, :1], atol=1e-8)
-        np.testing.assert_array_equal(law.of(trial.object), [[-9.8, drag, square]])
+        np.testing.assert_array_equal(law.coefficients_of(trial.object), [[-9.8, drag, square]])
 
 
 def test_without_a_squared_velocity_drops_are_the_same_bits_and_their_law_has_no_such_term():
@@ -157,7 +157,7 @@ def test_prey_and_predators_keep_the_invariant_of_each_pair():
     law = datasets.lotka_volterra.truth()
     assert len(trials) == 10
     for trial in trials:
-        (a, _, b), (_, c, d) = np.abs(law.of(trial.object))
+        (a, _, b), (_, c, d) = np.abs(law.coefficients_of(trial.object))
         x, y = trial.states.T
         invariant = d * x - c * np.log(x) + b * y - a * np.log(y)
         np.testing.assert_allclose(invariant, invariant[0], rtol=1e-8)

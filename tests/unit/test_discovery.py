@@ -53,7 +53,7 @@ def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     for name in drops.objects:
         values, targets = (np.concatenate(parts) for parts in zip(*map(form.samples, drops.of(name)), strict=True))
         expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
-        np.testing.assert_allclose(law.of(name)[0][law.support[0]], expected, rtol=1e-10)
+        np.testing.assert_allclose(law.coefficients_of(name)[0][law.support[0]], expected, rtol=1e-10)
 
 
 def test_known_terms_are_moved_to_the_left_hand_side(drops):

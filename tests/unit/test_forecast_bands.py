@@ -11,9 +11,9 @@ from commonlaw import datasets
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFilter, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
-from commonlaw.forecast.intervals import spread_of
+from commonlaw.forecast.intervals import trajectory_std
 from commonlaw.integration import Trajectory
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
 
@@ -27,14 +27,20 @@ def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
     size = int(law.support.sum())
     mixed = np.random.default_rng(seed).standard_normal((len(law.objects), size, 2 * size)) / np.sqrt(2 * size)
     mixed *= relative * law.coefficients[:, law.support][:, :, np.newaxis]
-    return replace(law, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.states), noise))
+    return replace(
+        law,
+        uncertainty=replace(
+            law.uncertainty, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.states), noise)
+        ),
+    )
 
 
 def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise():
     drops = datasets.linear_drag(drag=[-0.3, -0.5], noise=0.0, trials=1)
     rule = parse_differentiation("savgol:11:3")
-    law = replace(unsure(datasets.linear_drag.truth(drag=[-0.3, -0.5]), 0.03, 0.05), differentiation=rule)
-    forecast = law.predict(drops, start=1, spread=True)
+    law = unsure(datasets.linear_drag.truth(drag=[-0.3, -0.5]), 0.03, 0.05)
+    law = replace(law, provenance=Provenance(rule))
+    forecast = law.predict(drops, start=1, return_std=True)
     rng = np.random.default_rng(1)
     for i, trial in enumerate(drops):
         noisy = trial.states + 0.05 * rng.standard_normal((len(trial), DRAWS))
@@ -44,8 +50,8 @@ def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise(
         growth, limit = np.exp(own[1] * times), -own[0] / own[1]
         rates = limit + (starts[1] - limit) * growth
         heights = starts[0] + limit * times + (starts[1] - limit) * (growth - 1) / own[1]
-        np.testing.assert_allclose(forecast.spread[i][:, 0], heights.std(axis=1), rtol=TOLERANCE)
-        np.testing.assert_allclose(forecast.spread[i][:, 1], rates.std(axis=1), rtol=TOLERANCE)
+        np.testing.assert_allclose(forecast.std[i][:, 0], heights.std(axis=1), rtol=TOLERANCE)
+        np.testing.assert_allclose(forecast.std[i][:, 1], rates.std(axis=1), rtol=TOLERANCE)
 
 
 @pytest.mark.parametrize("method", ["scipy", "auto"])
@@ -53,7 +59,7 @@ def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_
     trials = datasets.lotka_volterra(noise=0.0)[[0, 3]]
     trials = trials.keep([trial.cut(80) for trial in trials])
     law = unsure(datasets.lotka_volterra.truth(), 0.005, 0.05).select(trials.objects)
-    forecast = law.predict(trials, spread=True, method=method)
+    forecast = law.predict(trials, return_std=True, method=method)
     rng = np.random.default_rng(1)
     for i, trial in enumerate(trials):
         own = rng.multivariate_normal(law.coefficients[i, law.support], law.covariance[i], DRAWS).T
@@ -66,7 +72,7 @@ def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_
 
         span = (trial.times[0], trial.times[-1])
         found = solve_ivp(rates, span, starts.ravel(), "DOP853", trial.times, rtol=1e-8).y.reshape(2, DRAWS, -1)
-        np.testing.assert_allclose(forecast.spread[i], found.std(axis=1).T, rtol=TOLERANCE)
+        np.testing.assert_allclose(forecast.std[i], found.std(axis=1).T, rtol=TOLERANCE)
 
 
 @pytest.mark.parametrize("rule", ["forward", "centered", "finite:6", "savgol:15:3", "savgol:5:2:finite:4", "spectral"])
@@ -76,12 +82,20 @@ def test_the_spread_of_an_initial_rate_is_exact_for_linear_differentiators(rule)
     trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
     terms = parse_library("terms:1,v").bind(Variables(("x", "v")))
     method = parse_differentiation(rule)
-    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8, 0.0]]]), method, covariance=[[[0.0]]], noise=[0.2])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        2,
+        ("ball",),
+        np.array([[[-9.8, 0.0]]]),
+        uncertainty=Uncertainty([[[0.0]]], noise=[0.2]),
+        provenance=Provenance(method),
+    )
     weights = method.differentiate(times, np.eye(40), 1).derivatives[0][0]
-    (spread,) = law.predict(Trials((trial,), law.schema), start=1, spread=True).spread
-    np.testing.assert_allclose(spread[:, 1], 0.2 * np.linalg.norm(weights), rtol=1e-6)
+    (std,) = law.predict(Trials((trial,), law.schema), start=1, return_std=True).std
+    np.testing.assert_allclose(std[:, 1], 0.2 * np.linalg.norm(weights), rtol=1e-6)
     by_sample = np.eye(40)[0] + (times - times[0])[:, np.newaxis] * weights
-    np.testing.assert_allclose(spread[:, 0], 0.2 * np.linalg.norm(by_sample, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(std[:, 0], 0.2 * np.linalg.norm(by_sample, axis=1), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -92,9 +106,17 @@ def test_the_spread_of_an_initial_rate_is_not_too_small_for_other_differentiator
     noisy = (20 - 4.9 * times**2)[:, np.newaxis] + 0.2 * rng.standard_normal((40, 2000))
     expected = method.differentiate(times, noisy, 1).derivatives[0][0].std()
     terms = parse_library("terms:1").bind(Variables(("x", "v")))
-    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8]]]), method, covariance=[[[0.0]]], noise=[0.2])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        2,
+        ("ball",),
+        np.array([[[-9.8]]]),
+        uncertainty=Uncertainty([[[0.0]]], noise=[0.2]),
+        provenance=Provenance(method),
+    )
     trials = Trials(tuple(Trial("ball", f"{i}", times, noisy[:, i]) for i in range(20)), law.schema)
-    found = [each[0, 1] for each in law.predict(trials, start=1, spread=True).spread]
+    found = [each[0, 1] for each in law.predict(trials, start=1, return_std=True).std]
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 
@@ -102,9 +124,16 @@ def test_a_law_that_is_known_exactly_has_bands_from_the_initial_state_alone():
     """x' = -x shrinks the error of the start as the state itself."""
     terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
     times = np.linspace(0, 3, 31)
-    law = Law(terms, Schema(("x",)), 1, ("tank",), np.array([[[-1.0, 0.0]]]), covariance=[[[0.0]]], noise=[0.1])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        1,
+        ("tank",),
+        np.array([[[-1.0, 0.0]]]),
+        uncertainty=Uncertainty([[[0.0]]], noise=[0.1]),
+    )
     trials = Trials((Trial("tank", "1", times, np.exp(-times)),), law.schema)
-    np.testing.assert_allclose(law.predict(trials, spread=True).spread[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
+    np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
 
 
 def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
@@ -112,47 +141,57 @@ def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
     coefficients, variances = np.array([[[-1.0, 0.0]], [[-1.0, -0.5]]]), [[0.01, 0.0], [0.01, 0.04]]
     times = np.linspace(0, 1, 11)
     law = Law(
-        terms, Schema(("x",)), 1, ("a", "b"), coefficients, covariance=[np.diag(each) for each in variances], noise=[0]
+        terms,
+        Schema(("x",)),
+        1,
+        ("a", "b"),
+        coefficients,
+        uncertainty=Uncertainty([np.diag(each) for each in variances], noise=[0]),
     )
     trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
-    found = law.predict(trials, spread=True).spread[0][:, 0]
+    found = law.predict(trials, return_std=True).std[0][:, 0]
     np.testing.assert_allclose(found, 0.1 * times * np.exp(-times), rtol=1e-6, atol=1e-12)
 
 
 def test_discrete_laws_have_bands():
     terms = parse_library("terms:x").bind(Variables(("x",)))
-    law = Law(terms, Schema(("x",)), 0, ("a",), np.array([[[0.9]]]), covariance=[[[1e-4]]], noise=[0.1])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        0,
+        ("a",),
+        np.array([[[0.9]]]),
+        uncertainty=Uncertainty([[[1e-4]]], noise=[0.1]),
+    )
     k = np.arange(5.0)
     trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)
     expected = np.hypot(0.1 * 0.9**k, 0.01 * k * 0.9 ** (k - 1))
-    np.testing.assert_allclose(law.predict(trials, spread=True).spread[0][:, 0], expected)
+    np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], expected)
 
 
 @pytest.fixture
 def forecast():
     law = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05)
-    return law.predict(datasets.lotka_volterra(), spread=True)
+    return law.predict(datasets.lotka_volterra(), return_std=True)
 
 
 def test_bands_are_tables_of_normal_quantiles(forecast):
-    frame = forecast.bands(0.8)
+    frame = forecast.interval(0.8)
     schema = forecast.trials.schema
     assert list(frame.columns) == [schema.object, schema.trial, schema.time, "state", "forecast", "low", "high"]
     assert len(frame) == 2 * sum(len(trial) for trial in forecast.trials)
     first = frame[: len(forecast.trials[0])]
     assert set(first["state"]) == {"x"}
     np.testing.assert_array_equal(first["forecast"], forecast.trajectories[0].states[:, 0])
-    half = norm.ppf(0.9) * forecast.spread[0][:, 0]
+    half = norm.ppf(0.9) * forecast.std[0][:, 0]
     np.testing.assert_allclose(first["high"] - first["forecast"], half)
     np.testing.assert_allclose(first["forecast"] - first["low"], half)
-    noisy = forecast.bands(0.8, measured=True)[: len(first)]
-    np.testing.assert_allclose(
-        noisy["high"] - noisy["forecast"], norm.ppf(0.9) * np.hypot(forecast.spread[0][:, 0], 0.05)
-    )
+    noisy = forecast.interval(0.8, measured=True)[: len(first)]
+    np.testing.assert_allclose(noisy["high"] - noisy["forecast"], norm.ppf(0.9) * np.hypot(forecast.std[0][:, 0], 0.05))
 
 
 def test_the_table_of_a_forecast_with_a_spread_has_the_ends_of_its_bands(forecast):
-    frame, bands = forecast.to_frame(), forecast.bands()
+    frame, bands = forecast.to_frame(), forecast.interval()
     assert list(frame.columns)[3:8] == ["x", "x forecast", "x error", "x low", "x high"]
     for state in ("x", "y"):
         own = bands[bands["state"] == state]
@@ -163,7 +202,7 @@ def test_the_table_of_a_forecast_with_a_spread_has_the_ends_of_its_bands(forecas
 def test_forecasts_with_and_without_a_spread_are_the_same(forecast):
     law, trials = datasets.lotka_volterra.truth(), forecast.trials
     plain = law.predict(trials)
-    assert plain.spread is None
+    assert plain.std is None
     for one, other in zip(plain.trajectories, forecast.trajectories, strict=True):
         np.testing.assert_allclose(one.states, other.states, rtol=1e-5)
     assert "x low" not in plain.to_frame()
@@ -172,30 +211,37 @@ def test_forecasts_with_and_without_a_spread_are_the_same(forecast):
 def test_a_diverged_forecast_has_no_band_after_its_end():
     terms = parse_library("terms:x**2").bind(Variables(("x",)))
     times = np.array([0.0, 0.5, 0.9, 1.5, 2.0])
-    law = Law(terms, Schema(("x",)), 1, ("a",), np.array([[[1.0]]]), covariance=[[[1e-6]]], noise=[0.01])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        1,
+        ("a",),
+        np.array([[[1.0]]]),
+        uncertainty=Uncertainty([[[1e-6]]], noise=[0.01]),
+    )
     trials = Trials((Trial("a", "1", times, np.ones(5)),), law.schema)
-    (spread,) = law.predict(trials, spread=True).spread
-    assert np.isfinite(spread[:3]).all()
-    assert np.isnan(spread[3:]).all()
+    (std,) = law.predict(trials, return_std=True).std
+    assert np.isfinite(std[:3]).all()
+    assert np.isnan(std[3:]).all()
 
 
 def test_what_is_missing_for_bands_is_named():
     law, trials = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), datasets.lotka_volterra()
-    assert law.has_spread
+    assert law.has_std
     for missing, message in (
         ({"covariance": None}, "this law does not know how accurate its coefficients are"),
         ({"noise": None}, "this law does not know the noise of the measurements"),
     ):
-        poorer = replace(law, **missing)
-        assert not poorer.has_spread
+        poorer = replace(law, uncertainty=replace(law.uncertainty, **missing))
+        assert not poorer.has_std
         with pytest.raises(CommonlawError, match=message):
-            poorer.predict(trials, spread=True)
-    with pytest.raises(CommonlawError, match=r"use law\.predict\(\.\.\., spread=True\)"):
-        law.predict(trials).bands()
-    good = law.predict(trials, spread=True)
+            poorer.predict(trials, return_std=True)
+    with pytest.raises(CommonlawError, match=r"use law\.predict\(\.\.\., return_std=True\)"):
+        law.predict(trials).interval()
+    good = law.predict(trials, return_std=True)
     with pytest.raises(CommonlawError, match="the level is 95"):
-        good.bands(95)
+        good.interval(95)
     with pytest.raises(CommonlawError, match="leave measured=True out"):
-        Forecast(trials, good.trajectories, good.spread).bands(measured=True)
+        Forecast(trials, good.trajectories, good.std).interval(measured=True)
     with pytest.raises(CommonlawError, match="simulate with sensitivities=True"):
-        spread_of(Trajectory(np.arange(2.0), np.zeros((2, 1))), np.eye(1), np.eye(1))
+        trajectory_std(Trajectory(np.arange(2.0), np.zeros((2, 1))), np.eye(1), np.eye(1))

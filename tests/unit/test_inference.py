@@ -29,11 +29,11 @@ def found(trials, truth, **settings):
     np.testing.assert_allclose(law.coefficients[~free], expected[~free])
     assert {step.stage for step in law.history} == STAGES | {
         *(f"terms of {side}" for side in law.left_hand_sides),
-        *(["pooling"] if law.common is not None else []),
+        *(["pooling"] if law.uncertainty.shared_factor is not None else []),
     }
-    assert np.all((law.inclusion >= 0) & (law.inclusion <= 1))
-    assert np.all(law.inclusion[law.support] > 0.9)
-    assert np.all(law.inclusion[~law.support] < 0.5)
+    assert np.all((law.inclusion_probabilities >= 0) & (law.inclusion_probabilities <= 1))
+    assert np.all(law.inclusion_probabilities[law.support] > 0.9)
+    assert np.all(law.inclusion_probabilities[~law.support] < 0.5)
     return law
 
 
@@ -176,7 +176,7 @@ def test_known_terms_stay_and_are_certain(drops, drag):
     gravity, slope = law.terms.index("1"), law.terms.index("v")
     np.testing.assert_array_equal(law.coefficients[:, 0, gravity], -9.8)
     np.testing.assert_array_equal(law.standard_errors[:, 0, gravity], 0)
-    assert law.inclusion[0, gravity] == 1
+    assert law.inclusion_probabilities[0, gravity] == 1
     assert np.all(law.standard_errors[:, 0, slope] < drag.standard_errors[:, 0, slope])
     assert [each.terms for each in law.alternatives if each.chosen] == [("1", "v")]
 
@@ -195,9 +195,9 @@ def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
 
 def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
     own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
-    assert own.common is None
+    assert own.uncertainty.shared_factor is None
     assert own.history == drag.history[:-1]
-    assert own.pooled().to_json() == drag.to_json()
+    assert own.partial_pooling().to_json() == drag.to_json()
     gravity = own.terms.index("1")
     assert np.ptp(drag.coefficients[:, 0, gravity]) < np.ptp(own.coefficients[:, 0, gravity])
     assert np.all(drag.standard_errors[:, 0, gravity] < own.standard_errors[:, 0, gravity])
@@ -263,7 +263,7 @@ def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
     assert "random walk" in steps[without].choice
     assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
     assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
-    assert np.all((without.inclusion >= 0) & (without.inclusion <= 1))
+    assert np.all((without.inclusion_probabilities >= 0) & (without.inclusion_probabilities <= 1))
 
 
 def test_probabilities_are_found_however_much_better_a_rival_is():
@@ -375,7 +375,7 @@ def test_units_do_not_matter(drops, drag, length, duration):
     expected = drag.standard_errors[:, drag.support] * factors
     np.testing.assert_allclose(law.standard_errors[:, law.support], expected, rtol=1e-3)
     np.testing.assert_allclose(law.noise, length * drag.noise, rtol=1e-6)
-    np.testing.assert_allclose(law.inclusion, drag.inclusion, atol=1e-2)
+    np.testing.assert_allclose(law.inclusion_probabilities, drag.inclusion_probabilities, atol=1e-2)
 
 
 def test_units_of_one_state_do_not_matter():
@@ -395,4 +395,4 @@ def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):
     law = cl.discover(replace(drops, trials=drops.trials[::-1]), order=2, library="poly:2").select(drag.objects)
     np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-6)
     np.testing.assert_allclose(law.covariance, drag.covariance, rtol=1e-5)
-    np.testing.assert_allclose(law.inclusion, drag.inclusion, rtol=1e-4)
+    np.testing.assert_allclose(law.inclusion_probabilities, drag.inclusion_probabilities, rtol=1e-4)

@@ -7,7 +7,7 @@ import sympy
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema, Trial, Trials
@@ -21,7 +21,7 @@ def drag():
     coefficients = np.zeros((2, 1, len(terms)))
     coefficients[:, 0, terms.index("1")] = [-9.8, -9.34]
     coefficients[:, 0, terms.index("v")] = [-0.5, 0.0466]
-    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, CenteredDifference())
+    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, provenance=Provenance(CenteredDifference()))
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_simulation_finds_when_each_object_reaches_the_ground(drag, method):
     ground = Event("x", direction="falling", terminal=True)
     found = drag.simulate([0.0, 2.0, 4.0], [20.0, 0.0], method=method, events=[ground], dense=True, sensitivities=True)
     for name, each in found.items():
-        gravity, own = drag.of(name)[0, [drag.terms.index("1"), drag.terms.index("v")]]
+        gravity, own = drag.coefficients_of(name)[0, [drag.terms.index("1"), drag.terms.index("v")]]
 
         def height(t, gravity=gravity, own=own):
             return 20 - gravity / own * t + gravity / own**2 * (np.exp(own * t) - 1)
@@ -156,8 +156,10 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
         2,
         ("heavy",),
         np.random.default_rng(0).standard_normal((1, 1, 8)),
-        None if rule is None else parse_differentiation(rule),
-        (Outcome("one object", "heavy", "only one", "add more"),),
+        provenance=Provenance(
+            differentiation=None if rule is None else parse_differentiation(rule),
+            outcomes=(Outcome("one object", "heavy", "only one", "add more"),),
+        ),
     )
     law.save(tmp_path / "law.json")
     again = Law.load(tmp_path / "law.json")
@@ -171,7 +173,7 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
 def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
     path, text = tmp_path / "law.json", drag.to_json()
     for damage, message in (
-        (text.replace('"version": 2', '"version": 9'), "law.json: the law is of version 9 .* reads versions up to 2"),
+        (text.replace('"version": 3', '"version": 9'), "law.json: the law is of version 9 .* reads versions up to 3"),
         (text[:200], "law.json: this is not a law or it is damaged"),
         ("[1, 2]", "law.json: this is not a law or it is damaged"),
         (text.replace("-9.8", "null"), "law.json: this is not a law or it is damaged"),

@@ -1,6 +1,5 @@
 """A law says how accurate it is: in numbers, text, frames and JSON."""
 
-import json
 import math
 import re
 from dataclasses import replace
@@ -11,7 +10,7 @@ from hypothesis import given, strategies as st
 from scipy.stats import norm
 
 from commonlaw.errors import CommonlawError
-from commonlaw.law import History, Law, Step
+from commonlaw.law import History, Law, Provenance, Step, Uncertainty
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library import PolynomialLibrary, Variables
 from commonlaw.trials import Schema
@@ -29,8 +28,13 @@ def drag():
     coefficients[:, 0, terms.index("v")] = [-0.48, 0.0466]
     covariance = [[[0.1234**2, 1e-3], [1e-3, 0.02**2]], [[0, 0], [0, 0.0051**2]]]
     inclusion = np.linspace(0, 1, len(terms))[np.newaxis]
-    given = {"covariance": covariance, "noise": [0.05], "inclusion": inclusion, "history": STEPS}
-    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, **given)
+    uncertainty = Uncertainty(covariance, noise=[0.05], inclusion_probabilities=inclusion)
+    return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, uncertainty, Provenance(history=STEPS))
+
+
+def without(law: Law, *names: str) -> Law:
+    """The law without these parts of its uncertainty."""
+    return replace(law, uncertainty=replace(law.uncertainty, **dict.fromkeys(names)))
 
 
 @pytest.fixture
@@ -42,7 +46,7 @@ def predators():
     coefficients[1, 0, terms.index("x y")] = -0.5
     coefficients[:, 1, terms.index("y")] = [-3.0, -4.0]
     covariance = np.array([np.diag([0.1, 0.0, 0.3]) ** 2, np.diag([0.2, 0.05, 0.4]) ** 2])
-    return Law(terms, Schema(("x", "y")), 1, ("hare", "fox"), coefficients, covariance=covariance)
+    return Law(terms, Schema(("x", "y")), 1, ("hare", "fox"), coefficients, uncertainty=Uncertainty(covariance))
 
 
 @pytest.mark.parametrize(
@@ -95,12 +99,19 @@ def test_equations_show_errors_where_they_are_known_and_not_if_not_wanted(drag):
     assert drag.equations("heavy") == ("x'' = -9.44 ± 0.12 - (0.480 ± 0.020) v",)
     assert drag.equations("light") == ("x'' = -9.8 + (0.0466 ± 0.0051) v",)
     assert drag.equations("heavy", errors=False) == ("x'' = -9.441 - 0.48 v",)
-    assert replace(drag, covariance=None).equations("heavy") == ("x'' = -9.441 - 0.48 v",)
+    assert without(drag, "covariance").equations("heavy") == ("x'' = -9.441 - 0.48 v",)
 
 
 def test_a_constant_that_follows_another_term_is_in_brackets():
     terms = PolynomialLibrary(1).bind(Variables(("x",))).take([1, 0])
-    law = Law(terms, Schema(("x",)), 1, ("one",), np.array([[[-2.0, -1.0]]]), covariance=[np.diag([0.01, 0.01])])
+    law = Law(
+        terms,
+        Schema(("x",)),
+        1,
+        ("one",),
+        np.array([[[-2.0, -1.0]]]),
+        uncertainty=Uncertainty([np.diag([0.01, 0.01])]),
+    )
     assert law.equations() == ("x' = -(2.00 ± 0.10) x - (1.00 ± 0.10)",)
 
 
@@ -124,15 +135,15 @@ def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(dra
     errors = drag.standard_errors[:, 0, [drag.terms.index("1"), drag.terms.index("v")]]
     np.testing.assert_allclose(errors, [[0.1234, 0.02], [0, 0.0051]])
     assert np.isnan(drag.standard_errors).sum() == 2 * (len(drag.terms) - 2)
-    assert np.isnan(replace(drag, covariance=None).standard_errors).all()
+    assert np.isnan(without(drag, "covariance").standard_errors).all()
 
 
 def test_intervals_are_those_of_the_normal_distribution(drag):
     frame = drag.intervals(0.9)
     columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability"]
     assert list(frame.columns) == columns
-    assert frame["term probability"].tolist() == [*drag.inclusion[0, drag.support[0]]] * 2
-    assert list(replace(drag, inclusion=None).intervals().columns) == columns[:-1]
+    assert frame["term probability"].tolist() == [*drag.inclusion_probabilities[0, drag.support[0]]] * 2
+    assert list(without(drag, "inclusion_probabilities").intervals().columns) == columns[:-1]
     assert frame["object"].tolist() == ["heavy", "heavy", "light", "light"]
     for end, share in (("low", 0.05), ("high", 0.95)):
         np.testing.assert_allclose(frame[end], frame["coefficient"] + norm.ppf(share) * frame["standard error"])
@@ -142,7 +153,7 @@ def test_intervals_are_those_of_the_normal_distribution(drag):
 
 
 def test_the_frame_has_a_column_of_errors_after_each_term(drag, predators):
-    assert drag.to_frame().equals(replace(drag, covariance=None).to_frame())
+    assert drag.to_frame().equals(without(drag, "covariance").to_frame())
     frame = drag.to_frame(errors=True)
     assert frame.columns.tolist() == ["1", "1 ±", "v", "v ±"]
     np.testing.assert_allclose(frame.loc["heavy"], [-9.4412, 0.1234, -0.48, 0.02])
@@ -150,7 +161,7 @@ def test_the_frame_has_a_column_of_errors_after_each_term(drag, predators):
 
 
 def test_what_is_not_known_is_not_made_up(drag):
-    bare = replace(drag, covariance=None)
+    bare = without(drag, "covariance")
     for ask in (
         bare.intervals,
         lambda: bare.equations("heavy", errors=True),
@@ -191,19 +202,23 @@ def test_selected_objects_keep_their_covariance_for_the_terms_that_are_left(drag
         ("covariance", np.array([np.eye(2), -np.eye(2)]), "coefficients of light has a variance below zero"),
         ("noise", [0.1, 0.2], r"noise of a law has shape \(2,\), expected \(states\) = \(1,\)"),
         ("noise", [-0.1], "noise of a law has the value -0.1, expected 0 to inf"),
-        ("inclusion", [[0, 0, 2, 0, 0, 0]], "inclusion of a law has the value 2, expected 0 to 1"),
+        (
+            "inclusion_probabilities",
+            [[0, 0, 2, 0, 0, 0]],
+            "array of inclusion probabilities of a law has the value 2, expected 0 to 1",
+        ),
     ],
 )
 def test_what_is_no_covariance_noise_or_probability_is_refused(drag, field, value, message):
     with pytest.raises(CommonlawError, match=message):
-        replace(drag, **{field: value})
+        replace(drag, uncertainty=replace(drag.uncertainty, **{field: value}))
 
 
 def test_the_covariance_cannot_be_changed_and_is_symmetric_to_the_last_digit(drag):
     matrix = np.array([[[1.0, 0.5], [0.5 + 1e-12, 1.0]]] * 2)
-    law = replace(drag, covariance=matrix)
+    law = replace(drag, uncertainty=replace(drag.uncertainty, covariance=matrix))
     np.testing.assert_array_equal(law.covariance, law.covariance.transpose(0, 2, 1))
-    for array in (law.covariance, law.noise, law.inclusion, law.standard_errors):
+    for array in (law.covariance, law.noise, law.inclusion_probabilities, law.standard_errors):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
 
@@ -221,21 +236,20 @@ def test_the_history_prints_as_a_table(drag):
 
 
 def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
-    for law in (drag, predators, replace(drag, covariance=None, noise=None, inclusion=None, history=())):
+    for law in (
+        drag,
+        predators,
+        replace(
+            drag,
+            uncertainty=replace(drag.uncertainty, covariance=None, noise=None, inclusion_probabilities=None),
+            provenance=replace(drag.provenance, history=()),
+        ),
+    ):
         again = Law.from_json(law.to_json())
-        for name in ("covariance", "noise", "inclusion"):
+        for name in ("covariance", "noise", "inclusion_probabilities"):
             np.testing.assert_array_equal(getattr(again, name), getattr(law, name))
         assert again.history == law.history
         assert again.to_json() == law.to_json()
-
-
-def test_a_law_that_was_saved_in_version_1_is_still_read(drag):
-    document = json.loads(drag.to_json())
-    for name in ("covariance", "noise", "inclusion", "history"):
-        del document[name]
-    law = Law.from_json(json.dumps(document | {"version": 1}))
-    np.testing.assert_array_equal(law.coefficients, drag.coefficients)
-    assert (law.covariance, law.noise, law.inclusion, law.history) == (None, None, None, ())
 
 
 @pytest.mark.parametrize(
@@ -245,7 +259,7 @@ def test_a_law_that_was_saved_in_version_1_is_still_read(drag):
         (r'("covariance": \{\s*"heavy": \[)[^,]*', r"\1NaN", "this is not a law or it is damaged"),
         (r'("covariance": \{\s*"heavy": \[)[^,]*,', r"\1", "the covariance of 'heavy' is not 3 numbers"),
         (r'"covariance": \{\s*"heavy"', '"covariance": {"hevy"', "the covariance of 'heavy' is not 3 numbers"),
-        (r'("inclusion": \[\s*\[)[^,]*,', r"\1", "its inclusion is not 1 x 6 numbers"),
+        (r'("inclusion_probabilities": \[\s*\[)[^,]*,', r"\1", "its inclusion probabilities are not 1 x 6 numbers"),
     ],
 )
 def test_damaged_uncertainty_is_refused(drag, pattern, change, message):

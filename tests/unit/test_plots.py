@@ -18,7 +18,7 @@ from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
 from commonlaw.trials import Schema, Trial, Trials
@@ -37,7 +37,8 @@ def law_of(trials: Trials, degree: int = 2) -> Law:
     coefficients = np.zeros((len(trials.objects), 1, len(terms)))
     coefficients[:, 0, terms.index("1")] = -9.5
     coefficients[:, 0, terms.index("v")] = 0.9 * np.array(DRAG[: len(trials.objects)])
-    return Law(terms, trials.schema, 2, trials.objects, coefficients, FORM.differentiation)
+    provenance = Provenance(FORM.differentiation)
+    return Law(terms, trials.schema, 2, trials.objects, coefficients, provenance=provenance)
 
 
 def legend_of(figure: Figure) -> list[str]:
@@ -55,7 +56,9 @@ def unsure(law: Law) -> Law:
     size = values.shape[1]
     links = np.eye(size) + 0.5 * (np.eye(size, k=1) + np.eye(size, k=-1))
     covariance = values[:, :, np.newaxis] * links * values[:, np.newaxis]
-    return replace(law, covariance=covariance, noise=np.full(len(law.states), 0.05))
+    return replace(
+        law, uncertainty=replace(law.uncertainty, covariance=covariance, noise=np.full(len(law.states), 0.05))
+    )
 
 
 def diverging() -> tuple[Law, Trials]:
@@ -81,7 +84,7 @@ EVERY: dict[str, Callable[[], Figure]] = {
     "one unsure law": lambda: plot_law(unsure(law_of(drops(1))), drops(1)),
     "unsure law": lambda: plot_law(unsure(law_of(drops())), drops(), datasets.linear_drag.truth(drag=DRAG)),
     "unsure about chaos": lambda: plot_law(unsure(datasets.lorenz.truth()), datasets.lorenz()),
-    "unsure and diverged": lambda: plot_forecast(unsure(diverging()[0]).predict(diverging()[1], spread=True)),
+    "unsure and diverged": lambda: plot_forecast(unsure(diverging()[0]).predict(diverging()[1], return_std=True)),
 }
 
 
@@ -177,9 +180,9 @@ def test_heat_maps_colour_magnitudes_blank_zeros_and_print_values() -> None:
 
 def test_heat_maps_show_all_terms_or_those_of_the_law_one_panel_for_each_equation() -> None:
     law = datasets.lorenz.truth()
-    wide = replace(law, terms=PolynomialLibrary(2).bind(law.terms.variables), coefficients=np.zeros((1, 3, 10)))
-    wide.coefficients.flags.writeable = True
-    wide.coefficients[0, 0, 1] = 2.0
+    coefficients = np.zeros((1, 3, 10))
+    coefficients[0, 0, 1] = 2.0
+    wide = replace(law, terms=PolynomialLibrary(2).bind(law.terms.variables), coefficients=coefficients)
     for terms, columns in (("all", 10), ("support", 1)):
         panels = plot_coefficients(wide, terms).axes[:3]
         assert [len(panel.get_xticks()) for panel in panels] == [columns] * 3
@@ -292,7 +295,7 @@ def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None
 
 def test_forecasts_with_a_spread_have_bands_of_measurements_and_around_no_error() -> None:
     trials = drops(1)
-    forecast = unsure(law_of(trials)).predict(trials, spread=True)
+    forecast = unsure(law_of(trials)).predict(trials, return_std=True)
     figure = plot_forecast(forecast)
     assert legend_of(figure)[:3] == ["measured", "forecast", "95 % band"]
     margins = forecast.margins(measured=True)
@@ -304,13 +307,13 @@ def test_forecasts_with_a_spread_have_bands_of_measurements_and_around_no_error(
             low, high = middle - margin[:, 0], middle + margin[:, 0]
             drawn = band.get_paths()[0].get_extents()
             np.testing.assert_allclose([drawn.y0, drawn.y1], [low.min(), high.max()])
-    chosen = plot_forecast(unsure(law_of(drops(2))).predict(drops(2), spread=True), objects=["Ball 2"])
+    chosen = plot_forecast(unsure(law_of(drops(2))).predict(drops(2), return_std=True), objects=["Ball 2"])
     assert "95 % band" in legend_of(chosen)
 
 
 def test_bands_of_chaos_do_not_stretch_the_axes() -> None:
     trials = datasets.lorenz()
-    figure = plot_forecast(unsure(datasets.lorenz.truth()).predict(trials, spread=True))
+    figure = plot_forecast(unsure(datasets.lorenz.truth()).predict(trials, return_std=True))
     for j, panel in enumerate(figure.axes[::2]):
         low, high = panel.get_ylim()
         assert high - low < 2.3 * np.ptp([trial.states[:, j] for trial in trials])

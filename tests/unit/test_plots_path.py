@@ -8,7 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.alternative import Alternative, stretches
+from commonlaw.law.alternative import Alternative, path_segments
 from commonlaw.plots import plot_path
 
 SETTINGS = {"order": 2, "library": "poly:2"}
@@ -45,16 +45,7 @@ def test_the_path_is_saved_with_the_law(law: Law) -> None:
     assert cl.Law.from_json(law.to_json()).path().equals(law.path())
 
 
-def test_a_law_without_settings_in_its_alternatives_can_still_be_read(law: Law) -> None:
-    import json
-
-    document = json.loads(law.to_json())
-    for each in document["alternatives"]:
-        del each["settings"]
-    assert cl.Law.from_json(json.dumps(document)).candidates().equals(law.candidates())
-
-
-def test_settings_of_several_solvers_are_not_mixed_into_one_path() -> None:
+def test_hyperparameters_of_several_solvers_are_not_mixed_into_one_path() -> None:
     for several in (
         cl.discover(DROPS, method=regression(), **SETTINGS),
         cl.discover(DROPS, method=regression(solver="group-stlsq:1.5"), **SETTINGS),
@@ -63,13 +54,13 @@ def test_settings_of_several_solvers_are_not_mixed_into_one_path() -> None:
             several.path()
 
 
-def test_a_candidate_that_comes_twice_has_two_stretches_and_neighbours_are_joined() -> None:
-    def one(*settings: float) -> Alternative:
-        return Alternative("x'", ("x",), {}, False, False, settings)
+def test_a_candidate_that_comes_twice_has_two_segments_and_neighbours_are_joined() -> None:
+    def one(*values: float) -> Alternative:
+        return Alternative("x'", ("x",), {}, False, False, values)
 
     often, between = one(0.0, 1.0, 3.0), one(2.0)
-    assert list(stretches([between, often])) == [(0.0, 2.0, often), (2.0, 3.0, between), (3.0, np.inf, often)]
-    assert list(stretches([one()])) == []
+    assert list(path_segments([between, often])) == [(0.0, 2.0, often), (2.0, 3.0, between), (3.0, np.inf, often)]
+    assert list(path_segments([one()])) == []
 
 
 def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law: Law) -> None:

@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, effective_rows, merge, resolution
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import RULES, ForecastError, choose, make_folds
 from commonlaw.solvers import GroupSTLSQ
@@ -79,7 +79,14 @@ def forecasts(problem, target):
     """The score of an equation's supports by forecasts of trials that were held out, the truth in the others."""
     truth = [np.isin(problem.terms.names, names) for names in (["x", "x y"], ["y", "x y"])]
     trials = problem.trials
-    law = Law(problem.terms, trials.schema, 1, trials.objects, problem.fits(truth), problem.form.differentiation)
+    law = Law(
+        problem.terms,
+        trials.schema,
+        1,
+        trials.objects,
+        problem.fits(truth),
+        provenance=Provenance(problem.form.differentiation),
+    )
     free = np.ones((2, len(problem.terms)), dtype=bool)
     return ForecastError(make_folds(problem.parts), target, law, free, trials)
 

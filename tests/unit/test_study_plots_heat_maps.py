@@ -20,7 +20,7 @@ def law_of(*coefficients: dict[str, float]) -> Law:
     drops = datasets.linear_drag(drag=(-0.1,) * len(coefficients), noise=0.0)
     law = discover(drops, order=2, library="poly:2", method=DerivativeRegression(solver="group-stlsq:1e9"))
     values = [[each.get(term, 0.0) for term in law.terms.names] for each in coefficients]
-    return replace(law, coefficients=np.array(values)[:, np.newaxis], outcomes=())
+    return replace(law, coefficients=np.array(values)[:, np.newaxis], provenance=replace(law.provenance, outcomes=()))
 
 
 LAWS = {

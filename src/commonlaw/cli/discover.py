@@ -102,7 +102,7 @@ def discover(
             universal=[_key(name) for name in universal],
             progress=show,
         )
-        forecast = law.predict(_known(law, held_out) or training, spread=bool(plot) and law.has_spread)
+        forecast = law.predict(_known(law, held_out) or training, return_std=bool(plot) and law.has_std)
         truth = _truth(source)
         outputs = _rendered(law, forecast, truth, save, plot)
     write_all(outputs)
@@ -213,7 +213,7 @@ def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     """Return a true coefficient; zero where the true law has no such term."""
     if term not in truth.terms.names:
         return 0.0
-    return float(truth.of(name)[equation, truth.terms.index(term)])
+    return float(truth.coefficients_of(name)[equation, truth.terms.index(term)])
 
 
 def _document(

@@ -38,7 +38,7 @@ def predict(
     law = Law.load(law_path)
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
-        forecast = law.predict(trials, start=start, spread=bool(save or plot) and law.has_spread)
+        forecast = law.predict(trials, start=start, return_std=bool(save or plot) and law.has_std)
         errors = forecast.errors()
         outputs = {}
         if save:

@@ -14,7 +14,7 @@ from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, ref
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, Compressed, compress
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback
 from commonlaw.selection import (
     BLOCKS,
@@ -103,7 +103,7 @@ class AbstractRegression(AbstractMethod):
             structure.order,
             data.objects,
             np.nan_to_num(known),
-            self.initial_rates(trials, structure.order),
+            provenance=Provenance(self.initial_rates(trials, structure.order)),
         )
         universal = structure.universal_coefficients(schema)
         progress("choosing terms")
@@ -122,7 +122,8 @@ class AbstractRegression(AbstractMethod):
                 progress("comparing forecasts of trials held out")
                 scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
-        return replace(found, outcomes=(*found.outcomes, *ill_conditions(found, data.problems)))
+        outcomes = (*found.outcomes, *ill_conditions(found, data.problems))
+        return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
 
 
 def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:

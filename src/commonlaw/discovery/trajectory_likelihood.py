@@ -12,7 +12,7 @@ from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, ref
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import OUTLIERS, PATH, find_law, known_noise
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
@@ -81,7 +81,8 @@ class TrajectoryLikelihood(AbstractMethod):
         universal = structure.universal_coefficients(schema)
         noise = None if self.noise is None else known_noise(self.noise, schema.states)
         rates = suitable_differentiation(trials, structure.order)
-        frame = Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), rates)
+        provenance = Provenance(rates)
+        frame = Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance)
 
         def by_derivatives() -> Bools:
             return np.asarray(DerivativeRegression().find(trials, structure, progress).support & np.isnan(known[0]))

@@ -12,7 +12,7 @@ from commonlaw.law import Law
 from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, fit, interpolate, meshes
 from commonlaw.trials import Trial
 
-LEAST = 5
+MIN_SAMPLES = 5
 """Measured values of each state that the first guess, a smoothing spline, takes."""
 
 _POINTS = 4
@@ -45,7 +45,7 @@ class FittedStart:
     trial: Trial
     measurement: ObservationModel
 
-    def doubts(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
+    def uncertainty(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return what makes a forecast from this start uncertain.
 
         The noise of the samples does, and so does every error of the coefficients, which the start makes up for as far
@@ -104,8 +104,8 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
         cannot be evaluated on the first samples; the message names the trial.
     """
     noise = _noise_of(law)
-    if count < LEAST:
-        raise CommonlawError(f"start is {count}: give {LEAST} samples or more, or 1 to start as measured")
+    if count < MIN_SAMPLES:
+        raise CommonlawError(f"start is {count}: give {MIN_SAMPLES} samples or more, or 1 to start as measured")
     trial = trial.cut(count)
     _check_measured(law, trial)
     rates = RobustSpline().differentiate(trial.times, trial.states, 1)
@@ -114,7 +114,7 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     measurement = ObservationModel(noise, _OUTLIERS)
     model = TrajectoryModel(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
-    own = law.of(trial.object)
+    own = law.coefficients_of(trial.object)
     found = fit(
         model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES
     )
@@ -147,8 +147,8 @@ def _noise_of(law: Law) -> Floats:
 def _check_measured(law: Law, trial: Trial) -> None:
     for name, column in zip(law.states, trial.states.T, strict=True):
         measured = int(np.isfinite(column).sum())
-        if measured < LEAST:
+        if measured < MIN_SAMPLES:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
-                f"fitted to {LEAST} or more; give a larger start, or start=1, or leave the trial out"
+                f"fitted to {MIN_SAMPLES} or more; give a larger start, or start=1, or leave the trial out"
             )

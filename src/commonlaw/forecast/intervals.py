@@ -1,4 +1,4 @@
-"""How far off a forecast may be."""
+"""How far off a trajectory may be: errors of coefficients and initial states carried along it."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 
 
-def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
+def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
     """Return the standard deviation of every state of a trajectory, to first order, shape (n, states).
 
     Parameters
     ----------
     trajectory
-        With sensitivities; where it has diverged the spread is NaN.
+        With sensitivities; where it has diverged it is NaN.
     parameters, initial
         Covariances of the parameters and of the initial states, which are independent of each other; shapes
         (parameters, parameters) and (states, states).
@@ -27,9 +27,9 @@ def spread_of(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Fl
         raise CommonlawError("this trajectory has no derivatives: simulate with sensitivities=True")
     width, variances = len(initial), np.zeros(trajectory.states.shape)
     with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-        for slopes, covariance in (
+        for derivatives, covariance in (
             (trajectory.sensitivities[:, :, :-width], parameters),
             (trajectory.sensitivities[:, :, -width:], initial),
         ):
-            variances += np.sum((slopes @ covariance) * slopes, axis=2)
+            variances += np.sum((derivatives @ covariance) * derivatives, axis=2)
         return np.sqrt(np.maximum(variances, 0))

@@ -8,12 +8,11 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.initial_state import LEAST, FittedStart, fits_starts, fitted_start
-from commonlaw.forecast.intervals import spread_of
+from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedStart, fits_starts, fitted_start
+from commonlaw.forecast.intervals import trajectory_std
 from commonlaw.integration import InitialValueProblem, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
-from commonlaw.law.uncertainty import covariance_of
 from commonlaw.trials import Trial, Trials
 
 _DRAWS = 200
@@ -28,19 +27,30 @@ def predict(
     return_std: bool = False,
     method: str = "auto",
     tolerance: float = 1e-8,
+    seed: int = 0,
 ) -> Forecast:
-    """Return the forecast of each trial, see `Law.predict`.
+    """Forecast each trial from its own initial state.
 
     Parameters
     ----------
     law, trials
         The law, and trials of its objects.
     start
-        How many of each trial's first samples tell where its forecast starts.
+        How many of each trial's first samples tell where its forecast starts. 1: the first states as measured, and for
+        a law of second order the rates that its differentiation estimates there. 5 or more: the law, with its
+        coefficients as they are, is fitted to so many samples by likelihood, which needs its noise; states may be
+        missing. More samples leave less noise in the start, and make it matter more that the law is right.
+        Default: 1, but for a law of second order that knows its noise the samples that the first rates would be
+        estimated from.
     return_std
-        Whether the forecast is to know how far off it may be.
+        Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
+        coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain, are
+        carried along each trajectory; that noise and the errors of the coefficients count as independent, also where
+        the law was learned from these samples.
     method, tolerance
         How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
+    seed
+        Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
 
     Raises
     ------
@@ -49,7 +59,7 @@ def predict(
         and the law's covariance or noise is not known, or a start cannot be fitted.
     """
     _check_variables(law, trials)
-    covariance, noise = (covariance_of(law), _noise_of(law)) if return_std else (None, None)
+    covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
     counts = [_count(law, trial) if start is None else start for trial in trials]
     fitted = [
         None if count == 1 else fitted_start(law, trial, count) for trial, count in zip(trials, counts, strict=True)
@@ -60,16 +70,16 @@ def predict(
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
     runs = [replace(run, field=replace(run.field, support=law.support)) for run in runs]
     found = simulate(runs, method=method, tolerance=tolerance, sensitivities=True)
-    spreads = []
+    deviations = []
     for trial, trajectory, own in zip(trials, found, fitted, strict=True):
         known = covariance[law.objects.index(trial.object)]
         if own is None:
-            spreads.append(spread_of(trajectory, known, _start_covariance(law, trial, noise)))
+            deviations.append(trajectory_std(trajectory, known, _start_covariance(law, trial, noise, seed)))
         else:
-            moved, initial = own.doubts(trajectory)
-            spreads.append(spread_of(moved, known, initial))
+            carried, initial = own.uncertainty(trajectory)
+            deviations.append(trajectory_std(carried, known, initial))
     # The derivatives have done their work, and are many times larger than the states
-    return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(spreads), noise)
+    return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(deviations), noise)
 
 
 def _count(law: Law, trial: Trial) -> int:
@@ -80,8 +90,8 @@ def _count(law: Law, trial: Trial) -> int:
     """
     if law.order != 2 or law.differentiation is None or not fits_starts(law):
         return 1
-    count = max(LEAST, _samples(law.differentiation, len(trial)))
-    return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= LEAST else 1
+    count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
+    return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= MIN_SAMPLES else 1
 
 
 def _run(law: Law, trial: Trial, fitted: FittedStart | None) -> InitialValueProblem:
@@ -126,7 +136,7 @@ def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
         raise CommonlawError(f"{trial.label}: {error}") from None
 
 
-def _start_covariance(law: Law, trial: Trial, noise: Floats) -> Floats:
+def _start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
     """Return the covariance of a trial's initial states (and rates) due to noise, shape (width, width).
 
     Rates are estimated once more from the measured states with noise on top, many times: with draws that are white to
@@ -138,7 +148,7 @@ def _start_covariance(law: Law, trial: Trial, noise: Floats) -> Floats:
     states, samples = len(noise), _samples(_differentiation(law, trial), len(trial))
     covariance = np.zeros((2 * states, 2 * states))
     for j, level in enumerate(noise):
-        draws = level * _white(samples)
+        draws = level * _white(samples, seed)
         noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
         noisy[:samples] += draws
         indices = np.ix_((j, states + j), (j, states + j))
@@ -152,9 +162,9 @@ def _samples(differentiation: AbstractDifferentiator, count: int) -> int:
     return count if reach is None else min(count, 2 * (reach + 1))
 
 
-def _white(samples: int) -> Floats:
+def _white(samples: int, seed: int) -> Floats:
     """Return draws of standard white noise, shape (samples, draws), centred and uncorrelated if there are enough."""
-    draws = np.random.default_rng(0).standard_normal((_DRAWS, samples))
+    draws = np.random.default_rng(seed).standard_normal((_DRAWS, samples))
     if samples < _DRAWS:
         draws = np.sqrt(_DRAWS) * np.linalg.qr(np.column_stack([np.ones(_DRAWS), draws]))[0][:, 1:]
     return np.asarray(draws.T)

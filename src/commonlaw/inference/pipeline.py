@@ -11,7 +11,7 @@ from commonlaw.inference.objects import Objects, prepare
 from commonlaw.inference.record import alternatives, history, outcomes
 from commonlaw.inference.resolution import FINEST, on_finer_mesh
 from commonlaw.inference.search import FINAL, Found, rivals, search, settle, with_supports
-from commonlaw.law import Law, pooled
+from commonlaw.law import Law
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -63,7 +63,7 @@ def find_law(
     universal
         Coefficients that all objects have in common, shape (equations, terms).
     pool
-        Whether the others are drawn to their means as far as the objects are alike, see `Law.pooled`.
+        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
     progress
         Takes what is being done.
 
@@ -87,14 +87,20 @@ def find_law(
     law = replace(
         law,
         coefficients=np.array([each.coefficients for each in found.estimates]),
-        covariance=covariances(objects, found, errors),
-        noise=objects.noise,
-        outcomes=outcomes(trials, law, objects, found),
-        inclusion=inclusion(others),
-        alternatives=alternatives(law, others),
-        history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),
+        uncertainty=replace(
+            law.uncertainty,
+            covariance=covariances(objects, found, errors),
+            noise=objects.noise,
+            inclusion_probabilities=inclusion(others),
+        ),
+        provenance=replace(
+            law.provenance,
+            outcomes=outcomes(trials, law, objects, found),
+            alternatives=alternatives(law, others),
+            history=history(trials, law, objects, found, others, noise is not None, objects.points < FINEST),
+        ),
     )
-    return pooled(law, universal, pool)
+    return law.partial_pooling(universal, pool)
 
 
 def _searched(

@@ -12,7 +12,7 @@ from commonlaw.inference.pipeline import OUTLIERS
 from commonlaw.inference.record import coefficients_step, error_step, noise_step
 from commonlaw.inference.resolution import on_finer_mesh
 from commonlaw.inference.search import ERRORS, FINAL, OBEYED, Found, with_supports
-from commonlaw.law import Law, pooled
+from commonlaw.law import Law
 from commonlaw.trials import Trials
 
 
@@ -43,7 +43,7 @@ def refine(
     errors
         How the covariance is found: ``"likelihood"`` or ``"bootstrap"``, see `LawDiscovery`.
     pool
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.pooled`.
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
 
     Returns
     -------
@@ -93,12 +93,12 @@ def refine(
     refined = replace(
         law,
         coefficients=np.array([each.coefficients for each in found.estimates]),
-        covariance=covariances(objects, found, errors),
-        common=None,
-        noise=objects.noise,
-        history=(*law.history, *steps, coefficients_step(trials, objects, found)),
+        uncertainty=replace(
+            law.uncertainty, covariance=covariances(objects, found, errors), shared_factor=None, noise=objects.noise
+        ),
+        provenance=replace(law.provenance, history=(*law.history, *steps, coefficients_step(trials, objects, found))),
     )
-    return pooled(refined, None, pool)
+    return refined.partial_pooling(None, pool)
 
 
 def _resolved(trials: Trials, objects: Objects, found: Found) -> tuple[Objects, Found]:

@@ -22,9 +22,9 @@ class Alternative:
         Whether no other support of its size fits better.
     chosen
         Whether it is the law.
-    settings
-        The settings of the solver (threshold, penalty, number of terms) at which its stretches of the path begin; none
-        if candidates of several solvers were compared.
+    hyperparameters
+        The values of the solver's hyperparameter (threshold, penalty, number of terms) at which its segments of the
+        path begin; none if candidates of several solvers were compared.
     """
 
     equation: str
@@ -32,11 +32,11 @@ class Alternative:
     measures: Mapping[str, float | None]
     proven: bool
     chosen: bool
-    settings: tuple[float, ...] = ()
+    hyperparameters: tuple[float, ...] = ()
 
 
-def stretches(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
-    """Yield the stretches of a solver's setting and what each gives, from the smallest setting.
+def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
+    """Yield the segments of a solver's path and what each gives, from the smallest value of its hyperparameter.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ def stretches(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, floa
     Yields
     ------
     tuple
-        Where the stretch begins, where it ends (the last has no end), and the candidate.
+        Where the segment begins, where it ends (the last has no end), and the candidate.
     """
-    begins = sorted((setting, i) for i, each in enumerate(alternatives) for setting in each.settings)
+    begins = sorted((value, i) for i, each in enumerate(alternatives) for value in each.hyperparameters)
     turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
     ends = [*(begin for begin, _ in turns[1:]), math.inf]
     for (begin, i), end in zip(turns, ends, strict=False):

@@ -1,4 +1,4 @@
-"""Forecasts of trials beside what was measured."""
+"""Forecasts of trials beside what was measured: what `Law.predict` gives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Forecast:
         What was measured.
     trajectories
         One for each trial, at its sample times.
-    spread
+    std
         For each trial the standard deviation of every state of its trajectory, due to the coefficients and the initial
         state, of the shape of ``trajectory.states``; None if it was not asked for.
     noise
@@ -36,7 +36,7 @@ class Forecast:
 
     trials: Trials
     trajectories: tuple[Trajectory, ...]
-    spread: tuple[Floats, ...] | None = None
+    std: tuple[Floats, ...] | None = None
     noise: Floats | None = None
 
     def __repr__(self) -> str:
@@ -51,12 +51,13 @@ class Forecast:
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
 
-        With a spread, the ends of the band that holds the state with a probability of 95 % follow each state.
+        With standard deviations, the ends of the interval that holds the state with a probability of 95 % follow each
+        state.
         """
         import pandas as pd
 
         schema, parts = self.trials.schema, []
-        margins = self.margins() if self.spread is not None else None
+        margins = self.margins() if self.std is not None else None
         for i, (trial, forecast) in enumerate(zip(self.trials, self._states(), strict=True)):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
@@ -69,20 +70,20 @@ class Forecast:
             parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
-    def bands(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
-        """Return a long table: object, trial, time, state, its forecast, and the ends of the band around it.
+    def interval(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
+        """Return a long table: object, trial, time, state, its forecast, and the ends of the prediction interval.
 
         Parameters
         ----------
         level
-            The probability that the state lies in the band.
+            The probability that the state lies in the interval.
         measured
-            Whether the band is for a measurement of the state, with its noise, instead of the state itself.
+            Whether the interval is for a measurement of the state, with its noise, instead of the state itself.
 
         Raises
         ------
         CommonlawError
-            If the forecast has no spread, the level is not between 0 and 1, or the noise is not known.
+            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
         """
         import pandas as pd
 
@@ -96,14 +97,16 @@ class Forecast:
         return pd.concat(parts, ignore_index=True)
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
-        """Return half the widths of the bands of each trial, each of shape (n, states); see `bands`."""
-        if self.spread is None:
-            raise CommonlawError("this forecast does not know how far off it may be: use law.predict(..., spread=True)")
+        """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`."""
+        if self.std is None:
+            raise CommonlawError(
+                "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
+            )
         if measured and self.noise is None:
             raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
         width, factor = len(self.trials.schema.states), normal_quantile(level)
         noise = self.noise if measured and self.noise is not None else 0.0
-        return tuple(factor * np.hypot(each[:, :width], noise) for each in self.spread)
+        return tuple(factor * np.hypot(each[:, :width], noise) for each in self.std)
 
     def errors(self) -> "pd.DataFrame":
         """Return a table of errors, one row for each trial and state.

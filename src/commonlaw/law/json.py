@@ -1,8 +1,7 @@
 """The saved form of a law: JSON of a versioned schema."""
 
-import os
-from pathlib import Path
-from typing import Literal, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -12,12 +11,16 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError
 from commonlaw.law.alternative import Alternative
 from commonlaw.law.history import Step
-from commonlaw.law.law import Law
+from commonlaw.law.provenance import Provenance
+from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
 
-VERSION = 2
+VERSION = 3
+
+Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance]
+"""What a law is made of: terms, schema, order, objects, coefficients, uncertainty, provenance."""
 
 
 class _Header(msgspec.Struct):
@@ -25,54 +28,75 @@ class _Header(msgspec.Struct):
     version: int
 
 
-class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Version 2 of the schema; version 1 ended with the alternatives."""
+class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
+    covariance: dict[str, list[float]] | None = None
+    shared_factor: dict[str, list[list[float]]] | None = None
+    noise: list[float] | None = None
+    inclusion_probabilities: list[list[float]] | None = None
+
+
+class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    differentiation: str | None = None
+    outcomes: list[Outcome] = []
+    alternatives: list[Alternative] = []
+    history: list[Step] = []
+
+
+class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[1, 2] = 2
+    version: Literal[3] = 3
     order: Literal[0, 1, 2]
     schema: Schema
     rates: list[str]
-    differentiation: str | None
     terms: list[str]
     coefficients: dict[str, list[list[float]]]
-    outcomes: list[Outcome] = []
-    alternatives: list[Alternative] = []
-    covariance: dict[str, list[float]] | None = None
-    noise: list[float] | None = None
-    inclusion: list[list[float]] | None = None
-    history: list[Step] = []
-    common: dict[str, list[list[float]]] | None = None
+    uncertainty: _Uncertainty
+    provenance: _Provenance
 
 
-def encode(law: Law) -> bytes:
-    """Return the law as JSON.
-
-    Terms are expressions such as ``x**2*v``, coefficients lists by equation and term, and the covariance of each
-    object's coefficients the rows of its lower triangle, one after the other.
-    """
-    triangle = np.tril_indices(int(law.support.sum()))
-    covariance = None if law.covariance is None else [matrix[triangle].tolist() for matrix in law.covariance]
+def encode(fields: Fields) -> bytes:
+    """Return what a law is made of as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
+    terms, schema, order, objects, coefficients, uncertainty, provenance = fields
     document = _Law(
-        order=cast(Literal[0, 1, 2], law.order),
-        schema=law.schema,
-        rates=list(law.rates),
-        differentiation=None if law.differentiation is None else format_differentiation(law.differentiation),
-        terms=[term.expression(law.terms.variables.names) for term in law.terms.terms],
-        coefficients={name: law.of(name).tolist() for name in law.objects},
-        outcomes=list(law.outcomes),
-        alternatives=list(law.alternatives),
-        covariance=None if covariance is None else dict(zip(law.objects, covariance, strict=True)),
-        noise=None if law.noise is None else law.noise.tolist(),
-        inclusion=None if law.inclusion is None else law.inclusion.tolist(),
-        history=list(law.history),
-        common=None if law.common is None else dict(zip(law.objects, law.common.tolist(), strict=True)),
+        order=cast(Literal[0, 1, 2], order),
+        schema=schema,
+        rates=list(terms.variables.states[len(schema.states) :]),
+        terms=[term.expression(terms.variables.names) for term in terms.terms],
+        coefficients=dict(zip(objects, coefficients.tolist(), strict=True)),
+        uncertainty=_saved_uncertainty(objects, uncertainty),
+        provenance=_saved_provenance(provenance),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
-def decode(content: bytes) -> Law:
-    """Return the law of a JSON document.
+def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
+    saved, covariance = _Uncertainty(), uncertainty.covariance
+    if covariance is not None:
+        rows, columns = np.tril_indices(covariance.shape[1])
+        saved.covariance = dict(zip(objects, covariance[:, rows, columns].tolist(), strict=True))
+    if uncertainty.shared_factor is not None:
+        saved.shared_factor = dict(zip(objects, uncertainty.shared_factor.tolist(), strict=True))
+    if uncertainty.noise is not None:
+        saved.noise = uncertainty.noise.tolist()
+    if uncertainty.inclusion_probabilities is not None:
+        saved.inclusion_probabilities = uncertainty.inclusion_probabilities.tolist()
+    return saved
+
+
+def _saved_provenance(provenance: Provenance) -> _Provenance:
+    method = provenance.differentiation
+    return _Provenance(
+        differentiation=None if method is None else format_differentiation(method),
+        outcomes=list(provenance.outcomes),
+        alternatives=list(provenance.alternatives),
+        history=list(provenance.history),
+    )
+
+
+def decode(content: bytes) -> Fields:
+    """Return what the law of a JSON document is made of; documents of versions 1 and 2 are read too.
 
     Raises
     ------
@@ -86,66 +110,108 @@ def decode(content: bytes) -> Law:
                 f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
                 "read it with the release that wrote it, or discover the law again"
             )
-        document = msgspec.json.decode(content, type=_Law)
+        raw = msgspec.json.decode(content)
+        document = msgspec.convert(raw if version == VERSION else _renamed(raw), type=_Law)
     except msgspec.DecodeError as error:
         raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
     schema = document.schema
     variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time)
     terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))
-    shape = (len(schema.states), len(terms))
-    for name, rows in document.coefficients.items():
-        if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-            expected = f"{shape[0]} x {shape[1]} numbers"
-            raise CommonlawError(f"the law is damaged: the coefficients of {name!r} are not {expected}")
-    coefficients = np.array(list(document.coefficients.values())).reshape(-1, *shape)
-    return Law(
-        terms,
-        schema,
-        document.order,
-        tuple(document.coefficients),
-        coefficients,
-        None if document.differentiation is None else parse_differentiation(document.differentiation),
-        tuple(document.outcomes),
-        tuple(document.alternatives),
-        None if document.covariance is None else _covariance(document, int(np.any(coefficients, axis=0).sum())),
-        None if document.noise is None else np.array(document.noise),
-        None if document.inclusion is None else _matrix(document.inclusion, "inclusion", shape),
-        tuple(document.history),
-        None if document.common is None else _common(document, int(np.any(coefficients, axis=0).sum())),
+    shape, objects = (len(schema.states), len(terms)), tuple(document.coefficients)
+    matrices = [
+        _matrix(rows, f"the coefficients of {name!r} are", shape) for name, rows in document.coefficients.items()
+    ]
+    coefficients = np.array(matrices).reshape(-1, *shape)
+    parameters = int(np.any(coefficients, axis=0).sum())
+    uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
+    return terms, schema, document.order, objects, coefficients, uncertainty, _read_provenance(document.provenance)
+
+
+def _read_uncertainty(
+    saved: _Uncertainty, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
+) -> Uncertainty:
+    inclusion = saved.inclusion_probabilities
+    return Uncertainty(
+        None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
+        None if saved.shared_factor is None else _shared_factor(saved.shared_factor, objects, parameters),
+        None if saved.noise is None else np.array(saved.noise),
+        None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
     )
 
 
-def _covariance(document: _Law, parameters: int) -> Floats:
+def _read_provenance(saved: _Provenance) -> Provenance:
+    return Provenance(
+        None if saved.differentiation is None else parse_differentiation(saved.differentiation),
+        tuple(saved.outcomes),
+        tuple(saved.alternatives),
+        tuple(saved.history),
+    )
+
+
+def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], parameters: int) -> Floats:
     """Return the covariance of each object's coefficients from its lower triangle, in the order of the coefficients."""
     rows, columns = np.tril_indices(parameters)
-    found = np.zeros((len(document.coefficients), parameters, parameters))
-    covariance = document.covariance or {}
-    for matrix, name in zip(found, document.coefficients, strict=True):
-        own = covariance.get(name, [])
+    found = np.zeros((len(objects), parameters, parameters))
+    for matrix, name in zip(found, objects, strict=True):
+        own = saved.get(name, [])
         if len(own) != len(rows):
             raise CommonlawError(f"the law is damaged: the covariance of {name!r} is not {len(rows)} numbers")
         matrix[rows, columns] = matrix[columns, rows] = own
     return found
 
 
-def _common(document: _Law, parameters: int) -> Floats:
+def _shared_factor(saved: Mapping[str, list[list[float]]], objects: tuple[str, ...], parameters: int) -> Floats:
     """Return what the errors of objects have in common, in the order of the coefficients."""
-    common, shape = document.common or {}, (parameters, parameters)
-    found = [_matrix(common.get(name, []), f"common error of {name!r}", shape) for name in document.coefficients]
+    shape = (parameters, parameters)
+    found = [_matrix(saved.get(name, []), f"the shared factor of {name!r} is", shape) for name in objects]
     return np.array(found).reshape(-1, *shape)
 
 
 def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-        raise CommonlawError(f"the law is damaged: its {what} is not {shape[0]} x {shape[1]} numbers")
+        raise CommonlawError(f"the law is damaged: {what} not {shape[0]} x {shape[1]} numbers")
     return np.array(rows)
 
 
-def read(path: str | os.PathLike[str]) -> Law:
-    """Read the law in a file; errors name the file."""
-    try:
-        return decode(Path(path).read_bytes())
-    except OSError as error:
-        raise CommonlawError(f"cannot read {path}: {error.strerror}; check the path") from None
-    except CommonlawError as error:
-        raise CommonlawError(f"{path}: {error}") from None
+_UNCERTAINTY = {
+    "covariance": "covariance",
+    "common": "shared_factor",
+    "noise": "noise",
+    "inclusion": "inclusion_probabilities",
+}
+_PROVENANCE = ("differentiation", "outcomes", "alternatives", "history")
+_OUTCOME_KINDS = {"not obeyed": "model error"}
+_MEASURES = {"evidence lost": "2 log B"}
+
+
+def _renamed(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document of version 1 or 2, not validated yet, by the names of version 3."""
+
+    def outcome(each: dict[str, Any]) -> dict[str, Any]:
+        kind = each.get("kind")
+        return each | {"kind": _OUTCOME_KINDS.get(str(kind), kind)}
+
+    def alternative(each: dict[str, Any]) -> dict[str, Any]:
+        named = {{"settings": "hyperparameters"}.get(key, key): value for key, value in each.items()}
+        if isinstance(named.get("measures"), dict):
+            named["measures"] = {_MEASURES.get(key, key): value for key, value in named["measures"].items()}
+        return named
+
+    moved = {*_UNCERTAINTY, *_PROVENANCE}
+    provenance = {key: document[key] for key in _PROVENANCE if key in document}
+    for key, rename in (("outcomes", outcome), ("alternatives", alternative)):
+        if key in provenance:
+            provenance[key] = _each(provenance[key], rename)
+    return {
+        **{key: value for key, value in document.items() if key not in moved},
+        "version": VERSION,
+        "uncertainty": {name: document[key] for key, name in _UNCERTAINTY.items() if key in document},
+        "provenance": provenance,
+    }
+
+
+def _each(values: Any, rename: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
+    """Return a list with every entry renamed; what is no list of entries is left to the validation."""
+    if not isinstance(values, list):
+        return values
+    return [rename(each) if isinstance(each, dict) else each for each in values]

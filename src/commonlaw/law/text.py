@@ -1,17 +1,14 @@
-"""Laws as people write them."""
+"""Equations and coefficients as people write them."""
 
 from collections.abc import Sequence
 from string import ascii_lowercase
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library.naming import latex_name
-
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
+from commonlaw.outcomes import Outcome
 
 
 def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int) -> str:
@@ -30,73 +27,86 @@ def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[st
     return f"{left} = {_joined(parts)}"
 
 
-def latex(law: "Law", coefficients: Floats, errors: Floats, digits: int) -> str:
-    """Return equations, coefficients and errors of shape (equations, terms), as an ``aligned`` block."""
-    names = law.terms.variables.names
-    forms = [term.latex(names) for term in law.terms.terms]
+def latex(lefts: Sequence[str], coefficients: Floats, errors: Floats, terms: Sequence[str], digits: int) -> str:
+    """Return equations as an ``aligned`` block.
+
+    Parameters
+    ----------
+    lefts, terms
+        Left-hand sides and terms, as LaTeX.
+    coefficients, errors
+        Shape (equations, terms).
+    digits
+        Significant digits of the coefficients that have no error.
+    """
     lines = []
-    for left, row, doubts in zip(latex_left_sides(law), coefficients, errors, strict=True):
+    for left, row, row_errors in zip(lefts, coefficients, errors, strict=True):
         parts: list[tuple[bool, str]] = []
-        for c, error, form in zip(row, doubts, forms, strict=True):
+        for c, error, term in zip(row, row_errors, terms, strict=True):
             if c:
-                number = latex_with_error(abs(c), error, digits, bracket=bool(parts) or form != "1")
-                parts.append((c < 0, number if form == "1" else rf"{number}\, {form}"))
+                number = latex_with_error(abs(c), error, digits, bracket=bool(parts) or term != "1")
+                parts.append((c < 0, number if term == "1" else rf"{number}\, {term}"))
         lines.append(f"{left} &= {_joined(parts)}")
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
-def latex_left_sides(law: "Law") -> tuple[str, ...]:
+def left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
+    """Return what each equation gives: ``x'``, ``x''``, or ``x[k+1]`` in discrete time."""
+    mark = "'" * order if order else "[k+1]"
+    return tuple(f"{state}{mark}" for state in states)
+
+
+def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
     """Return what each equation gives, as LaTeX."""
-    form = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")[law.order]
-    return tuple(form.format(latex_name(state)) for state in law.states)
+    form = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")[order]
+    return tuple(form.format(latex_name(state)) for state in states)
 
 
-def law_text(law: "Law") -> str:
-    """Return the law as `print` shows it: its structure, then each object's coefficients."""
-    lines: list[str] = []
-    if len(law.objects) == 1:
-        lines += law.equations()
-    elif law.shared:
-        lines += [*structure(law), "", _table(law)]
-    else:
-        for name in law.objects:
-            lines += [f"{name}:", *(f"  {each}" for each in law.equations(name))]
-    if law.rates:
-        lines += ["", "with " + ", ".join(f"{r} = {s}'" for r, s in zip(law.rates, law.states, strict=True))]
-    lines += [f"Note: {outcome}" for outcome in law.outcomes]
-    return "\n".join(lines)
+def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
+    """Return the form of each equation, with letters for the coefficients: ``x'' = a + b v``.
+
+    Parameters
+    ----------
+    lefts, names
+        Left-hand sides and names of the terms.
+    support
+        Shape (equations, terms).
+    letters
+        One for each coefficient in the support.
+    """
+    parts: list[list[str]] = [[] for _ in lefts]
+    for letter, (j, k) in zip(letters, np.argwhere(support), strict=True):
+        parts[j].append(letter if names[k] == "1" else f"{letter} {names[k]}")
+    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(lefts, parts, strict=True))
 
 
-def structure(law: "Law") -> tuple[str, ...]:
-    """Return the form of each equation, with letters for the coefficients: ``x'' = a + b v``."""
-    parts: list[list[str]] = [[] for _ in law.states]
-    for letter, (j, k) in zip(letters(law), np.argwhere(law.support), strict=True):
-        name = law.terms.names[k]
-        parts[j].append(letter if name == "1" else f"{letter} {name}")
-    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(law.left_hand_sides, parts, strict=True))
+def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
+    """Return so many letters that are no names of variables: a, b, ..., a1, b1, ...
+
+    >>> free_letters(3, ["b", "v"])
+    ('a', 'c', 'd')
+    """
+    free = [letter for letter in ascii_lowercase if letter not in variables]
+    return tuple(free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(count))
 
 
-def letters(law: "Law") -> tuple[str, ...]:
-    """Return a letter for each coefficient of the law that is not the name of a variable: a, b, ..., a1, b1, ..."""
-    free = [letter for letter in ascii_lowercase if letter not in law.terms.variables.names]
-    return tuple(
-        free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(int(law.support.sum()))
-    )
-
-
-def _table(law: "Law") -> str:
-    """Return each object's coefficients under their letters."""
-    head = letters(law)
-    errors = np.nan_to_num(law.standard_errors[:, law.support])
-    pairs = zip(law.coefficients[:, law.support], errors, strict=True)
+def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> str:
+    """Return each object's coefficients under their letters; both arrays have the shape (objects, letters)."""
+    pairs = zip(coefficients, np.nan_to_num(errors), strict=True)
     cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
-    first = max(map(len, law.objects))
-    rows = zip(["", *law.objects], [head, *cells], strict=True)
+    first = max(map(len, objects))
+    rows = zip(["", *objects], [head, *cells], strict=True)
     return "\n".join(
         "  ".join([f"{name:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))]).rstrip()
         for name, row in rows
     )
+
+
+def printed(body: Sequence[str], rates: Sequence[str], states: Sequence[str], outcomes: Sequence[Outcome]) -> str:
+    """Return a law as `print` shows it: its equations, what the rates are, and what a user should know."""
+    meaning = ", ".join(f"{rate} = {state}'" for rate, state in zip(rates, states, strict=False))
+    return "\n".join([*body, *(["", f"with {meaning}"] if rates else []), *(f"Note: {each}" for each in outcomes)])
 
 
 def _joined(parts: Sequence[tuple[bool, str]]) -> str:

@@ -1,62 +1,134 @@
-"""How accurate the coefficients of a law are."""
+"""How accurate a law is: the errors of its coefficients, the noise of measurements, the probability of its terms."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
+from commonlaw.law.check import checked, checked_covariance
 
 
-def covariance_of(law: "Law") -> Floats:
-    """Return the covariance of the law's coefficients, shape (objects, parameters, parameters).
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What is known of the accuracy of a law; None stands for "not known".
 
-    Raises
-    ------
-    CommonlawError
-        If it is not known.
-    """
-    if law.covariance is None:
-        raise CommonlawError(
-            "this law does not know how accurate its coefficients are: discover it without naming a solver, or give "
-            "its covariance"
-        )
-    return law.covariance
-
-
-def standard_errors(law: "Law") -> Floats:
-    """Return the standard error of every coefficient in the law, shape (objects, equations, terms), NaN elsewhere."""
-    errors = np.full(law.coefficients.shape, np.nan)
-    if law.covariance is not None:
-        errors[:, law.support] = np.sqrt(np.diagonal(law.covariance, axis1=1, axis2=2))
-    errors.flags.writeable = False
-    return errors
-
-
-def shown_errors(law: "Law", name: str, wanted: bool | None) -> Floats:
-    """Return the standard errors of one object to show, shape (equations, terms): zeros if they are not wanted.
+    Its parameters are the coefficients in the support of the law, in the order of ``numpy.argwhere(law.support)``.
 
     Parameters
     ----------
-    law, name
-        The law, and one of its objects.
-    wanted
-        Whether errors are to be shown; None if they are known.
-
-    Raises
-    ------
-    CommonlawError
-        If errors are wanted that are not known.
+    covariance
+        Of each object's parameters, shape (objects, parameters, parameters); zero for those that are known or that the
+        object does not have.
+    shared_factor
+        What the errors of different objects have in common after partial pooling: the covariance of two objects'
+        parameters is the product of one's matrix with the other's transposed, shape (objects, parameters, parameters).
+        None if objects do not depend on each other.
+    noise
+        Standard deviation of the measurement noise of each state, shape (states,).
+    inclusion_probabilities
+        Probability that a term is in the law, shape (equations, terms).
     """
-    if wanted:
-        covariance_of(law)
-    if wanted is False or law.covariance is None:
-        return np.zeros(law.support.shape)
-    return np.asarray(law.standard_errors[law.objects.index(name)])
+
+    covariance: Floats | None = None
+    shared_factor: Floats | None = None
+    noise: Floats | None = None
+    inclusion_probabilities: Floats | None = None
+
+    def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
+        """Return the same as read-only arrays.
+
+        Parameters
+        ----------
+        objects
+            Those of the law.
+        support
+            Of the law, shape (equations, terms).
+
+        Raises
+        ------
+        CommonlawError
+            If an array does not fit the law, or is no covariance, noise or probability.
+        """
+        covariance, factor, noise, inclusion = (
+            self.covariance,
+            self.shared_factor,
+            self.noise,
+            self.inclusion_probabilities,
+        )
+        size = int(support.sum())
+        if covariance is not None:
+            covariance = checked_covariance(covariance, objects, size)
+        if factor is not None:
+            axes = "objects, coefficients in the law, the same"
+            factor = checked(factor, "shared factor of errors", axes, (len(objects), size, size))
+        if noise is not None:
+            noise = checked(noise, "noise", "states", support.shape[:1], low=0)
+        if inclusion is not None:
+            what = "array of inclusion probabilities"
+            inclusion = checked(inclusion, what, "equations, terms", support.shape, 0, 1)
+        return Uncertainty(covariance, factor, noise, inclusion)
+
+    def known_covariance(self) -> Floats:
+        """Return the covariance, shape (objects, parameters, parameters).
+
+        Raises
+        ------
+        CommonlawError
+            If it is not known.
+        """
+        if self.covariance is None:
+            raise CommonlawError(
+                "this law does not know how accurate its coefficients are: discover it without naming a solver, or "
+                "give its covariance"
+            )
+        return self.covariance
+
+    def standard_errors(self, objects: int, support: Bools) -> Floats:
+        """Return the standard error of every coefficient in the law, shape (objects, equations, terms), NaN elsewhere.
+
+        Parameters
+        ----------
+        objects
+            How many there are.
+        support
+            Of the law, shape (equations, terms).
+        """
+        errors = np.full((objects, *support.shape), np.nan)
+        if self.covariance is not None:
+            errors[:, support] = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        errors.flags.writeable = False
+        return errors
+
+    def select(self, indices: Sequence[int]) -> "Uncertainty":
+        """Return that of some objects, given by their indices."""
+        return replace(
+            self,
+            covariance=None if self.covariance is None else self.covariance[list(indices)],
+            shared_factor=None if self.shared_factor is None else self.shared_factor[list(indices)],
+        )
+
+    def average(self) -> "Uncertainty":
+        """Return that of the mean over objects, which are independent but for the shared factor."""
+        if self.covariance is None:
+            return replace(self, shared_factor=None)
+        own, shared = self.covariance.sum(axis=0), 0.0
+        if self.shared_factor is not None:
+            factor = self.shared_factor
+            own = own - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
+            shared = factor.sum(axis=0) @ factor.sum(axis=0).T
+        covariance = (own + shared)[np.newaxis] / len(self.covariance) ** 2
+        return replace(self, covariance=covariance, shared_factor=None)
+
+    def restrict(self, parameters: Bools) -> "Uncertainty":
+        """Return that of some parameters, shape (parameters,), when the others have left the law."""
+        covariance, factor = (
+            None if each is None else each[:, parameters][:, :, parameters]
+            for each in (self.covariance, self.shared_factor)
+        )
+        return replace(self, covariance=covariance, shared_factor=factor)
 
 
 def normal_quantile(level: float) -> float:

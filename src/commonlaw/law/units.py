@@ -1,32 +1,38 @@
 """Units of the coefficients of a law."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from commonlaw.library import term_unit
+from commonlaw.array_types import Bools
+from commonlaw.library import Terms, term_unit
+from commonlaw.trials import Schema
 from commonlaw.trials.units import parse_unit
 
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
 
+def coefficient_units(terms: Terms, schema: Schema, order: int, support: Bools) -> dict[tuple[int, int], str]:
+    """Return the unit of each coefficient in the support: that of the left-hand side over that of the term.
 
-def coefficient_units(law: "Law") -> dict[tuple[str, str], str]:
-    """Return the unit of each coefficient in the law: that of the left-hand side over that of the term.
+    Parameters
+    ----------
+    terms, schema, order, support
+        Those of the law.
 
-    Keys are equation and term, ``("x''", "v")``. Coefficients whose unit does not follow from the units of the
-    variables are left out.
+    Returns
+    -------
+    dict
+        From the indices of equation and term to the unit. Coefficients whose unit does not follow from the units of the
+        variables are left out.
     """
-    if not {*law.states, law.schema.time} <= law.schema.units.keys():
+    states = schema.states
+    if not {*states, schema.time} <= schema.units.keys():
         return {}
-    time = parse_unit(law.schema.units[law.schema.time])
-    units = dict(law.schema.units)
-    for state, rate in zip(law.states, law.rates, strict=False):
-        units[rate] = f"{parse_unit(law.schema.units[state]) / time}"
+    time = parse_unit(schema.units[schema.time])
+    units = dict(schema.units)
+    for state, rate in zip(states, terms.variables.states[len(states) :], strict=False):
+        units[rate] = f"{parse_unit(schema.units[state]) / time}"
     found = {}
-    for j, k in np.argwhere(law.support):
-        below = term_unit(law.terms.terms[k], law.terms.variables, units)
+    for j, k in np.argwhere(support):
+        below = term_unit(terms.terms[k], terms.variables, units)
         if below is not None:
-            left = parse_unit(law.schema.units[law.states[j]]) / time**law.order
-            found[law.left_hand_sides[j], law.terms.names[k]] = f"{left / below:~P}"
+            left = parse_unit(schema.units[states[j]]) / time**order
+            found[int(j), int(k)] = f"{left / below:~P}"
     return found

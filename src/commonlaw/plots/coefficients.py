@@ -136,7 +136,7 @@ def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
     if term not in truth.terms.names:
         return np.full(len(law.objects), np.nan)
     index = truth.terms.index(term)
-    values = [truth.of(name)[equation, index] if name in truth.objects else 0.0 for name in law.objects]
+    values = [truth.coefficients_of(name)[equation, index] if name in truth.objects else 0.0 for name in law.objects]
     return absent_as_nan(np.array(values))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.law.text import latex_left_sides
+from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.library.naming import latex_name
 from commonlaw.plots.style import math
@@ -22,7 +22,10 @@ def term_labels(terms: Terms) -> list[str]:
 
 def left_hand_sides(law: Law) -> list[str]:
     """Return the left-hand side of every equation as a label."""
-    return [math(latex, text) for latex, text in zip(latex_left_sides(law), law.left_hand_sides, strict=True)]
+    return [
+        math(latex, text)
+        for latex, text in zip(latex_left_hand_sides(law.states, law.order), law.left_hand_sides, strict=True)
+    ]
 
 
 def equation_lines(law: Law) -> str:

@@ -144,7 +144,7 @@ def _curves(forecast: Forecast, name: str, j: int, colors: Mapping[str, str]) ->
 
 
 def _margins(forecast: Forecast) -> tuple[Floats, ...]:
-    if forecast.spread is None:
+    if forecast.std is None:
         return tuple(np.zeros(trial.states.shape) for trial in forecast.trials)
     return forecast.margins(measured=forecast.noise is not None)
 
@@ -217,7 +217,7 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
         key("measured", color=GREY, marker="o", markersize=4, linestyle=""),
         key("forecast", color=GREY),
     ]
-    if forecast.spread is not None:
+    if forecast.std is not None:
         keys.append(key("95 % band", color=GREY, linewidth=8, alpha=_LIGHT))
     if forecast.outcomes:
         keys.append(key("forecast diverged", color=GREY, marker="X", linestyle=":"))
@@ -230,5 +230,5 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
 def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
     kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
-    spread = None if forecast.spread is None else tuple(forecast.spread[i] for i in kept)
+    spread = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
     return Forecast(trials, tuple(forecast.trajectories[i] for i in kept), spread, forecast.noise)

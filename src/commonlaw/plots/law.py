@@ -36,7 +36,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     CommonlawError
         If the trials cannot be forecast, see `Law.predict`.
     """
-    forecast = trials if isinstance(trials, Forecast) else law.predict(trials, spread=law.has_spread)
+    forecast = trials if isinstance(trials, Forecast) else law.predict(trials, return_std=law.has_std)
     coefficients = _coefficients(law, truth)
     columns, lines = forecast_grid(forecast, most=3)
     widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))

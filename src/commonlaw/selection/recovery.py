@@ -93,4 +93,4 @@ def recovers(law: Law, truth: Law) -> bool:
 
 def _terms(law: Law, name: str) -> set[tuple[int, str]]:
     """Return the equation and name of each term of an object."""
-    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.of(name))}
+    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.coefficients_of(name))}

@@ -28,13 +28,17 @@ def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
             alternatives.append(
                 Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.settings)
             )
-    return replace(law, coefficients=coefficients, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
+    return replace(
+        law,
+        coefficients=coefficients,
+        provenance=replace(law.provenance, outcomes=tuple(outcomes), alternatives=tuple(alternatives)),
+    )
 
 
 def fitted_law(law: Law, fit: Fit, solver: AbstractSolver) -> Law:
     """Return the law with what a solver found at its setting besides the known terms, and what to know about it."""
     found = replace(law, coefficients=law.coefficients + fit.coefficients)
-    return replace(found, outcomes=tuple(_outcomes(found, fit, solver)))
+    return replace(found, provenance=replace(found.provenance, outcomes=tuple(_outcomes(found, fit, solver))))
 
 
 def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:

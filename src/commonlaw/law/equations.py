@@ -1,0 +1,211 @@
+"""Equations that objects share: what they hold, what they give, and how they are written."""
+
+from abc import ABC
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.law import text
+from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.library import Terms
+from commonlaw.trials import Schema
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import sympy
+
+
+class AbstractEquations(ABC):
+    """What a law says: everything that follows from its terms and coefficients and how accurate these are."""
+
+    terms: Terms
+    schema: Schema
+    order: int
+    objects: tuple[str, ...]
+    coefficients: Floats
+    uncertainty: Uncertainty
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the measured states."""
+        return self.schema.states
+
+    @cached_property
+    def support(self) -> Bools:
+        """Which terms are in which equation for at least one object, shape (equations, terms)."""
+        return np.asarray(np.any(self.coefficients != 0, axis=0))
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        """Names of the states' rates in a law of second order; none in a law of first order."""
+        return self.terms.variables.states[len(self.states) :]
+
+    @property
+    def left_hand_sides(self) -> tuple[str, ...]:
+        """What each equation gives, as text: ``x'``, ``x''``, or ``x[k+1]`` in a discrete-time law."""
+        return text.left_hand_sides(self.states, self.order)
+
+    @cached_property
+    def shared(self) -> bool:
+        """Whether every object has the same terms."""
+        return bool(np.all((self.coefficients != 0) == self.support))
+
+    def index(self, name: object) -> int:
+        """Return the index of an object among those of the law.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
+        if name not in self.objects:
+            raise unknown("object of this law", name, self.objects)
+        return self.objects.index(str(name))
+
+    def coefficients_of(self, name: object) -> Floats:
+        """Return the coefficients of one object, shape (equations, terms).
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
+        return np.asarray(self.coefficients[self.index(name)])
+
+    def evaluate(self, name: str, values: ArrayLike) -> Floats:
+        """Return the highest derivatives of one object, shape (n, equations).
+
+        Parameters
+        ----------
+        name
+            The object.
+        values
+            The law's variables (states, rates, inputs, time), shape (n, variables).
+        """
+        return np.asarray(self.terms.evaluate(np.asarray(values, dtype=np.float64)) @ self.coefficients_of(name).T)
+
+    # How accurate they are
+
+    @cached_property
+    def standard_errors(self) -> Floats:
+        """Standard errors of the coefficients, shape (objects, equations, terms).
+
+        Zero for coefficients that are known, NaN for terms that are not in the law, and everywhere if the covariance is
+        not known.
+        """
+        return self.uncertainty.standard_errors(len(self.objects), self.support)
+
+    def intervals(self, level: float = 0.95) -> "pd.DataFrame":
+        """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
+
+        And how probable it is that the term is in the law, where that is known.
+
+        Parameters
+        ----------
+        level
+            The probability that the coefficient lies between low and high, if its error is normally distributed.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        from commonlaw.law.tables import interval_frame
+
+        self.uncertainty.known_covariance()
+        names, errors = (self.objects, self.left_hand_sides, self.terms.names), self.standard_errors
+        return interval_frame(*names, self.coefficients, errors, self.uncertainty.inclusion_probabilities, level)
+
+    # How they are written
+
+    def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
+        """Return the equations of one object as text: ``x'' = -9.34 + 0.0466 v``.
+
+        With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits.
+
+        Parameters
+        ----------
+        name
+            The object; may be left out when there is only one.
+        digits
+            Significant digits of the coefficients that have no error.
+        errors
+            Whether to show standard errors; None shows them when they are known.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
+        """
+        name = self._only(name)
+        rows = zip(self.left_hand_sides, self.coefficients_of(name), self._shown_errors(name, errors), strict=True)
+        return tuple(text.equation(*row, self.terms.names, digits) for row in rows)
+
+    def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
+        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`."""
+        name = self._only(name)
+        left = text.latex_left_hand_sides(self.states, self.order)
+        terms = [term.latex(self.terms.variables.names) for term in self.terms.terms]
+        return text.latex(left, self.coefficients_of(name), self._shown_errors(name, errors), terms, digits)
+
+    def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
+        """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side."""
+        from commonlaw.law.symbolic import sympy_equations
+
+        return sympy_equations(self.left_hand_sides, self.coefficients_of(self._only(name)), self.terms)
+
+    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
+        """Return the coefficients: one row for each object, one column for each term that is in the law.
+
+        With several equations the columns have two levels, the equation and the term.
+
+        Parameters
+        ----------
+        errors
+            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
+        """
+        from commonlaw.law.tables import coefficient_frame
+
+        if errors:
+            self.uncertainty.known_covariance()
+        names = self.objects, self.left_hand_sides, self.terms.names
+        return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
+
+    def coefficient_units(self) -> "dict[tuple[str, str], str]":
+        """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
+        from commonlaw.law.units import coefficient_units
+
+        units = coefficient_units(self.terms, self.schema, self.order, self.support)
+        return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in units.items()}
+
+    def structure(self) -> tuple[str, ...]:
+        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``."""
+        return text.structure(self.left_hand_sides, self.terms.names, self.support, self.letters)
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """The letters that `structure` uses, one for each coefficient in the law."""
+        return text.free_letters(int(self.support.sum()), self.terms.variables.names)
+
+    def _only(self, name: str | None) -> str:
+        if name is None and len(self.objects) > 1:
+            names = ", ".join(self.objects)
+            raise CommonlawError(f"the law has several objects: name one of {names}, or take average()")
+        return self.objects[0] if name is None else name
+
+    def _shown_errors(self, name: str, wanted: bool | None) -> Floats:
+        """Return the standard errors of one object to show, shape (equations, terms): zeros if they are not wanted."""
+        if wanted:
+            self.uncertainty.known_covariance()
+        if wanted is False or self.uncertainty.covariance is None:
+            return np.zeros(self.support.shape)
+        return np.asarray(self.standard_errors[self.index(name)])

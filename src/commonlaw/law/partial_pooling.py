@@ -1,0 +1,87 @@
+"""Coefficients of objects that learn from each other, drawn to their mean as far as the objects are alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.law.history import Step
+from commonlaw.law.pooling import pool
+from commonlaw.law.uncertainty import Uncertainty
+
+_ALIKE, _OWN = 0.9, 0.1
+"""Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartiallyPooled:
+    """Coefficients after partial pooling.
+
+    Parameters
+    ----------
+    coefficients
+        Shape (objects, equations, terms).
+    uncertainty
+        Of these.
+    shrinkage
+        How far each was drawn to the mean over objects, from 0 to 1, shape (equations, terms).
+    """
+
+    coefficients: Floats
+    uncertainty: Uncertainty
+    shrinkage: Floats
+
+
+def partially_pooled(
+    coefficients: Floats, uncertainty: Uncertainty, support: Bools, universal: Bools | None, others: bool
+) -> PartiallyPooled | None:
+    """Return coefficients drawn to their means over objects; None where nothing is to be drawn.
+
+    Parameters
+    ----------
+    coefficients
+        Shape (objects, equations, terms).
+    uncertainty
+        Of these, with their covariance.
+    support
+        The coefficients in the law, shape (equations, terms).
+    universal
+        Coefficients that all objects have in common, shape (equations, terms); none if None.
+    others
+        Whether the other coefficients are drawn to their means.
+
+    Raises
+    ------
+    CommonlawError
+        If the covariance is not known, or the coefficients are pooled already.
+    """
+    covariance = uncertainty.known_covariance()
+    if uncertainty.shared_factor is not None:
+        raise CommonlawError("the coefficients of this law are pooled already")
+    shared = np.zeros_like(support) if universal is None else universal
+    # What is known, or what an object does not have, has no variance
+    free = np.all(np.diagonal(covariance, axis1=1, axis2=2) > 0, axis=0)
+    if len(coefficients) == 1 or not free.any() or not (others or shared.any()):
+        return None
+    indices = np.argwhere(support)[free].T
+    variances = np.where(shared[support][free], 0.0, np.nan if others else np.inf)
+    found = pool(coefficients[:, *indices], covariance[:, free][:, :, free], variances)
+    pooled, errors, factor = coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
+    inner = np.ix_(np.arange(len(coefficients)), free, free)
+    pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.common
+    shrinkage = np.zeros(support.shape)
+    shrinkage[*indices] = found.shrinkage
+    return PartiallyPooled(pooled, replace(uncertainty, covariance=errors, shared_factor=factor), shrinkage)
+
+
+def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools, shrinkage: Floats) -> Step:
+    """Return what was drawn how far, for the history of a law; names, and arrays of shape (equations, terms)."""
+    words = []
+    for equation, term in np.argwhere(support):
+        share = shrinkage[equation, term]
+        how = "alike" if share > _ALIKE else "each its own" if share < _OWN else "partly alike"
+        words.append(f"{terms[term]} in {equations[equation]}: {how} ({share:.2f})")
+    reason = "how far each object's coefficient is drawn to the mean of all, by how much these scatter beyond errors"
+    return Step("pooling", "; ".join(words), reason)

@@ -1,0 +1,70 @@
+"""Laws that were saved by earlier versions are still read."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonlaw.differentiation import parse_differentiation
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law, Uncertainty
+
+SAVED = Path(__file__).parent / "laws"
+"""A law of two balls as version 2 wrote it; in version 1 laws knew neither their uncertainty nor their history."""
+
+
+def test_a_law_of_version_2_is_read_whole():
+    law = Law.load(SAVED / "version-2.json")
+    raw = json.loads((SAVED / "version-2.json").read_text())
+    assert law.objects == ("Ball 1", "Ball 2")
+    assert law.terms.names == ("1", "x", "v", "x^2", "x v", "v^2")
+    assert law.coefficients.tolist() == list(raw["coefficients"].values())
+    assert law.differentiation == parse_differentiation("savgol:35:3")
+    a, ab, b = raw["covariance"]["Ball 2"]
+    assert law.covariance[1].tolist() == [[a, ab], [ab, b]]
+    assert law.uncertainty.shared_factor.tolist() == list(raw["common"].values())
+    assert law.noise.tolist() == raw["noise"]
+    assert law.inclusion_probabilities.tolist() == raw["inclusion"]
+    assert [(each.stage, each.choice, each.reason) for each in law.history] == [
+        (each["stage"], each["choice"], each["reason"]) for each in raw["history"]
+    ]
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_names_of_earlier_versions_are_replaced(version):
+    law = Law.load(SAVED / f"version-{version}.json")
+    assert [each.kind for each in law.outcomes] == ["model error"]
+    first, second, constant = law.alternatives
+    assert first.measures["2 log B"] == 0
+    assert second.measures["2 log B"] > 4
+    assert constant.measures == {"BIC": 3.5, "stability": None}
+    assert constant.hyperparameters == ((0.5, 2.0) if version == 2 else ())
+    again = Law.from_json(law.to_json())
+    assert (again.outcomes, again.alternatives, again.history) == (law.outcomes, law.alternatives, law.history)
+    np.testing.assert_array_equal(again.coefficients, law.coefficients)
+
+
+def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
+    law = Law.load(SAVED / "version-1.json")
+    assert law.uncertainty.covariance is law.uncertainty.noise is law.inclusion_probabilities is None
+    assert law.uncertainty.shared_factor == Uncertainty().shared_factor
+    assert law.history == ()
+    np.testing.assert_array_equal(law.coefficients, Law.load(SAVED / "version-2.json").coefficients)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"outcomes": 3},
+        {"outcomes": ["diverged"]},
+        {"alternatives": [{"measures": 1}]},
+        {"covariance": 1.0},
+        {"noise": ["x"]},
+        {"surplus": 1},
+    ],
+)
+def test_a_damaged_law_of_version_2_is_refused(damage):
+    raw = json.loads((SAVED / "version-2.json").read_text())
+    with pytest.raises(CommonlawError, match="this is not a law or it is damaged"):
+        Law.from_json(json.dumps(raw | damage))
