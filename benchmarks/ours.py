@@ -41,8 +41,8 @@ def path(problem: Problem) -> Run:
         systems = [merge(system for trial in trials for system in form.problems(trial, terms))]
         laws = np.zeros((len(problem.thresholds), problem.states.shape[2], len(terms)))
         for j in range(laws.shape[1]):
-            candidates = cl.STLSQ().path(systems, j, np.ones(len(terms), dtype=bool))
-            begins = [candidate.setting for candidate in candidates]
+            candidates = cl.STLSQ(shared=False).path(systems, j, np.ones(len(terms), dtype=bool))
+            begins = [candidate.hyperparameter for candidate in candidates]
             chosen = np.searchsorted(begins, problem.thresholds, side="right") - 1
             laws[:, j] = [candidates[i].coefficients[0] for i in chosen]
         return laws
@@ -110,10 +110,11 @@ def _trials(problem: Problem, samples: int | None = None) -> cl.Trials:
 
 
 def _discovered(trials: cl.Trials | cl.TrialStream, problem: Problem) -> Floats:
+    solver = cl.STLSQ(problem.thresholds[0], shared=False)
     law = cl.discover(
         trials,
         library=cl.PolynomialLibrary(problem.degree),
-        method=cl.DerivativeRegression(differentiation=cl.FiniteDifference(), solver=cl.STLSQ(problem.thresholds[0])),
+        method=cl.DerivativeRegression(differentiation=cl.FiniteDifference(), solver=solver),
     )
     return np.asarray(law.coefficients[0])
 
@@ -125,4 +126,4 @@ def _compressing(problem: Problem, samples: int | None = None) -> tuple[cl.Stron
 
 def _solved(systems: list[cl.LeastSquaresProblem], threshold: float) -> Floats:
     free = np.ones((systems[0].targets, systems[0].terms), dtype=bool)
-    return np.asarray(cl.STLSQ(threshold).solve(systems, free).coefficients[0])
+    return np.array([each.coefficients[0] for each in cl.STLSQ(threshold, shared=False).solve(systems, free)])

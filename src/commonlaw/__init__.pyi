@@ -1,6 +1,6 @@
 """The public names, each once; `__init__.py` loads them when they are first used."""
 
-from . import datasets as datasets, plots as plots, sphere_drag as sphere_drag
+from . import datasets as datasets, plots as plots
 from .differentiation import (
     CenteredDifference as CenteredDifference,
     FiniteDifference as FiniteDifference,
@@ -52,20 +52,12 @@ from .library import (
 )
 from .outcomes import Outcome as Outcome
 from .solvers import (
-    L1 as L1,
-    L2 as L2,
     SR3 as SR3,
     STLSQ as STLSQ,
-    BackwardElimination as BackwardElimination,
     BestSubset as BestSubset,
     Constrained as Constrained,
-    Count as Count,
-    ForwardSelection as ForwardSelection,
-    GroupSTLSQ as GroupSTLSQ,
     Lasso as Lasso,
-    Mean as Mean,
-    Median as Median,
-    Quantile as Quantile,
+    StepwiseSelection as StepwiseSelection,
 )
 from .trials import (
     Schema as Schema,

@@ -8,8 +8,14 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.datasets import PRINTED_VISCOSITY
+from commonlaw.datasets.sphere_drag import (
+    AIR_VISCOSITY,
+    MAX_REYNOLDS,
+    drag_coefficient,
+    in_valid_range,
+    reynolds_number,
+)
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.sphere_drag import AIR_VISCOSITY, MAX_REYNOLDS, drag_coefficient, in_valid_range, reynolds_number
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import plot_drag_regimes

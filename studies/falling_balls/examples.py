@@ -98,7 +98,7 @@ def learned_fall(name: str, viscosity: float = PRINTED_VISCOSITY) -> Example:
     law = discover(
         trials,
         library="poly:2",
-        method=DerivativeRegression(differentiation="centered", solver=STLSQ(EXAMPLE_THRESHOLDS[name])),
+        method=DerivativeRegression(differentiation="centered", solver=STLSQ(EXAMPLE_THRESHOLDS[name], shared=False)),
     )
     times = np.arange(samples) * heights[0].times[1]
     (path,) = truth.simulate(times, (EXAMPLE_FALL["height"], 0.0)).values()

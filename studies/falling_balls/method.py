@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
-from commonlaw.solvers import STLSQ, AbstractSolver, GroupSTLSQ
+from commonlaw.solvers import STLSQ, AbstractSolver
 from commonlaw.trials import Trials
 from studies.falling_balls.settings import DIFFERENTIATION, LIBRARY
 
@@ -17,7 +17,7 @@ def single_law(trials: Trials, threshold: float | None, library: str = LIBRARY, 
 
     Without a threshold the whole path is searched. Other settings are those of `DerivativeRegression`.
     """
-    return _law(trials, library, STLSQ(threshold), "smoothed", others)
+    return _law(trials, library, STLSQ(threshold, shared=False), "smoothed", others)
 
 
 def group_law(trials: Trials, threshold: float | None, library: str = LIBRARY, **others: Any) -> Law:
@@ -25,7 +25,7 @@ def group_law(trials: Trials, threshold: float | None, library: str = LIBRARY, *
 
     Without a threshold the whole path is searched. Other settings are those of `DerivativeRegression`.
     """
-    return _law(trials, library, GroupSTLSQ(threshold), "measured", others)
+    return _law(trials, library, STLSQ(threshold), "measured", others)
 
 
 METHODS: Mapping[str, Callable[..., Law]] = {"single": single_law, "group": group_law}

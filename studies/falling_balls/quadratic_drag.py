@@ -11,9 +11,9 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.selection import Recovery
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.method import group_law
+from studies.falling_balls.recovery import Recovery
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
     FINDING,

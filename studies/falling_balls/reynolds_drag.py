@@ -9,10 +9,10 @@ import numpy as np
 from commonlaw import datasets
 from commonlaw.array_types import Bools
 from commonlaw.datasets import PRINTED_VISCOSITY
+from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.sphere_drag import AIR_VISCOSITY
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import THRESHOLDS
 from studies.falling_balls.inquiry import Inquiry

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from commonlaw.sphere_drag import AIR_DENSITY
+from commonlaw.datasets.sphere_drag import AIR_DENSITY
 
 # The authors' method
 

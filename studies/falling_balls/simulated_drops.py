@@ -11,11 +11,11 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Text, Verdict
-from commonlaw.selection import Recovery, recovered
-from commonlaw.solvers import STLSQ, GroupSTLSQ
+from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.quadratic_drag import quadratic_drag
+from studies.falling_balls.recovery import Recovery, recovered
 from studies.falling_balls.settings import (
     AVERAGE_DIGITS,
     DIFFERENTIATION,
@@ -107,8 +107,8 @@ def _many(clean: Trials, seeds: Sequence[int]) -> Laws:
     """Return the laws that each method finds at each noise, one for each seed."""
     grid = on_grid(DIFFERENTIATION, clean[0].times)
     learn = partial(discover, order=2, library=LIBRARY)
-    single = DerivativeRegression(differentiation=grid, solver=STLSQ(_THRESHOLDS["single"]))
-    solver = GroupSTLSQ(_THRESHOLDS["group"])
+    single = DerivativeRegression(differentiation=grid, solver=STLSQ(_THRESHOLDS["single"], shared=False))
+    solver = STLSQ(_THRESHOLDS["group"])
     group = DerivativeRegression(differentiation=grid, solver=solver, library_states="measured")
     laws: dict[str, dict[float, list[Law]]] = {method: {n: [] for n in RECOVERY_NOISES} for method in _THRESHOLDS}
     for seed in seeds:

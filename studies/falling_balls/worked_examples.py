@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 from commonlaw.datasets import PRINTED_VISCOSITY
+from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
 from commonlaw.plots import Figure
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.sphere_drag import AIR_VISCOSITY
 from studies.falling_balls.errata import QUADRATIC
 from studies.falling_balls.examples import Example, learned_fall, learned_oscillator
 from studies.falling_balls.inquiry import Inquiry

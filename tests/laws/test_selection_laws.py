@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection import RULES, choose
-from commonlaw.solvers import STLSQ, GroupSTLSQ
+from commonlaw.solvers import STLSQ
 
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0]])
 EVERYTHING = np.ones(4, dtype=bool)
@@ -35,7 +35,7 @@ def path(parts, solver):
 @every_seed
 def test_the_chosen_candidate_is_one_of_the_path(rule, seed):
     parts = problem(seed)
-    for solver in (GroupSTLSQ(), STLSQ()):
+    for solver in (STLSQ(), STLSQ(shared=False)):
         candidates = path(parts, solver)
         choice = choose(candidates, parts, 0, EVERYTHING, rule=rule)
         assert any(choice.chosen is each for each in candidates)
@@ -47,10 +47,10 @@ def test_the_chosen_candidate_is_one_of_the_path(rule, seed):
 @every_seed
 def test_the_order_of_candidates_objects_and_trials_does_not_matter(rule, seed):
     parts = problem(seed)
-    candidates = path(parts, GroupSTLSQ())
+    candidates = path(parts, STLSQ())
     first = choose(candidates, parts, 0, EVERYTHING, rule=rule).chosen
     turned = [list(reversed(trials)) for trials in reversed(parts)]
-    again = choose(path(turned, GroupSTLSQ())[::-1], turned, 0, EVERYTHING, rule=rule).chosen
+    again = choose(path(turned, STLSQ())[::-1], turned, 0, EVERYTHING, rule=rule).chosen
     np.testing.assert_array_equal(first.support, again.support)
 
 
@@ -59,7 +59,7 @@ def test_the_order_of_candidates_objects_and_trials_does_not_matter(rule, seed):
 @every_seed
 def test_the_unit_of_the_target_does_not_matter(rule, seed):
     choices = [
-        choose(path(parts, GroupSTLSQ()), parts, 0, EVERYTHING, rule=rule)
+        choose(path(parts, STLSQ()), parts, 0, EVERYTHING, rule=rule)
         for parts in (problem(seed), problem(seed, unit=1e-6))
     ]
     np.testing.assert_array_equal(choices[0].chosen.support, choices[1].chosen.support)
@@ -69,7 +69,7 @@ def test_the_unit_of_the_target_does_not_matter(rule, seed):
 @every_seed
 def test_the_default_rule_never_takes_more_terms_than_the_smallest_held_out_error(seed):
     parts = problem(seed)
-    candidates = path(parts, STLSQ())
+    candidates = path(parts, STLSQ(shared=False))
     sizes = [
         choose(candidates, parts, 0, EVERYTHING, rule=rule).chosen.support.sum()
         for rule in ("one-standard-error", "held-out")
@@ -82,7 +82,7 @@ def test_the_default_rule_never_takes_more_terms_than_the_smallest_held_out_erro
 @every_seed
 def test_accuracy_that_is_worse_never_adds_terms(rule, seed):
     parts = problem(seed)
-    candidates = path(parts, GroupSTLSQ())
+    candidates = path(parts, STLSQ())
     sizes = []
     for error in (0.0, 0.5, 100.0):
         choice = choose(

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers import IMPORTANCES, SOLVERS, GroupSTLSQ
+from commonlaw.solvers import IMPORTANCES, SOLVERS, STLSQ
 
 few = settings(max_examples=25, deadline=None)
 SETTINGS = {"threshold": 0.3, "penalty": 0.2, "terms": 2}
@@ -20,7 +20,7 @@ def setting_of(maker):
 
 
 def at(solver, value):
-    name = setting_of(type(solver))
+    name = solver.hyperparameter_name
     return replace(solver, **{name: int(value) if name == "terms" else value})
 
 
@@ -55,8 +55,8 @@ def problems(seed=0, noise=0.0, rows=60, scale=1.0):
 
 @every_solver
 def test_the_truth_is_found_without_noise(solver):
-    fit = solver.solve(problems(), CANDIDATES)
-    np.testing.assert_allclose(fit.coefficients[:, 0], TRUTH, atol=1e-12)
+    (fit,) = solver.solve(problems(), CANDIDATES)
+    np.testing.assert_allclose(fit.coefficients, TRUTH, atol=1e-12)
     assert fit.converged
 
 
@@ -66,8 +66,8 @@ def test_the_truth_is_found_without_noise(solver):
 def test_the_order_of_objects_does_not_matter(solver, seed):
     given_order = problems(seed, noise=0.5)
     order = np.random.default_rng(seed).permutation(3)
-    fit = solver.solve(given_order, CANDIDATES)
-    shuffled = solver.solve([given_order[i] for i in order], CANDIDATES)
+    (fit,) = solver.solve(given_order, CANDIDATES)
+    (shuffled,) = solver.solve([given_order[i] for i in order], CANDIDATES)
     np.testing.assert_allclose(shuffled.coefficients, fit.coefficients[order], rtol=1e-12)
 
 
@@ -76,8 +76,8 @@ def test_the_order_of_objects_does_not_matter(solver, seed):
 @given(seed=st.integers(0, 10_000))
 def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver, seed):
     given = problems(seed, noise=0.5)
-    fit = solver.solve(given, CANDIDATES)
-    for problem, own, support in zip(given, fit.coefficients[:, 0], fit.support[:, 0], strict=True):
+    (fit,) = solver.solve(given, CANDIDATES)
+    for problem, own, support in zip(given, fit.coefficients, fit.support, strict=True):
         np.testing.assert_array_equal(own, problem.least_squares(support, 0))
         assert not own[~support].any()
 
@@ -85,13 +85,13 @@ def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver
 @every_solver
 def test_terms_that_are_no_candidates_stay_out(solver):
     allowed = np.array([[True, True, False, True]])
-    assert not solver.solve(problems(), allowed).support[:, :, 2].any()
+    assert not solver.solve(problems(), allowed)[0].support[:, 2].any()
     assert not any(candidate.support[:, 2].any() for candidate in solver.path(problems(noise=0.5), 0, allowed[0]))
 
 
 @every_solver
 def test_an_equation_without_candidates_stays_empty(solver):
-    assert not solver.solve(problems(), np.zeros((1, 4), dtype=bool)).coefficients.any()
+    assert not solver.solve(problems(), np.zeros((1, 4), dtype=bool))[0].coefficients.any()
     assert solver.path(problems(), 0, np.zeros(4, dtype=bool))[-1].support.sum() == 0
 
 
@@ -101,7 +101,7 @@ def test_data_that_arrive_in_parts_give_the_same_fit(solver):
     merged = [a + b + c for a, b, c in zip(*parts, strict=True)]
     again = [a + (c + b) for a, b, c in zip(*parts, strict=True)]
     np.testing.assert_allclose(
-        solver.solve(merged, CANDIDATES).coefficients, solver.solve(again, CANDIDATES).coefficients, rtol=1e-10
+        solver.solve(merged, CANDIDATES)[0].coefficients, solver.solve(again, CANDIDATES)[0].coefficients, rtol=1e-10
     )
 
 
@@ -113,8 +113,8 @@ def test_the_support_does_not_depend_on_units_where_columns_are_normalised(name)
     generator = np.random.default_rng(3)
     library = generator.standard_normal((100, 4))
     target = (library @ TRUTH[0] + 0.1 * generator.standard_normal(100))[:, np.newaxis]
-    plain = solver.solve([LeastSquaresProblem.of(library, target)], CANDIDATES)
-    scaled = solver.solve([LeastSquaresProblem.of(library * scales, target)], CANDIDATES)
+    (plain,) = solver.solve([LeastSquaresProblem.of(library, target)], CANDIDATES)
+    (scaled,) = solver.solve([LeastSquaresProblem.of(library * scales, target)], CANDIDATES)
     np.testing.assert_array_equal(plain.support, scaled.support)
     np.testing.assert_allclose(scaled.coefficients * scales, plain.coefficients, rtol=1e-9)
     assert 0 < plain.support.sum() < 4
@@ -123,8 +123,8 @@ def test_the_support_does_not_depend_on_units_where_columns_are_normalised(name)
 @given(seed=st.integers(0, 10_000), threshold=st.floats(0.01, 3))
 def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
     for problem in problems(seed, noise=1.0):
-        group = GroupSTLSQ(threshold).solve([problem], CANDIDATES)
-        single = SOLVERS["stlsq"](threshold).solve([problem], CANDIDATES)
+        (group,) = STLSQ(threshold).solve([problem], CANDIDATES)
+        (single,) = SOLVERS["stlsq"](threshold).solve([problem], CANDIDATES)
         np.testing.assert_array_equal(group.coefficients, single.coefficients)
 
 
@@ -138,10 +138,10 @@ def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(so
     assert sizes[0] == 4
     assert sizes[-1] == 0
     for candidate in path:
-        if setting_of(type(solver)) == "terms" and candidate.setting == 0:
+        if solver.hyperparameter_name == "terms" and candidate.hyperparameter == 0:
             continue
-        again = at(solver, candidate.setting).solve(problem, CANDIDATES)
-        np.testing.assert_array_equal(again.coefficients[:, 0], candidate.coefficients)
+        (again,) = at(solver, candidate.hyperparameter).solve(problem, CANDIDATES)
+        np.testing.assert_array_equal(again.coefficients, candidate.coefficients)
 
 
 @thresholding_solvers
@@ -150,14 +150,18 @@ def test_the_path_runs_from_the_most_terms_to_none_and_holds_what_solve_finds(so
 def test_thresholds_between_two_breakpoints_of_the_path_give_the_same(name, seed):
     problem = problems(seed, noise=0.5)
     path = SOLVERS[name]().path(problem, 0, CANDIDATES[0])
-    between = SOLVERS[name](threshold=(path[1].setting + path[2].setting) / 2).solve(problem, CANDIDATES)
-    np.testing.assert_array_equal(between.support[:, 0], path[1].support)
+    (between,) = SOLVERS[name](threshold=(path[1].hyperparameter + path[2].hyperparameter) / 2).solve(
+        problem, CANDIDATES
+    )
+    np.testing.assert_array_equal(between.support, path[1].support)
 
 
 @every_solver
-def test_a_solver_without_a_setting_says_so(solver):
-    unset = replace(solver, **{setting_of(type(solver)): None})
-    assert solver.is_set
-    assert not unset.is_set
-    with pytest.raises(CommonlawError, match="give it one, or let one be chosen from its path"):
+def test_a_solver_without_a_value_of_its_hyperparameter_says_so(solver):
+    unset = replace(solver, **{solver.hyperparameter_name: None})
+    assert solver.hyperparameter is not None
+    assert unset.hyperparameter is None
+    with pytest.raises(
+        CommonlawError, match=f"no {solver.hyperparameter_name}: give it one, or let one be chosen from its path"
+    ):
         unset.solve(problems(), CANDIDATES)

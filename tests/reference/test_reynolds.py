@@ -3,7 +3,7 @@
 import pytest
 
 from commonlaw.datasets import PRINTED_VISCOSITY
-from commonlaw.sphere_drag import AIR_VISCOSITY, reynolds_number
+from commonlaw.datasets.sphere_drag import AIR_VISCOSITY, reynolds_number
 
 # Ball, radius in m, largest speed in m/s, largest Reynolds number as printed (truncated or rounded to three digits)
 PRINTED = [

@@ -8,8 +8,8 @@ import pooch
 import pytest
 from scipy.integrate import solve_ivp
 
-from commonlaw import datasets, sphere_drag
-from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY
+from commonlaw import datasets
+from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY, sphere_drag
 from commonlaw.errors import CommonlawError
 
 SIMULATED = [name for name, dataset in DATASETS.items() if dataset.truth is not None]

@@ -23,7 +23,7 @@ DROPS = cl.datasets.linear_drag()
 
 @pytest.fixture(scope="module")
 def law() -> Law:
-    return cl.discover(DROPS, method=regression(solver=cl.GroupSTLSQ()), **SETTINGS)
+    return cl.discover(DROPS, method=regression(solver=cl.STLSQ()), **SETTINGS)
 
 
 def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
@@ -34,7 +34,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
     assert path["chosen"].sum() == 1
     for row in path.to_dict("records"):
         for threshold in (row["from"] * (1 + 1e-9), min(row["to"], 1e300) * (1 - 1e-9)):
-            at = cl.discover(DROPS, method=regression(solver=cl.GroupSTLSQ(threshold)), **SETTINGS)
+            at = cl.discover(DROPS, method=regression(solver=cl.STLSQ(threshold)), **SETTINGS)
             assert (
                 ", ".join(name for name, used in zip(at.terms.names, at.support[0], strict=True) if used)
                 == row["terms"]
@@ -84,7 +84,7 @@ def test_each_equation_has_its_own_column() -> None:
     law = cl.discover(
         pairs,
         library="poly:2",
-        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(), n_resamples=0),
+        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(shared=False), n_resamples=0),
     )
     figure = plot_path(law, "smallest coefficient")
     assert len(figure.axes) == 4

@@ -18,7 +18,7 @@ from commonlaw.selection import (
     make_folds,
     stability,
 )
-from commonlaw.solvers import STLSQ, Candidate, GroupSTLSQ
+from commonlaw.solvers import STLSQ, Candidate
 
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0, 0.0]])
 EVERYTHING = np.ones(4, dtype=bool)
@@ -45,7 +45,7 @@ def wholes(parts):
 
 
 def path(parts, solver=None):
-    return (solver or GroupSTLSQ()).path(wholes(parts), 0, EVERYTHING)
+    return (solver or STLSQ()).path(wholes(parts), 0, EVERYTHING)
 
 
 def candidate(support, parts):
@@ -173,7 +173,7 @@ def test_one_block_of_one_trial_cannot_be_held_out():
 
 def test_stability_is_high_for_true_terms_and_low_for_others():
     parts = compressed(rows(noise=0.3))
-    found = stability(parts, lambda problems: GroupSTLSQ().path(problems, 0, EVERYTHING), 50, seed=1)
+    found = stability(parts, lambda problems: STLSQ().path(problems, 0, EVERYTHING), 50, seed=1)
     frequencies = found.frequencies(6)
     np.testing.assert_array_equal(frequencies[:, [0, 2]], 1.0)
     assert found.certainty(SHARED) == 1.0
@@ -195,7 +195,7 @@ def test_resamples_are_rows_repeated_as_often_as_their_block_is_drawn():
 def test_the_same_seed_draws_the_same_resamples():
     parts = compressed(rows(noise=2.0))
     first, again, other = (
-        stability(parts, lambda problems: STLSQ().path(problems, 0, EVERYTHING), 20, seed).frequencies(6)
+        stability(parts, lambda problems: STLSQ(shared=False).path(problems, 0, EVERYTHING), 20, seed).frequencies(6)
         for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
@@ -228,7 +228,7 @@ def test_the_default_rule_finds_the_truth_in_noise():
 @pytest.mark.parametrize("rule", RULES)
 def test_supports_of_objects_of_their_own_hold_all_true_terms(rule):
     parts = compressed(rows(noise=0.3, trials=4))
-    assert choose(path(parts, STLSQ()), parts, 0, EVERYTHING, rule=rule).chosen.support[SHARED].all()
+    assert choose(path(parts, STLSQ(shared=False)), parts, 0, EVERYTHING, rule=rule).chosen.support[SHARED].all()
 
 
 def test_the_default_rule_takes_the_smallest_candidate_within_one_standard_error_of_the_best():
@@ -271,7 +271,7 @@ def test_candidates_of_equal_support_are_listed_once_and_a_proof_is_kept():
 
 def test_the_table_says_what_was_compared_and_the_reason_why():
     parts = compressed(rows())
-    solver = GroupSTLSQ()
+    solver = STLSQ()
     found = stability(parts, lambda problems: solver.path(problems, 0, EVERYTHING), 10)
     choice = choose(path(parts), parts, 0, EVERYTHING, stability=found)
     sizes = [each.terms for each in choice.table]

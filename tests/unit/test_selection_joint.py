@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.selection import Joint
 from commonlaw.selection.pooled import log_choices, log_evidence, residuals
-from commonlaw.solvers import BestSubset, ForwardSelection
+from commonlaw.solvers import BestSubset, StepwiseSelection
 
 
 def rows(coefficients, samples=40, seed=0, noise=1.0):
@@ -168,7 +168,7 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 
 
 @pytest.mark.parametrize("objects", [1, 4])
-@pytest.mark.parametrize("solver", [BestSubset(nodes=20), ForwardSelection()])
+@pytest.mark.parametrize("solver", [BestSubset(nodes=20), StepwiseSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
     joint = Joint(coupled(objects), allowed, 240 * objects)

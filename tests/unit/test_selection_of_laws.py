@@ -10,7 +10,7 @@ from commonlaw.formulation import StrongForm, effective_rows, merge, resolution
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import RULES, ForecastError, choose, make_folds
-from commonlaw.solvers import GroupSTLSQ
+from commonlaw.solvers import STLSQ
 
 
 class Problem:
@@ -35,7 +35,7 @@ class Problem:
             return np.array([resolution(self.form, self.terms, own, target, fit) for own, fit in pairs])
 
         rows = np.array([effective_rows(self.form, own) for own in self.of])
-        candidates = GroupSTLSQ().path(self.problems, target, self.allowed)
+        candidates = STLSQ().path(self.problems, target, self.allowed)
         return choose(candidates, self.parts, target, self.allowed, **{"rows": rows, "resolution": accuracy, **options})
 
     def names(self, choice):

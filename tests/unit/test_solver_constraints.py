@@ -70,23 +70,23 @@ def test_one_coefficient_for_all_objects_weighs_objects_by_their_noise():
     problem = [(library, target) for library, target in rows(noise=0.1)]
     noisy = problem[0][1] + 5 * np.random.default_rng(9).standard_normal(50)
     problem[0] = (problem[0][0], noisy)
-    fit = Constrained(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
-    support = fit.support[:, 0]
+    (fit,) = Constrained(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
+    support = fit.support
     assert support.tolist() == [[True, False, True, False]] * 3
     own = [np.linalg.lstsq(library[:, [0, 2]], target, rcond=None)[1][0] / 48 for library, target in problem]
     matrix = np.zeros((2, 12))
     matrix[[0, 0, 1, 1], [0, 4, 4, 8]] = 1, -1, 1, -1
     expected = by_optimality_conditions(problem, support, matrix, np.zeros(2), 1 / np.array(own))
-    np.testing.assert_allclose(fit.coefficients[:, 0], expected, rtol=1e-9)
-    assert np.ptp(fit.coefficients[:, 0, 0]) < 1e-12
-    assert abs(fit.coefficients[0, 0, 0] + 9.8) < 0.05
+    np.testing.assert_allclose(fit.coefficients, expected, rtol=1e-9)
+    assert np.ptp(fit.coefficients[:, 0]) < 1e-12
+    assert abs(fit.coefficients[0, 0] + 9.8) < 0.05
 
 
 def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
     problem, matrix = compressed(rows()), np.zeros((1, 12))
     matrix[0, 0] = 1.0
     path = Constrained(BestSubset(), matrix=matrix, right=np.array([-9.0])).path(problem, 0, EVERY[0])
-    assert [candidate.setting for candidate in path] == [4, 3, 2, 1]
+    assert [candidate.hyperparameter for candidate in path] == [4, 3, 2, 1]
     for candidate in path:
         assert candidate.coefficients[0, 0] == pytest.approx(-9.0)
         assert not candidate.proven
@@ -98,8 +98,8 @@ def test_other_equations_are_left_as_they_are():
     free = BestSubset(2).solve([problem, problem], np.ones((2, TERMS), dtype=bool))
     constrained = Constrained(BestSubset(2), matrix=np.eye(1, 8), right=np.array([-5.0]), equation=1)
     fit = constrained.solve([problem, problem], np.ones((2, TERMS), dtype=bool))
-    np.testing.assert_array_equal(fit.coefficients[:, 0], free.coefficients[:, 0])
-    assert fit.coefficients[0, 1, 0] == pytest.approx(-5.0)
+    np.testing.assert_array_equal(fit[0].coefficients, free[0].coefficients)
+    assert fit[1].coefficients[0, 0] == pytest.approx(-5.0)
     path = constrained.path([problem, problem], 0, EVERY[0])
     assert path[0].proven
 
@@ -108,10 +108,10 @@ def test_equal_terms_are_equal_among_the_objects_that_have_them():
     problem = rows()
     library, target = problem[2]
     problem[2] = (library, target + 9.8 * library[:, 0])
-    fit = Constrained(BestSubset(1, shared=False), equal=(0,)).solve(compressed(problem), EVERY)
-    assert fit.support[:, 0, 0].tolist() == [True, True, False]
-    assert fit.coefficients[0, 0, 0] == pytest.approx(fit.coefficients[1, 0, 0])
-    assert fit.coefficients[0, 0, 0] == pytest.approx(-9.8, abs=0.2)
+    (fit,) = Constrained(BestSubset(1, shared=False), equal=(0,)).solve(compressed(problem), EVERY)
+    assert fit.support[:, 0].tolist() == [True, True, False]
+    assert fit.coefficients[0, 0] == pytest.approx(fit.coefficients[1, 0])
+    assert fit.coefficients[0, 0] == pytest.approx(-9.8, abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_constraints_that_do_not_fit_are_refused(matrix, right, message):
 def test_a_wrapper_that_does_not_fit_is_refused():
     with pytest.raises(CommonlawError, match="give both or neither"):
         Constrained(BestSubset(1), matrix=np.eye(1, 12))
-    with pytest.raises(CommonlawError, match="places of terms are from 0 to 3"):
+    with pytest.raises(CommonlawError, match="indices of terms are from 0 to 3"):
         Constrained(BestSubset(1), equal=(4,)).solve(compressed(rows()), EVERY)
     with pytest.raises(CommonlawError, match="give it one, or let one be chosen"):
         Constrained(BestSubset()).solve(compressed(rows()), EVERY)

@@ -35,8 +35,8 @@ def test_lasso_chooses_what_scikit_learn_chooses(seed, penalty):
     largest = np.abs(unit.T @ scaled).max()
     peer = PeerLasso(alpha=penalty * largest / 80, fit_intercept=False, tol=1e-12, max_iter=100_000)
     expected = peer.fit(unit, scaled[:, 0]).coef_ != 0
-    fit = Lasso(penalty).solve([LeastSquaresProblem.of(library, target)], EVERY)
-    np.testing.assert_array_equal(fit.support[0, 0], expected)
+    (fit,) = Lasso(penalty).solve([LeastSquaresProblem.of(library, target)], EVERY)
+    np.testing.assert_array_equal(fit.support[0], expected)
     assert fit.converged
 
 
@@ -48,8 +48,10 @@ def test_group_lasso_chooses_what_scikit_learn_chooses(seed, penalty):
     largest = np.linalg.norm(unit.T @ scaled, axis=1).max()
     peer = MultiTaskLasso(alpha=penalty * largest / 80, fit_intercept=False, tol=1e-12, max_iter=100_000)
     expected = peer.fit(unit, scaled).coef_.any(axis=0)
-    fit = Lasso(penalty).solve([LeastSquaresProblem.of(library, target[:, np.newaxis]) for target in targets.T], EVERY)
-    np.testing.assert_array_equal(fit.support[:, 0], np.repeat(expected[np.newaxis], 3, axis=0))
+    (fit,) = Lasso(penalty).solve(
+        [LeastSquaresProblem.of(library, target[:, np.newaxis]) for target in targets.T], EVERY
+    )
+    np.testing.assert_array_equal(fit.support, np.repeat(expected[np.newaxis], 3, axis=0))
     assert fit.converged
 
 
@@ -70,7 +72,7 @@ def test_the_minimum_of_the_group_lasso_meets_its_optimality_conditions():
 
 def test_a_penalty_whose_minimum_is_not_reached_says_so():
     library, target = rows(0)
-    assert not Lasso(0.01, max_iterations=2).solve([LeastSquaresProblem.of(library, target)], EVERY).converged
+    assert not Lasso(0.01, max_iterations=2).solve([LeastSquaresProblem.of(library, target)], EVERY)[0].converged
 
 
 def sr3_by_its_definition(library, target, threshold, nu, turns=5000):
@@ -89,8 +91,8 @@ def sr3_by_its_definition(library, target, threshold, nu, turns=5000):
 def test_sr3_comes_to_rest_where_its_definition_does(nu):
     library, target = rows(2, noise=1.0)
     library = library / 10.0 ** np.arange(-2, 6)
-    fit = SR3(0.3, nu=nu).solve([LeastSquaresProblem.of(library, target)], EVERY)
-    np.testing.assert_array_equal(fit.support[0, 0], sr3_by_its_definition(library, target[:, 0], 0.3, nu, 300))
+    (fit,) = SR3(0.3, nu=nu).solve([LeastSquaresProblem.of(library, target)], EVERY)
+    np.testing.assert_array_equal(fit.support[0], sr3_by_its_definition(library, target[:, 0], 0.3, nu, 300))
     assert fit.converged
 
 
@@ -102,10 +104,10 @@ def test_sr3_finds_a_known_truth_that_is_weak_in_one_object():
         LeastSquaresProblem.of(library, (library @ own + 0.3 * generator.standard_normal(200))[:, np.newaxis])
         for library, own in zip(libraries, truth, strict=True)
     ]
-    np.testing.assert_array_equal(SR3(0.3).solve(problems, EVERY).support[:, 0], np.repeat(truth[:1] != 0, 2, axis=0))
-    assert SR3(0.3, shared=False).solve(problems, EVERY).support[:, 0].sum(axis=1).tolist() == [2, 1]
+    np.testing.assert_array_equal(SR3(0.3).solve(problems, EVERY)[0].support, np.repeat(truth[:1] != 0, 2, axis=0))
+    assert SR3(0.3, shared=False).solve(problems, EVERY)[0].support.sum(axis=1).tolist() == [2, 1]
 
 
 def test_sr3_that_has_not_come_to_rest_says_so():
     library, target = rows(2)
-    assert not SR3(0.3, max_iterations=1).solve([LeastSquaresProblem.of(library, target)], EVERY).converged
+    assert not SR3(0.3, max_iterations=1).solve([LeastSquaresProblem.of(library, target)], EVERY)[0].converged

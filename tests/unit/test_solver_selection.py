@@ -1,5 +1,6 @@
 """Solvers by number of terms, against exhaustive search and plain refits on all rows."""
 
+from dataclasses import replace
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers import BackwardElimination, BestSubset, ForwardSelection
+from commonlaw.solvers import BestSubset, StepwiseSelection
 
 
 def problem(seed, terms=None, objects=None):
@@ -67,7 +68,7 @@ def test_best_subset_equals_exhaustive_search(seed):
     rows, problems = problem(seed)
     terms = problems[0].terms
     for candidate in BestSubset(largest=terms, nodes=100_000).path(problems, 0, np.ones(terms, dtype=bool)):
-        size = int(candidate.setting)
+        size = int(candidate.hyperparameter)
         supports = [*combinations(range(terms), size)]
         values = scaled_residuals_by_gram(rows, supports) if size else scaled_residuals(rows, supports)
         assert candidate.proven
@@ -78,7 +79,7 @@ def test_best_subset_equals_exhaustive_search(seed):
 def test_best_subset_of_14_terms_equals_exhaustive_search(seed):
     rows, problems = problem(seed, terms=14)
     for candidate in BestSubset(largest=14, nodes=100_000).path(problems, 0, np.ones(14, dtype=bool))[:-1]:
-        supports = [*combinations(range(14), int(candidate.setting))]
+        supports = [*combinations(range(14), int(candidate.hyperparameter))]
         assert candidate.proven
         assert places_of(candidate) == supports[np.argmin(scaled_residuals_by_gram(rows, supports))]
 
@@ -89,11 +90,11 @@ def test_fast_exhaustive_search_equals_least_squares_on_the_rows():
     np.testing.assert_allclose(scaled_residuals_by_gram(rows, supports), scaled_residuals(rows, supports), rtol=1e-9)
 
 
-@pytest.mark.parametrize("solver", [BestSubset(largest=20), ForwardSelection(), BackwardElimination()])
+@pytest.mark.parametrize("solver", [BestSubset(largest=20), StepwiseSelection(), StepwiseSelection(None, "backward")])
 def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
     _, problems = problem(8, terms=6, objects=3)
     allowed = np.ones(6, dtype=bool)
-    path = type(solver)(shared=False).path(problems, 0, allowed)
+    path = replace(solver, shared=False).path(problems, 0, allowed)
     alone = [solver.path([problem], 0, allowed) for problem in problems]
     for index, candidate in enumerate(path):
         for own, row in zip(alone, candidate.support, strict=True):
@@ -104,7 +105,7 @@ def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
 def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
     rows, problems = problem(seed)
     terms, inside = problems[0].terms, []
-    path = ForwardSelection().path(problems, 0, np.ones(terms, dtype=bool))
+    path = StepwiseSelection().path(problems, 0, np.ones(terms, dtype=bool))
     for candidate in reversed(path):
         assert places_of(candidate) == tuple(sorted(inside))
         trials = [[*inside, index] for index in range(terms) if index not in inside]
@@ -115,7 +116,7 @@ def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
 def test_backward_elimination_drops_the_term_that_raises_the_residuals_least(seed):
     rows, problems = problem(seed)
     inside = [*range(problems[0].terms)]
-    for candidate in BackwardElimination().path(problems, 0, np.ones(len(inside), dtype=bool)):
+    for candidate in StepwiseSelection(direction="backward").path(problems, 0, np.ones(len(inside), dtype=bool)):
         assert places_of(candidate) == tuple(inside)
         trials = [[*inside[:index], *inside[index + 1 :]] for index in range(len(inside))]
         inside = trials[np.argmin(scaled_residuals(rows, trials))] if trials else inside
@@ -144,18 +145,18 @@ def test_best_subset_proves_the_truth_among_56_terms_where_greedy_selection_errs
     problems, truth = lorenz(noise=1.0), [(1, 2), (1, 2, 6), (3, 5)]
     allowed = np.ones((3, 56), dtype=bool)
     for target, indices in enumerate(truth):
-        fit = BestSubset(len(indices)).solve([*problems], allowed)
-        assert tuple(np.flatnonzero(fit.support[0, target])) == indices
+        fit = BestSubset(len(indices)).solve([*problems], allowed)[target]
+        assert tuple(np.flatnonzero(fit.support[0])) == indices
         assert fit.converged
-        greedy = ForwardSelection(len(indices)).solve(problems, allowed)
-        assert tuple(np.flatnonzero(greedy.support[0, target])) != indices
+        greedy = StepwiseSelection(len(indices)).solve(problems, allowed)[target]
+        assert tuple(np.flatnonzero(greedy.support[0])) != indices
 
 
 def test_a_search_that_runs_out_of_nodes_says_so():
     _, problems = problem(5, terms=14)
     allowed = np.ones((1, 14), dtype=bool)
-    fit = BestSubset(7, nodes=1).solve(problems, allowed)
-    assert fit.support.sum(axis=2).tolist() == [[7]] * len(problems)
+    (fit,) = BestSubset(7, nodes=1).solve(problems, allowed)
+    assert fit.support.sum(axis=1).tolist() == [7] * len(problems)
     assert not fit.converged
     path = BestSubset(largest=3).path(problems, 0, allowed[0])
     assert [candidate.proven for candidate in path] == [True] + [False] * 10 + [True] * 4
@@ -167,24 +168,23 @@ def test_objects_count_by_their_noise_and_not_by_their_size():
     small = library @ [1.0, 0.1, 0.0] + 0.01 * generator.standard_normal(200)
     large = 1e6 * (library @ [1.0, 0.0, 0.0] + generator.standard_normal(200))
     problems = [LeastSquaresProblem.of(library, target[:, np.newaxis]) for target in (small, large)]
-    fit = BestSubset(2).solve(problems, np.ones((1, 3), dtype=bool))
-    assert fit.support[0, 0].tolist() == [True, True, False]
+    (fit,) = BestSubset(2).solve(problems, np.ones((1, 3), dtype=bool))
+    assert fit.support[0].tolist() == [True, True, False]
 
 
-@pytest.mark.parametrize("solver", [BestSubset(2), ForwardSelection(2), BackwardElimination(2)])
+@pytest.mark.parametrize("solver", [BestSubset(2), StepwiseSelection(2), StepwiseSelection(2, "backward")])
 def test_columns_that_depend_on_each_other_are_not_both_taken(solver):
     generator = np.random.default_rng(0)
     library = generator.standard_normal((50, 4))
     library[:, 3] = 2 * library[:, 0]
     target = library @ [3.0, 1.0, 0.0, 0.0] + 0.1 * generator.standard_normal(50)
-    support = solver.solve(
-        [LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 4), dtype=bool)
-    ).support[0, 0]
+    (fit,) = solver.solve([LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 4), dtype=bool))
+    support = fit.support[0]
     assert support[1]
     assert support[[0, 3]].sum() == 1
 
 
-@pytest.mark.parametrize("solver", [BestSubset(2), BackwardElimination(2), ForwardSelection(2)])
+@pytest.mark.parametrize("solver", [BestSubset(2), StepwiseSelection(2, "backward"), StepwiseSelection(2)])
 def test_objects_with_fewer_rows_than_terms_have_a_say(solver):
     generator = np.random.default_rng(0)
     problems = []
@@ -192,15 +192,15 @@ def test_objects_with_fewer_rows_than_terms_have_a_say(solver):
         library = generator.standard_normal((rows, 8))
         target = library @ [3.0, 0, 0, 0, 0, 2.0, 0, 0] + 0.01 * generator.standard_normal(rows)
         problems.append(LeastSquaresProblem.of(library, target[:, np.newaxis]))
-    assert np.flatnonzero(solver.solve(problems, np.ones((1, 8), dtype=bool)).support[0, 0]).tolist() == [0, 5]
+    assert np.flatnonzero(solver.solve(problems, np.ones((1, 8), dtype=bool))[0].support[0]).tolist() == [0, 5]
 
 
 def test_more_than_60_terms_are_searched_by_exchange_and_not_proven():
     generator = np.random.default_rng(0)
     library = generator.standard_normal((300, 150)) @ (np.eye(150) + 0.05 * generator.standard_normal((150, 150)))
     target = library[:, :5].sum(axis=1) + generator.standard_normal(300)
-    fit = BestSubset(8, nodes=50).solve(
+    (fit,) = BestSubset(8, nodes=50).solve(
         [LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 150), dtype=bool)
     )
-    assert fit.support[0, 0, :5].all()
+    assert fit.support[0, :5].all()
     assert not fit.converged

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from commonlaw import sphere_drag
+from commonlaw.datasets import sphere_drag
+from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_DYNAMIC_VISCOSITY, AIR_VISCOSITY
 from commonlaw.errors import CommonlawError
-from commonlaw.sphere_drag import AIR_DENSITY, AIR_DYNAMIC_VISCOSITY, AIR_VISCOSITY
 
 
 def test_reynolds_number_in_the_papers_air_is_0_665e5_times_speed_times_diameter() -> None:

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw import datasets
+from commonlaw.datasets.sphere_drag import MAX_REYNOLDS, drag_coefficient
 from commonlaw.errors import CommonlawError
 from commonlaw.plots import render
-from commonlaw.sphere_drag import MAX_REYNOLDS, drag_coefficient
 from commonlaw.trials import Schema, Trial, Trials
 from studies.falling_balls.plots import plot_displacement, plot_drag_regimes, plot_property, plot_strobe
 

@@ -5,6 +5,7 @@ from functools import wraps
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
+from commonlaw.datasets import sphere_drag
 from commonlaw.datasets.ball_drops import ball_drops
 from commonlaw.datasets.dataset import Dataset
 from commonlaw.datasets.linear_drag import linear_drag
@@ -30,6 +31,7 @@ __all__ = [
     "lotka_volterra",
     "nonlinear_oscillator",
     "reynolds_drag",
+    "sphere_drag",
     "truth_of",
 ]
 

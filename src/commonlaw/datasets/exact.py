@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.datasets.experiment import NormalSource, Path
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 _TOLERANCE = 1e-11
 
 
-def trajectory(field: Callable[[float, Floats], Floats], initial: Sequence[float], times: Floats, name: str) -> Floats:
+def trajectory(field: Callable[[float, Floats], Floats], initial: ArrayLike, times: Floats, name: str) -> Floats:
     """Return the states at `times`, shape (n, d), of the object `name` that moves by ``y' = field(t, y)``.
 
     Raises
@@ -26,12 +28,27 @@ def trajectory(field: Callable[[float, Floats], Floats], initial: Sequence[float
     """
     from commonlaw.integration import integrate
 
-    result = integrate(field, np.array(initial), times, relative_tolerance=_TOLERANCE, where=name)
+    result = integrate(field, np.asarray(initial, dtype=np.float64), times, relative_tolerance=_TOLERANCE, where=name)
     if result.outcome is not None:
         raise CommonlawError(
             f"cannot simulate {name}: {result.outcome.text}; choose other coefficients or a shorter time"
         )
     return result.states
+
+
+def path(
+    derivatives: Callable[[tuple[float, ...], Floats], Sequence[float]],
+    start: Callable[[tuple[float, ...], NormalSource], Floats],
+    coefficients: tuple[float, ...],
+    times: Floats,
+    name: str,
+) -> Path:
+    """Return what draws a start and runs from there by ``y' = derivatives(coefficients, y)``."""
+
+    def field(_: float, y: Floats) -> Floats:
+        return np.array(derivatives(coefficients, y))
+
+    return lambda source: trajectory(field, start(coefficients, source), times, name)
 
 
 def law(

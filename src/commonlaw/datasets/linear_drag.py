@@ -1,6 +1,5 @@
 """Simulated drops of balls whose drag is proportional to their velocity, perhaps with a term in its square."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import Measurement, Seed, ball_names, fixed, numbers, sample_times, together
+from commonlaw.datasets.experiment import PerObject, Seed, SimulatedExperiment, fixed, numbers, objects, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ _SCHEMA = Schema(("x",), units={"x": "m", "t": "s", "drag": "1/s"})
 
 
 def _load(
-    drag: float | Sequence[float] = _DRAG,
+    drag: PerObject = _DRAG,
     gravity: float = _GRAVITY,
     trials: int = 2,
     samples: int = 49,
@@ -28,7 +27,7 @@ def _load(
     height: float = 47.33,
     noise: float = 0.01,
     seed: Seed = 0,
-    quadratic: float | Sequence[float] = 0.0,
+    quadratic: PerObject = 0.0,
 ) -> Trials:
     """Return drops of balls that obey ``x'' = gravity + drag x'`` from rest (de Silva et al. 2020, section 2.2).
 
@@ -61,23 +60,26 @@ def _load(
     CommonlawError
         If an option cannot be, such as a negative noise, or a negative `quadratic` with which a ball runs away.
     """
-    balls = _balls(drag, quadratic)
+    balls = objects("Ball", drag=drag, quadratic=quadratic)
     times = sample_times(samples, rate)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
-    return Measurement(times, trials, noise, seed).of(
-        {name: fixed(_drop(name, *ball, acceleration, start, times)) for name, ball in balls.items()},
+    return SimulatedExperiment(times, trials, noise, seed).measure(
+        {
+            name: fixed(_drop(name, slope, square, acceleration, start, times))
+            for name, (slope, square) in balls.items()
+        },
         _SCHEMA,
         {name: {"drag": slope} for name, (slope, _) in balls.items()},
     )
 
 
 def _truth(
-    drag: float | Sequence[float] = _DRAG,
+    drag: PerObject = _DRAG,
     gravity: float = _GRAVITY,
-    quadratic: float | Sequence[float] = 0.0,
+    quadratic: PerObject = 0.0,
 ) -> "Law":
     """Return the law of these balls: ``x'' = gravity + drag v``, and ``+ quadratic v^2`` where a ball has that."""
-    balls = _balls(drag, quadratic)
+    balls = objects("Ball", drag=drag, quadratic=quadratic)
     terms = ["1", "v", "v**2"] if any(square for _, square in balls.values()) else ["1", "v"]
     rows = {name: [[gravity, *ball][: len(terms)]] for name, ball in balls.items()}
     return exact.law(_SCHEMA, terms, rows, rates=["v"])
@@ -99,12 +101,6 @@ def _fall(times: Floats, gravity: float, drag: float) -> Floats:
     from scipy.special import hyp1f1
 
     return np.asarray(gravity * times**2 / 2 * hyp1f1(1.0, 3.0, drag * times))
-
-
-def _balls(drag: float | Sequence[float], quadratic: float | Sequence[float]) -> dict[str, tuple[float, float]]:
-    """Return the coefficients of each ball by name."""
-    rows = together(drag=numbers("drag", drag), quadratic=numbers("quadratic", quadratic))
-    return {name: (slope, square) for name, (slope, square) in zip(ball_names(len(rows)), rows, strict=True)}
 
 
 linear_drag = Dataset(

@@ -1,6 +1,5 @@
 """The chaotic system of Lorenz."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,20 +7,20 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.measurement import Measurement, NormalSource, Path, Seed, numbers, sample_times, together
+from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, SimulatedExperiment, objects, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
 
 _SCHEMA = Schema(("x", "y", "z"))
-_START = (-8.0, 8.0, 27.0)
+_START = np.array([-8.0, 8.0, 27.0])
 
 
 def _load(
-    sigma: float | Sequence[float] = 10.0,
-    rho: float | Sequence[float] = 28.0,
-    beta: float | Sequence[float] = 8 / 3,
+    sigma: PerObject = 10.0,
+    rho: PerObject = 28.0,
+    beta: PerObject = 8 / 3,
     trials: int = 2,
     samples: int = 1000,
     rate: float = 100.0,
@@ -54,40 +53,27 @@ def _load(
         If an option cannot be, such as a negative noise.
     """
     times = sample_times(samples, rate)
-    paths = {name: _path(name, row, times) for name, row in _systems(sigma, rho, beta).items()}
-    return Measurement(times, trials, noise, seed).of(paths, _SCHEMA)
+    systems = objects("System", sigma=sigma, rho=rho, beta=beta)
+    paths = {name: exact.path(_derivatives, _start, row, times, name) for name, row in systems.items()}
+    return SimulatedExperiment(times, trials, noise, seed).measure(paths, _SCHEMA)
 
 
-def _truth(
-    sigma: float | Sequence[float] = 10.0, rho: float | Sequence[float] = 28.0, beta: float | Sequence[float] = 8 / 3
-) -> "Law":
+def _truth(sigma: PerObject = 10.0, rho: PerObject = 28.0, beta: PerObject = 8 / 3) -> "Law":
     """Return the law of these systems."""
     rows = {
         name: [[-s, s, 0.0, 0.0, 0.0], [r, -1.0, 0.0, 0.0, -1.0], [0.0, 0.0, -b, 1.0, 0.0]]
-        for name, (s, r, b) in _systems(sigma, rho, beta).items()
+        for name, (s, r, b) in objects("System", sigma=sigma, rho=rho, beta=beta).items()
     }
     return exact.law(_SCHEMA, ["x", "y", "z", "x*y", "x*z"], rows)
 
 
-def _path(name: str, coefficients: tuple[float, ...], times: Floats) -> Path:
-    """Return the function that draws a start and runs from there."""
+def _derivatives(coefficients: tuple[float, ...], y: Floats) -> list[float]:
     sigma, rho, beta = coefficients
-
-    def field(_: float, y: Floats) -> Floats:
-        return np.array([sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]])
-
-    def path(source: NormalSource) -> Floats:
-        return exact.trajectory(field, (_START + source.standard_normal((3,))).tolist(), times, name)
-
-    return path
+    return [sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]]
 
 
-def _systems(
-    sigma: float | Sequence[float], rho: float | Sequence[float], beta: float | Sequence[float]
-) -> dict[str, tuple[float, ...]]:
-    """Return the three coefficients of each system by name."""
-    rows = together(sigma=numbers("sigma", sigma), rho=numbers("rho", rho), beta=numbers("beta", beta))
-    return {f"System {i}": row for i, row in enumerate(rows, 1)}
+def _start(_: tuple[float, ...], source: NormalSource) -> Floats:
+    return _START + source.standard_normal((3,))
 
 
 lorenz = Dataset(

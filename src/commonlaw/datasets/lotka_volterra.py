@@ -1,6 +1,5 @@
 """Prey and predators: several pairs of species with rates of their own."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.measurement import Measurement, NormalSource, Path, Seed, numbers, sample_times, together
+from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, SimulatedExperiment, objects, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -22,10 +21,10 @@ _REPRODUCTION = (0.075, 0.06, 0.05, 0.07, 0.08)
 
 
 def _load(
-    growth: float | Sequence[float] = _GROWTH,
-    predation: float | Sequence[float] = _PREDATION,
-    decline: float | Sequence[float] = _DECLINE,
-    reproduction: float | Sequence[float] = _REPRODUCTION,
+    growth: PerObject = _GROWTH,
+    predation: PerObject = _PREDATION,
+    decline: PerObject = _DECLINE,
+    reproduction: PerObject = _REPRODUCTION,
     trials: int = 2,
     samples: int = 200,
     rate: float = 10.0,
@@ -58,51 +57,35 @@ def _load(
         If an option cannot be, such as a negative rate.
     """
     times = sample_times(samples, rate)
-    pairs = _pairs(growth, predation, decline, reproduction)
-    paths = {name: _path(name, np.array(rates), times) for name, rates in pairs.items()}
-    return Measurement(times, trials, noise, seed).of(paths, _SCHEMA)
+    pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
+    paths = {name: exact.path(_derivatives, _start, rates, times, name) for name, rates in pairs.items()}
+    return SimulatedExperiment(times, trials, noise, seed).measure(paths, _SCHEMA)
 
 
 def _truth(
-    growth: float | Sequence[float] = _GROWTH,
-    predation: float | Sequence[float] = _PREDATION,
-    decline: float | Sequence[float] = _DECLINE,
-    reproduction: float | Sequence[float] = _REPRODUCTION,
+    growth: PerObject = _GROWTH,
+    predation: PerObject = _PREDATION,
+    decline: PerObject = _DECLINE,
+    reproduction: PerObject = _REPRODUCTION,
 ) -> "Law":
     """Return the law of these pairs of species."""
-    pairs = _pairs(growth, predation, decline, reproduction)
+    pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}
     return exact.law(_SCHEMA, ["x", "y", "x*y"], rows)
 
 
-def _path(name: str, rates: Floats, times: Floats) -> Path:
-    """Return the function that draws a start and runs from there."""
+def _derivatives(rates: tuple[float, ...], y: Floats) -> list[float]:
     a, b, c, d = rates
-
-    def field(_: float, y: Floats) -> Floats:
-        return np.array([a * y[0] - b * y[0] * y[1], -c * y[1] + d * y[0] * y[1]])
-
-    def path(source: NormalSource) -> Floats:
-        start = np.array([c / d, a / b]) * np.exp(source.standard_normal((2,)) / 2)
-        return exact.trajectory(field, start.tolist(), times, name)
-
-    return path
+    return [a * y[0] - b * y[0] * y[1], -c * y[1] + d * y[0] * y[1]]
 
 
-def _pairs(
-    growth: float | Sequence[float],
-    predation: float | Sequence[float],
-    decline: float | Sequence[float],
-    reproduction: float | Sequence[float],
-) -> dict[str, tuple[float, ...]]:
-    """Return the four rates of each pair by name."""
-    rows = together(
-        growth=numbers("growth", growth, positive=True),
-        predation=numbers("predation", predation, positive=True),
-        decline=numbers("decline", decline, positive=True),
-        reproduction=numbers("reproduction", reproduction, positive=True),
-    )
-    return {f"Pair {i}": row for i, row in enumerate(rows, 1)}
+def _start(rates: tuple[float, ...], source: NormalSource) -> Floats:
+    a, b, c, d = rates
+    return np.array([c / d, a / b]) * np.exp(source.standard_normal((2,)) / 2)
+
+
+def _pairs(**rates: PerObject) -> dict[str, tuple[float, ...]]:
+    return objects("Pair", positive=True, **rates)
 
 
 lotka_volterra = Dataset(

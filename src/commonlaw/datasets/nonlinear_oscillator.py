@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import Measurement, Seed, fixed, numbers, sample_times
+from commonlaw.datasets.experiment import Seed, SimulatedExperiment, fixed, numbers, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def _load(samples: int = 500, step: float = 0.01, noise: float = 0.0, seed: Seed
     """
     times = sample_times(samples, 1 / numbers("step", step, positive=True)[0])
     path = fixed(exact.trajectory(_field, _START, times, _NAME))
-    return Measurement(times, 1, noise, seed).of({_NAME: path}, _SCHEMA)
+    return SimulatedExperiment(times, 1, noise, seed).measure({_NAME: path}, _SCHEMA)
 
 
 def _truth() -> "Law":

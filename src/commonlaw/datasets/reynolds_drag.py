@@ -1,16 +1,14 @@
 """Simulated drops of balls whose drag depends on the Reynolds number, as that of real spheres does."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw import sphere_drag
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact
+from commonlaw.datasets import exact, sphere_drag
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.measurement import Measurement, Seed, ball_names, fixed, numbers, sample_times, together
-from commonlaw.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
+from commonlaw.datasets.experiment import PerObject, Seed, SimulatedExperiment, fixed, numbers, objects, sample_times
+from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -31,8 +29,8 @@ _SCHEMA = Schema(("x",), units={"x": "m", "t": "s", "radius": "m", "mass": "kg"}
 
 
 def _load(
-    radius: float | Sequence[float] = _RADIUS,
-    mass: float | Sequence[float] = _MASS,
+    radius: PerObject = _RADIUS,
+    mass: PerObject = _MASS,
     viscosity: float = AIR_VISCOSITY,
     gravity: float = _GRAVITY,
     trials: int = 2,
@@ -45,9 +43,9 @@ def _load(
 ) -> Trials:
     """Return drops of smooth spheres in air from rest (de Silva et al. 2020, appendix on realistic simulations).
 
-    They obey ``m x'' = m gravity - sign(x') rho A C_D(Re) x'^2 / 2`` with `commonlaw.sphere_drag.drag_coefficient`.
-    The default balls are like the golf ball, tennis ball, whiffle ball 1, baseball and blue basketball. The last one
-    leaves the range of that correlation towards the end of its drop.
+    They obey ``m x'' = m gravity - sign(x') rho A C_D(Re) x'^2 / 2`` with the C_D of
+    `commonlaw.datasets.sphere_drag.drag_coefficient`. The default balls are like the golf ball, tennis ball, whiffle
+    ball 1, baseball and blue basketball. The last one leaves the range of that correlation towards the end of its drop.
 
     Parameters
     ----------
@@ -79,13 +77,14 @@ def _load(
     CommonlawError
         If an option cannot be, such as a negative mass.
     """
-    balls, times = _balls(radius, mass), sample_times(samples, rate)
+    balls = objects("Ball", positive=True, radius=radius, mass=mass)
+    times = sample_times(samples, rate)
     _check_fluid(viscosity, density)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
-    return Measurement(times, trials, noise, seed).of(
+    return SimulatedExperiment(times, trials, noise, seed).measure(
         {
-            name: fixed(_drop(name, *ball, (viscosity, density), acceleration, start, times))
-            for name, ball in balls.items()
+            name: fixed(_drop(name, size, weight, (viscosity, density), acceleration, start, times))
+            for name, (size, weight) in balls.items()
         },
         _SCHEMA,
         {name: dict(zip(("radius", "mass"), ball, strict=True)) for name, ball in balls.items()},
@@ -93,8 +92,8 @@ def _load(
 
 
 def _truth(
-    radius: float | Sequence[float] = _RADIUS,
-    mass: float | Sequence[float] = _MASS,
+    radius: PerObject = _RADIUS,
+    mass: PerObject = _MASS,
     viscosity: float = AIR_VISCOSITY,
     gravity: float = _GRAVITY,
     density: float = AIR_DENSITY,
@@ -105,7 +104,7 @@ def _truth(
     ``c = 8710 viscosity / diameter``: one such rational term for each distinct radius, with a coefficient for the balls
     of that radius only. All are odd in v, as drag is, and smooth enough at rest for exact derivatives.
     """
-    balls = _balls(radius, mass)
+    balls = objects("Ball", positive=True, radius=radius, mass=mass)
     _check_fluid(viscosity, density)
     radii = list(dict.fromkeys(each for each, _ in balls.values()))
     bends = [sphere_drag.TRANSITION * viscosity / (2 * each) for each in radii]
@@ -141,12 +140,6 @@ def _drop(
         return np.array([y[1], gravity - np.sign(y[1]) * force / mass])
 
     return exact.trajectory(field, (height, 0.0), times, name)[:, :1]
-
-
-def _balls(radius: float | Sequence[float], mass: float | Sequence[float]) -> dict[str, tuple[float, float]]:
-    """Return radius and mass of each ball by name."""
-    rows = together(radius=numbers("radius", radius, positive=True), mass=numbers("mass", mass, positive=True))
-    return {name: (size, weight) for name, (size, weight) in zip(ball_names(len(rows)), rows, strict=True)}
 
 
 def _check_fluid(viscosity: float, density: float) -> None:

@@ -28,12 +28,11 @@ from commonlaw.selection import (
     select,
 )
 from commonlaw.solvers import (
+    STLSQ,
     AbstractSolver,
-    BackwardElimination,
     BestSubset,
     Constrained,
-    ForwardSelection,
-    GroupSTLSQ,
+    StepwiseSelection,
     parse_solver,
 )
 from commonlaw.trials import Trial, Trials, TrialStream
@@ -94,7 +93,7 @@ class AbstractRegression(AbstractMethod):
         solver = parsed(self.solver, parse_solver)
         progress("turning trials into regression rows")
         formulation = self.formulation(trials, structure)
-        segments = 1 if solver is not None and solver.is_set else BLOCKS
+        segments = 1 if solver is not None and solver.hyperparameter is not None else BLOCKS
         data = compress(trials, schema, formulation, terms, parts=segments, n_jobs=self.n_jobs)
         known = structure.known_coefficients(schema, data.objects)
         law = Law(
@@ -107,7 +106,7 @@ class AbstractRegression(AbstractMethod):
         )
         universal = structure.universal_coefficients(schema)
         progress("choosing terms")
-        if solver is not None and solver.is_set:
+        if solver is not None and solver.hyperparameter is not None:
             rest = data.subtract(law.coefficients).problems
             found = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
         else:
@@ -132,7 +131,9 @@ def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
     Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
     are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
     """
-    return (GroupSTLSQ(), BestSubset()) if terms <= _MANY_TERMS else (ForwardSelection(), BackwardElimination())
+    if terms <= _MANY_TERMS:
+        return STLSQ(), BestSubset()
+    return StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
 
 
 def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:

@@ -66,7 +66,7 @@ class TrajectoryLikelihood(AbstractMethod):
                 "must be off to be an outlier, above zero"
             )
         solver = parsed(self.solver, parse_solver)
-        if solver is not None and solver.is_set:
+        if solver is not None and solver.hyperparameter is not None:
             raise CommonlawError(
                 f"a solver with a value of its hyperparameter, {solver}, does not go with TrajectoryLikelihood, which "
                 "chooses by evidence: leave the value out, or use method=DerivativeRegression(solver=...)"

@@ -7,8 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.hierarchy import shrink
 from commonlaw.law.history import Step
-from commonlaw.law.pooling import pool
 from commonlaw.law.uncertainty import Uncertainty
 
 _ALIKE, _OWN = 0.9, 0.1
@@ -67,10 +67,10 @@ def partially_pooled(
         return None
     indices = np.argwhere(support)[free].T
     variances = np.where(shared[support][free], 0.0, np.nan if others else np.inf)
-    found = pool(coefficients[:, *indices], covariance[:, free][:, :, free], variances)
+    found = shrink(coefficients[:, *indices], covariance[:, free][:, :, free], variances)
     pooled, errors, factor = coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
     inner = np.ix_(np.arange(len(coefficients)), free, free)
-    pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.common
+    pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
     return PartiallyPooled(pooled, replace(uncertainty, covariance=errors, shared_factor=factor), shrinkage)

@@ -124,6 +124,6 @@ def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) ->
     if not rows:
         raise CommonlawError(
             "this law was not chosen from the path of one solver; discover it with a solver that has no setting, "
-            "such as GroupSTLSQ()"
+            "such as STLSQ()"
         )
     return pd.DataFrame(rows)

@@ -1,22 +1,20 @@
 """Markdown with mathematics as HTML."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape, unescape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, fromstring
 
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
     from markdown_it import MarkdownIt
+    from markdown_it.token import Token
 
-# Code, which stays as it is, or a formula between one or two dollar signs
-_CODE_OR_FORMULA = re.compile(r"(`+)[^`]+\1|(?<!\\)(\${1,2})([^$]+)\2")
-_MARK = "\ue000{}\ue001"
-_MARKED = re.compile("\ue000(\\d+)\ue001")
 _SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}
+_ALOUD = {"aloud": True}
 
 
 def markdown(text: str) -> str:
@@ -30,22 +28,32 @@ def markdown(text: str) -> str:
     >>> print(markdown("the *law* $x$ < 1").strip())
     <p>the <em>law</em> <math ...><mrow><mi>x</mi></mrow></math> &lt; 1</p>
     """
-    return _with_formulas(text, _parser().render, formula)
+    return str(_parser().render(text))
 
 
 def inline(text: str) -> str:
-    """Return one line as HTML, without a paragraph around it."""
-    return _with_formulas(text, _parser().renderInline, formula)
+    """Return one line as HTML, without a paragraph around it.
+
+    Raises
+    ------
+    CommonlawError
+        If a formula cannot be read.
+    """
+    return str(_parser().renderInline(text))
 
 
 def plain(text: str) -> str:
     """Return one line as bare text, for those who hear it.
 
+    Raises
+    ------
+    CommonlawError
+        If a formula cannot be read.
+
     >>> plain("**Drag** is $F = \\\\frac{1}{2} C v^2$ & small")
     'Drag is F=1/2Cv^2 & small'
     """
-    html = _with_formulas(text, _parser().renderInline, lambda latex, _: escape(_read(fromstring(formula(latex)))))
-    return unescape(re.sub("<[^>]*>", "", html))
+    return unescape(re.sub("<[^>]*>", "", _parser().renderInline(text, _ALOUD)))
 
 
 def formula(latex: str, display: str = "inline") -> str:
@@ -70,18 +78,11 @@ def formula(latex: str, display: str = "inline") -> str:
     return mathml
 
 
-def _with_formulas(text: str, render: Callable[[str], str], show: Callable[[str, str], str]) -> str:
-    """Render text whose formulas are put aside meanwhile, as Markdown would take their signs for its own."""
-    formulas: list[str] = []
-
-    def put_aside(match: re.Match[str]) -> str:
-        if match[1]:
-            return match[0]
-        formulas.append(show(match[3], "inline" if match[2] == "$" else "block"))
-        return _MARK.format(len(formulas) - 1)
-
-    rendered = render(_CODE_OR_FORMULA.sub(put_aside, text))
-    return _MARKED.sub(lambda match: formulas[int(match[1])], rendered)
+def _show(_: object, tokens: "Sequence[Token]", index: int, __: object, env: Mapping[str, Any]) -> str:
+    """Render a formula: as MathML, or as text where the page is read out."""
+    token = tokens[index]
+    mathml = formula(token.content, "block" if token.markup == "$$" else "inline")
+    return escape(_read(fromstring(mathml))) if env == _ALOUD else mathml
 
 
 def _read(element: Element) -> str:
@@ -93,6 +94,12 @@ def _read(element: Element) -> str:
 @cache
 def _parser() -> "MarkdownIt":
     from markdown_it import MarkdownIt
+    from mdit_py_plugins.dollarmath import dollarmath_plugin
 
     # This preset shows HTML as text. Headings and pictures are the report's own, and tables have their captions there
-    return MarkdownIt("js-default").disable(["heading", "lheading", "image", "table"])
+    parser = MarkdownIt("js-default").disable(["heading", "lheading", "image", "table"])
+    dollarmath_plugin(parser, double_inline=True)
+    parser.disable("math_block")  # A formula on its own line stays in its paragraph
+    for kind in ("math_inline", "math_inline_double"):
+        parser.add_render_rule(kind, _show)
+    return parser

@@ -6,7 +6,6 @@ from commonlaw.selection.cross_validation import HeldOut, RateError, held_out
 from commonlaw.selection.folds import Fold, Parts, make_folds
 from commonlaw.selection.forecasts import ForecastError
 from commonlaw.selection.joint import MOST_TERMS, SAMPLES_FOR_A_TERM, Joint
-from commonlaw.selection.recovery import Recovery, recovered, recovers
 from commonlaw.selection.selecting import BLOCKS, Accuracy, select
 from commonlaw.selection.stability import Stability, stability
 from commonlaw.selection.verdict import chosen_law, fitted_law, ill_conditions
@@ -26,7 +25,6 @@ __all__ = [
     "Joint",
     "Parts",
     "RateError",
-    "Recovery",
     "Scored",
     "Stability",
     "aic",
@@ -39,8 +37,6 @@ __all__ = [
     "held_out",
     "ill_conditions",
     "make_folds",
-    "recovered",
-    "recovers",
     "select",
     "stability",
 ]

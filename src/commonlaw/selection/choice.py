@@ -106,7 +106,7 @@ def choose(
     Parameters
     ----------
     candidates
-        From one or several solvers' paths; settings that cannot be compared are NaN.
+        From one or several solvers' paths; hyperparameters that cannot be compared are NaN.
     parts
         The systems of each object's trials and of their blocks in time.
     target
@@ -239,5 +239,6 @@ def _settings(candidates: Sequence[Candidate]) -> dict[bytes, tuple[float, ...]]
     """Return the settings at which each support comes, ascending."""
     found: dict[bytes, list[float]] = {}
     for each in candidates:
-        found.setdefault(each.support.tobytes(), []).extend([each.setting] if np.isfinite(each.setting) else [])
+        own = found.setdefault(each.support.tobytes(), [])
+        own.extend([each.hyperparameter] if np.isfinite(each.hyperparameter) else [])
     return {key: tuple(sorted(settings)) for key, settings in found.items()}

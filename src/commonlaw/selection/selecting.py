@@ -105,7 +105,7 @@ def select(
 
         listed = list(chain.from_iterable(solver.path(rest.problems, target, free[target]) for solver in solvers))
         return choose(
-            listed if len(solvers) == 1 else [replace(each, setting=np.nan) for each in listed],
+            listed if len(solvers) == 1 else [replace(each, hyperparameter=np.nan) for each in listed],
             rest.groups,
             target,
             free[target],

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.law import Alternative, Law
 from commonlaw.outcomes import Outcome
 from commonlaw.selection.choice import Choice
-from commonlaw.solvers import AbstractSolver, Fit, GroupSTLSQ
+from commonlaw.solvers import STLSQ, AbstractSolver, Candidate
 
 _ILL_CONDITIONED = 1e8
 """Above it, half of the digits of double precision are gone."""
@@ -17,7 +18,7 @@ _ILL_CONDITIONED = 1e8
 
 def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
-    coefficients = law.coefficients + np.stack([choice.chosen.coefficients for choice in choices], axis=1)
+    coefficients = _with(law, [choice.chosen for choice in choices])
     outcomes, alternatives = [], []
     for equation, choice in zip(law.left_hand_sides, choices, strict=True):
         outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
@@ -35,32 +36,38 @@ def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
     )
 
 
-def fitted_law(law: Law, fit: Fit, solver: AbstractSolver) -> Law:
-    """Return the law with what a solver found at its setting besides the known terms, and what to know about it."""
-    found = replace(law, coefficients=law.coefficients + fit.coefficients)
-    return replace(found, provenance=replace(found.provenance, outcomes=tuple(_outcomes(found, fit, solver))))
+def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
+    """Return the law with what a solver found besides the known terms, and what a user should know about it."""
+    found = replace(law, coefficients=_with(law, candidates))
+    outcomes = tuple(_outcomes(found, candidates, solver))
+    return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
 
 
-def _outcomes(law: Law, fit: Fit, solver: AbstractSolver) -> Iterator[Outcome]:
-    """Yield what a user should know about a fit."""
-    if isinstance(solver, GroupSTLSQ) and len(law.objects) == 1:
+def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
+    """Return the coefficients of a law with those of a candidate for each equation."""
+    return law.coefficients + np.stack([each.coefficients for each in candidates], axis=1)
+
+
+def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
+    """Yield what a user should know about what a solver found."""
+    if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
         yield Outcome(
             "one object",
             law.objects[0],
-            "with a single object the group solver equals STLSQ",
+            "with a single object the terms that all objects share are those of this one",
             "add objects to let them vote on the terms",
         )
-    if not fit.converged:
+    if not all(each.converged for each in candidates):
         yield Outcome(
             "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
         )
-    for j, equation in enumerate(law.left_hand_sides):
+    for j, (equation, candidate) in enumerate(zip(law.left_hand_sides, candidates, strict=True)):
         if not law.support[j].any():
             yield Outcome(
                 "empty support",
                 equation,
                 f"the solver's setting removed every term; the largest value it was last compared with is "
-                f"{fit.largest[:, j].max():.4g}",
+                f"{candidate.largest:.4g}",
                 "choose a threshold below that",
             )
 

@@ -1,17 +1,16 @@
-"""Solvers: from one system per object to sparse coefficients."""
+"""Solvers: from one least-squares problem per object to sparse coefficients."""
 
 from collections.abc import Callable, Mapping
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.solvers.backward import BackwardElimination
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.base import AbstractSolver
 from commonlaw.solvers.best_subset import BestSubset
+from commonlaw.solvers.candidate import Candidate
 from commonlaw.solvers.constrained import Constrained, constrained_least_squares
-from commonlaw.solvers.forward import ForwardSelection
-from commonlaw.solvers.group_stlsq import GroupSTLSQ
 from commonlaw.solvers.importance import L1, L2, AbstractImportance, Count, Mean, Median, Quantile
 from commonlaw.solvers.lasso import Lasso
 from commonlaw.solvers.sr3 import SR3
+from commonlaw.solvers.stepwise import StepwiseSelection
 from commonlaw.solvers.stlsq import STLSQ
 from commonlaw.spec import parse_spec
 
@@ -24,18 +23,15 @@ __all__ = [
     "STLSQ",
     "AbstractImportance",
     "AbstractSolver",
-    "BackwardElimination",
     "BestSubset",
     "Candidate",
     "Constrained",
     "Count",
-    "Fit",
-    "ForwardSelection",
-    "GroupSTLSQ",
     "Lasso",
     "Mean",
     "Median",
     "Quantile",
+    "StepwiseSelection",
     "constrained_least_squares",
     "parse_solver",
 ]
@@ -50,6 +46,12 @@ IMPORTANCES: Mapping[str, Callable[..., AbstractImportance]] = {
 }
 
 
+def _stlsq(
+    threshold: float | None = None, ridge: float = 0.0, max_iterations: int = 10, normalize: bool = False
+) -> STLSQ:
+    return STLSQ(threshold, shared=False, ridge=ridge, max_iterations=max_iterations, normalize=normalize)
+
+
 def _group_stlsq(
     threshold: float | None = None,
     importance: str = "l1",
@@ -57,31 +59,40 @@ def _group_stlsq(
     ridge: float = 0.0,
     max_iterations: int = 10,
     normalize: bool = False,
-) -> GroupSTLSQ:
-    """Make a `GroupSTLSQ` with an importance given by its name, and the level of a quantile or of a vote."""
+) -> STLSQ:
+    """Make an `STLSQ` with an importance given by its name, and the level of a quantile or of a vote."""
     if importance not in IMPORTANCES:
         raise unknown("importance", importance, IMPORTANCES)
     if level is not None and importance not in ("quantile", "count"):
         raise CommonlawError(f"importance {importance!r} takes no level")
     measure = IMPORTANCES[importance]() if level is None else IMPORTANCES[importance](level)
-    return GroupSTLSQ(threshold, measure, ridge, max_iterations, normalize)
+    return STLSQ(threshold, True, measure, ridge, max_iterations, normalize)
+
+
+def _forward(terms: int | None = None, shared: bool = True) -> StepwiseSelection:
+    return StepwiseSelection(terms, "forward", shared)
+
+
+def _backward(terms: int | None = None, shared: bool = True) -> StepwiseSelection:
+    return StepwiseSelection(terms, "backward", shared)
 
 
 SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {
-    "stlsq": STLSQ,
+    "stlsq": _stlsq,
     "group-stlsq": _group_stlsq,
     "best-subset": BestSubset,
-    "forward": ForwardSelection,
-    "backward": BackwardElimination,
+    "forward": _forward,
+    "backward": _backward,
     "lasso": Lasso,
     "sr3": SR3,
 }
+"""What makes a solver from the arguments of its text."""
 
 
 def parse_solver(text: str) -> AbstractSolver:
     """Make a solver from text: ``stlsq:0.04``, ``best-subset:3``, ``group-stlsq:0.2:quantile:0.25``.
 
     >>> parse_solver("group-stlsq:1.5")
-    GroupSTLSQ(threshold=1.5, importance=L1(), ridge=0.0, max_iterations=10, normalize=False)
+    STLSQ(threshold=1.5, shared=True, importance=L1(), ridge=0.0, max_iterations=10, normalize=False)
     """
     return parse_spec("solver", text, SOLVERS)

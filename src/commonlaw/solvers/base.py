@@ -1,70 +1,39 @@
 """What every solver is."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
-from commonlaw.array_types import Bools, Floats
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """What a solver returns.
-
-    Parameters
-    ----------
-    coefficients
-        Shape (objects, equations, terms); exactly zero outside the support.
-    support
-        Which terms are in, shape (objects, equations, terms).
-    largest
-        The largest value that was compared with the solver's setting in the last step that had a term, for each
-        object and equation, shape (objects, equations); a support that is empty had a setting above it.
-    converged
-        Whether the solver came to its end: a stable support, a minimum, a finished search.
-    """
-
-    coefficients: Floats
-    support: Bools
-    largest: Floats
-    converged: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One equation that a solver can come to.
-
-    Parameters
-    ----------
-    support
-        Which terms are in, shape (objects, terms).
-    coefficients
-        Shape (objects, terms); exactly zero outside the support.
-    setting
-        The solver's setting that gives it: the smallest threshold or penalty, or the number of terms.
-    proven
-        Whether it is proved, to rounding, that no other support of its size has a smaller sum of squared residuals over
-        all objects, each relative to its residual variance with all terms.
-    """
-
-    support: Bools
-    coefficients: Floats
-    setting: float
-    proven: bool = False
+from commonlaw.solvers.candidate import Candidate
 
 
 class AbstractSolver(ABC):
-    """From one system per object to sparse coefficients. Solvers see systems only: no times and no names."""
+    """From one least-squares problem per object to sparse coefficients; solvers see no times and no names."""
 
     @property
     @abstractmethod
-    def is_set(self) -> bool:
-        """Whether the setting (threshold, penalty, number of terms) is given, so that `solve` can be called."""
+    def hyperparameter_name(self) -> str:
+        """Name of the argument that says how sparse an equation is: threshold, penalty, terms."""
+
+    @property
+    @abstractmethod
+    def hyperparameter(self) -> float | None:
+        """Its value, with which `solve` can be called; None to have it chosen from the path."""
 
     @abstractmethod
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return every equation that some setting gives, from the most terms to the fewest.
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        """Return the candidates of one equation at values of the hyperparameter, whatever the solver's own.
 
         Parameters
         ----------
@@ -74,16 +43,53 @@ class AbstractSolver(ABC):
             The equation.
         allowed
             Which terms may enter, shape (terms,).
+        values
+            Of the hyperparameter, each of which gives a candidate. None is the whole path: every equation that some
+            value gives, from the most terms to the fewest.
         """
 
-    @abstractmethod
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the coefficients of the terms that matter at the solver's own setting.
+    def solve(self, problems: Sequence[LeastSquaresProblem], allowed: Bools) -> tuple[Candidate, ...]:
+        """Return the candidate of each equation at the solver's own hyperparameter.
 
         Parameters
         ----------
         problems
             One for each object, all of the same library.
-        candidates
+        allowed
             Which terms may enter which equation, shape (equations, terms).
+
+        Raises
+        ------
+        CommonlawError
+            If the hyperparameter has no value.
         """
+        value = self.hyperparameter
+        if value is None:
+            raise CommonlawError(
+                f"the solver has no {self.hyperparameter_name}: give it one, or let one be chosen from its path"
+            )
+        return tuple(self.path(problems, target, own, [value])[0] for target, own in enumerate(allowed))
+
+
+def groups(problems: Sequence[LeastSquaresProblem], shared: bool) -> list[Sequence[LeastSquaresProblem]]:
+    """Return the objects that have one support: all of them, or each by itself."""
+    return [problems] if shared else [[problem] for problem in problems]
+
+
+def threshold_path(candidate_at: Callable[[float], Candidate]) -> tuple[Candidate, ...]:
+    """Return the candidates of growing thresholds, from zero until no term is left.
+
+    Where a threshold drops nothing more, everything that stayed is at least as large; nothing changes until the
+    threshold passes the smallest of it, which is the next that is tried.
+    """
+    found = [candidate_at(0.0)]
+    while found[-1].support.any():
+        last = found[-1]
+        found.append(candidate_at(float(np.nextafter(max(last.smallest, last.hyperparameter), np.inf))))
+    return tuple(found)
+
+
+def each_support_once(path: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return a path without the candidates that have the support of the one before."""
+    changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
+    return (path[0], *changed)

@@ -7,12 +7,12 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.backward import left
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
-from commonlaw.solvers.forward import entered
+from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.settings import check_setting, check_shared
-from commonlaw.solvers.sized import Choice, Sized
-from commonlaw.solvers.stack import Directions, Stack
+from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
+from commonlaw.solvers.stepwise import backward_order, forward_order
 
 _MANY = 60
 """Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
@@ -28,8 +28,8 @@ class BestSubset(AbstractSolver):
     Exact by branch and bound, in the manner of the leaps and bounds of Furnival and Wilson (1974), Technometrics 16,
     499: leaving out terms only raises the residuals, so what all terms that are still in question leave unexplained
     bounds all supports among them. A candidate is ``proven`` when the search of its size came to an end. Objects
-    count relative to their residual variance, see `Stack`. For about 60 terms this takes seconds; sizes well beyond
-    the true one, where terms compete in explaining noise, use up their nodes and are not proven.
+    count relative to their residual variance, see `StandardizedProblem`. For about 60 terms this takes seconds; sizes
+    well beyond the true one, where terms compete in explaining noise, use up their nodes and are not proven.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ class BestSubset(AbstractSolver):
     shared
         Whether all objects have the same terms, or each object its own.
     largest
-        The path is searched up to this number of terms; above it, it holds those of `BackwardElimination`.
+        The path is searched up to this number of terms; above it, it holds those of backward elimination, see
+        `StepwiseSelection`.
     nodes
         At most so many nodes of the search tree are visited for each number of terms (2000 take about a second for 56
         terms and 10 objects); then the best terms found so far are returned. Beyond 60 terms, where a node is more
@@ -50,6 +51,8 @@ class BestSubset(AbstractSolver):
     largest: int = 12
     nodes: int = 2000
 
+    hyperparameter_name = "terms"
+
     def __post_init__(self) -> None:
         check_setting("terms", self.terms, 1, whole=True, optional=True)
         check_setting("largest", self.largest, 0, whole=True)
@@ -57,26 +60,29 @@ class BestSubset(AbstractSolver):
         check_shared(self.shared)
 
     @property
-    def is_set(self) -> bool:
-        return self.terms is not None
+    def hyperparameter(self) -> float | None:
+        return self.terms
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the best `terms` of each equation, and their coefficients."""
-        return Sized(self._search, self.shared, exact=True).solve(problems, candidates, self.terms)
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        choose = self._search_small if values is None else self._search
+        return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
 
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return one candidate for each number of terms, from all to none."""
-        return Sized(self._choose, self.shared).path(problems, target, allowed)
+    def _search_small(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
+        """Search for numbers of terms up to `largest`, and eliminate terms for larger ones."""
+        order = backward_order(problem)
+        greedy = {size: Subset(order[:size], size == problem.size) for size in sizes if size > self.largest}
+        return greedy | self._search(problem, [size for size in sizes if size <= self.largest])
 
-    def _choose(self, stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:
-        order = left(stack)
-        greedy = {size: Choice(order[:size], size == stack.size) for size in sizes if size > self.largest}
-        return greedy | self._search(stack, [size for size in sizes if size <= self.largest])
-
-    def _search(self, stack: Stack, sizes: Sequence[int]) -> dict[int, Choice]:
-        stays, enters = left(stack), entered(stack, max(sizes))
-        nodes = int(np.ceil(self.nodes * min(1.0, (_MANY / max(stack.size, 1)) ** 3)))
-        return {size: _Search(stack, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
+    def _search(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
+        stays, enters = backward_order(problem), forward_order(problem, max(sizes))
+        nodes = int(np.ceil(self.nodes * min(1.0, (_MANY / max(problem.size, 1)) ** 3)))
+        return {size: _Search(problem, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,40 +110,40 @@ class _Search:
 
     Parameters
     ----------
-    stack
-        The problem.
+    problem
+        What is searched.
     size
         Number of terms.
     starts
         Supports of this size to begin with.
     """
 
-    def __init__(self, stack: Stack, size: int, starts: Sequence[Indices]) -> None:
-        self.stack, self.size = stack, size
-        self.best = min(starts, key=stack.residual)
-        self.least = stack.residual(self.best)
+    def __init__(self, problem: StandardizedProblem, size: int, starts: Sequence[Indices]) -> None:
+        self.problem, self.size = problem, size
+        self.best = min(starts, key=problem.residual)
+        self.least = problem.residual(self.best)
         while self._accept(self._swaps()):
             pass
 
-    def run(self, nodes: int) -> Choice:
+    def run(self, nodes: int) -> Subset:
         """Search depth first, through at most so many nodes."""
-        root = _Node(self.best[:0], self.stack.entering(), self.stack.leaving(), self.stack.rest)
+        root = _Node(self.best[:0], self.problem.entering(), self.problem.leaving(), self.problem.rest)
         waiting = [root]
         for _ in range(nodes):
             if not waiting:
                 break
             waiting += self._branch(waiting.pop())
-        return Choice(np.sort(self.best), not waiting)
+        return Subset(np.sort(self.best), proven=not waiting, converged=not waiting)
 
     @property
     def _bar(self) -> float:
         """What a support must stay below to be better than the best so far, beyond rounding."""
-        return self.least * (1 - _TOLERANCE) - self.stack.rounding
+        return self.least * (1 - _TOLERANCE) - self.problem.rounding
 
     def _accept(self, supports: Iterator[Indices]) -> bool:
         """Take the first support that is better than the best so far."""
         for support in supports:
-            value = self.stack.residual(support)
+            value = self.problem.residual(support)
             if value < self._bar:
                 self.best, self.least = support, value
                 return True
@@ -146,12 +152,12 @@ class _Search:
     def _swaps(self) -> Iterator[Indices]:
         """Yield supports in which one term of the best is replaced by the one that then explains most."""
         for stay in (np.delete(self.best, index) for index in range(self.size)):
-            directions = self.stack.entering(stay)
-            yield np.append(stay, directions.indices[np.argmax(directions.gains)])
+            directions = self.problem.entering(stay)
+            yield np.append(stay, directions.indices[np.argmax(directions.error_reductions)])
 
     def _branch(self, node: _Node) -> list[_Node]:
-        """Decide on the term whose leaving would cost most, or settle the node."""
-        costs, open_ = node.leaving.gains, node.leaving.indices
+        """Decide on the term whose leaving would cost most, or close the node."""
+        costs, open_ = node.leaving.error_reductions, node.leaving.indices
         need = self.size - len(node.inside)
         surplus = len(open_) - need
         # Of the terms in question `surplus` must leave, together at no less than the dearest of them costs alone.
@@ -179,10 +185,12 @@ def _best_of_few(node: _Node, need: int, surplus: int) -> Indices:
     if few == 0:
         indices = open_[:0]
     elif few == 1:
-        indices = open_[[np.argmax(directions.gains) if entering else np.argmin(directions.gains)]]
+        indices = open_[
+            [np.argmax(directions.error_reductions) if entering else np.argmin(directions.error_reductions)]
+        ]
     else:
         first, second = np.triu_indices(len(open_), 1)
-        pairs = directions.pair_gains()[first, second]
+        pairs = directions.pair_error_reductions()[first, second]
         index = np.argmax(pairs) if entering else np.argmin(pairs)
         indices = open_[[first[index], second[index]]]
     return indices if entering else np.setdiff1d(open_, indices)

@@ -9,8 +9,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
-from commonlaw.solvers.stack import Stack
+from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _RANK = 1e-12
 """Singular values of constraints, with rows of unit norm, that are not told from zero."""
@@ -23,15 +24,15 @@ _MET = 1e-9
 class Constrained(AbstractSolver):
     """Another solver's terms, with coefficients refitted under linear equality constraints.
 
-    The terms are chosen without the constraints. Objects count relative to their residual variance, see `Stack`.
-    Wrap once for each equation that has constraints.
+    The terms are chosen without the constraints. Objects count relative to their residual variance, see
+    `StandardizedProblem`. Wrap once for each equation that has constraints.
 
     Parameters
     ----------
     solver
         Chooses the terms.
     equal
-        Places of the terms that have one coefficient for all objects that have the term.
+        Indices of the terms that have one coefficient for all objects that have the term.
     matrix, right
         Further constraints ``matrix @ coefficients.ravel() = right`` on the coefficients of the equation, of shape
         (objects, terms), so of shapes (constraints, objects * terms) and (constraints,). A term that is out of the
@@ -56,29 +57,38 @@ class Constrained(AbstractSolver):
             raise CommonlawError("further constraints need both a matrix and a right-hand side: give both or neither")
 
     @property
-    def is_set(self) -> bool:
-        return self.solver.is_set
+    def hyperparameter_name(self) -> str:
+        return self.solver.hyperparameter_name
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the solver's fit with the coefficients of the equation refitted."""
-        fit = self.solver.solve(problems, candidates)
-        coefficients = fit.coefficients.copy()
-        coefficients[:, self.equation] = self._refit(problems, fit.support[:, self.equation])
-        return replace(fit, coefficients=coefficients)
+    @property
+    def hyperparameter(self) -> float | None:
+        return self.solver.hyperparameter
 
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
         """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
 
-        The path ends early where constraints need terms.
+        The whole path ends early where constraints need terms.
+
+        Raises
+        ------
+        CommonlawError
+            If the constraints depend on each other or do not fit the library; with values, if they cannot be met.
         """
-        path = self.solver.path(problems, target, allowed)
+        path = self.solver.path(problems, target, allowed, values)
         if target != self.equation:
             return path
-        met = [each for each in path if can_be_met(each.support, *self._constraints(each.support))]
-        return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in met)
+        if values is None:
+            path = tuple(each for each in path if can_be_met(each.support, *self._constraints(each.support)))
+        return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in path)
 
     def _refit(self, problems: Sequence[LeastSquaresProblem], support: Bools) -> Floats:
-        variance = Stack.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
+        variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
         weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
         return constrained_least_squares(weighted, support, self.equation, *self._constraints(support))
 
@@ -86,7 +96,7 @@ class Constrained(AbstractSolver):
         """Return all constraints that hold for a support, as a matrix and a right-hand side."""
         objects, terms = support.shape
         if any(not 0 <= index < terms for index in self.equal):
-            raise CommonlawError(f"equal terms {self.equal} do not fit: places of terms are from 0 to {terms - 1}")
+            raise CommonlawError(f"equal terms {self.equal} do not fit: indices of terms are from 0 to {terms - 1}")
         rows = []
         for index in self.equal:
             own = np.flatnonzero(support[:, index]) * terms + index

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.base import AbstractSolver, each_support_once, groups
+from commonlaw.solvers.candidate import Candidate, least_squares
 from commonlaw.solvers.settings import check_setting, check_shared
-from commonlaw.solvers.sized import fit_of, refit
-from commonlaw.solvers.stack import Stack
+from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 
@@ -22,9 +21,9 @@ class Lasso(AbstractSolver):
 
     The group LASSO of Yuan and Lin (2006), J. R. Statist. Soc. B 68, 49, where a term's coefficients in all objects
     make a group; for one object, and where each object has its own terms, the LASSO of Tibshirani (1996). Columns have
-    unit norm and objects count relative to their residual variance, see `Stack`. The minimum is found by accelerated
-    proximal gradient steps with restarts (Beck and Teboulle 2009; O'Donoghue and Candès 2015) that start from the
-    minimum of the next larger penalty; its nonzero terms are the support, for which least squares is solved.
+    unit norm and objects count relative to their residual variance, see `StandardizedProblem`. The minimum is found by
+    accelerated proximal gradient steps with restarts (Beck and Teboulle 2009; O'Donoghue and Candès 2015) that start
+    from the minimum of the next larger penalty; its nonzero terms are the support, for which least squares is solved.
 
     Parameters
     ----------
@@ -44,6 +43,8 @@ class Lasso(AbstractSolver):
     max_iterations: int = 2000
     tolerance: float = 1e-7
 
+    hyperparameter_name = "penalty"
+
     def __post_init__(self) -> None:
         check_setting("penalty", self.penalty, 0, optional=True)
         check_setting("max_iterations", self.max_iterations, 1, whole=True)
@@ -51,58 +52,44 @@ class Lasso(AbstractSolver):
         check_shared(self.shared)
 
     @property
-    def is_set(self) -> bool:
-        return self.penalty is not None
+    def hyperparameter(self) -> float | None:
+        return self.penalty
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the terms that the penalty leaves, and their least-squares coefficients.
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        wanted = [0.0, *reversed(_PENALTIES)] if values is None else values
+        # Larger penalties come first: the minimum of each is where the search for the next begins
+        penalties = sorted({*_PENALTIES[min(wanted) < _PENALTIES], *wanted}, reverse=True)
+        by_group = [self._candidates(group, target, allowed, penalties) for group in groups(problems, self.shared)]
+        found = {own[0].hyperparameter: Candidate.join(own) for own in zip(*by_group, strict=True)}
+        path = tuple(found[value] for value in wanted)
+        return each_support_once(path) if values is None else path
 
-        Raises
-        ------
-        CommonlawError
-            If there is no penalty.
-        """
-        if self.penalty is None:
-            raise CommonlawError("the solver has no penalty: give it one, or let one be chosen from its path")
-        penalties = [*_PENALTIES[self.penalty < _PENALTIES], self.penalty]
-        chosen, converged = [], True
-        for target, allowed in enumerate(candidates):
-            supports, reached = self._supports(problems, target, allowed, penalties)
-            chosen.append(refit(problems, target, supports[-1], self.penalty))
-            converged &= bool(reached[-1])
-        return fit_of(chosen, np.ones((len(problems), len(candidates))), converged)
-
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return the equations of a geometric row of penalties, from 0 to 1, each support once in a row."""
-        penalties = [*_PENALTIES, 0.0]
-        supports, _ = self._supports(problems, target, allowed, penalties)
-        found: list[Candidate] = []
-        for penalty, support in reversed([*zip(penalties, supports, strict=True)]):
-            if not found or not np.array_equal(found[-1].support[: len(support)], support):
-                found.append(refit(problems, target, support, float(penalty)))
-        return tuple(found)
-
-    def _supports(
+    def _candidates(
         self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, penalties: Sequence[float]
-    ) -> tuple[Bools, Bools]:
-        """Return the supports, shape (penalties, objects or 1, terms), and whether each minimum was reached."""
-        groups = [problems] if self.shared else [[problem] for problem in problems]
-        supports = np.zeros((len(penalties), len(groups), len(allowed)), dtype=bool)
-        reached = np.ones(len(penalties), dtype=bool)
-        for index, group in enumerate(groups):
-            stack = Stack.of(group, target, allowed)
-            gram = np.matmul(stack.columns.transpose(0, 2, 1), stack.columns)
-            right = np.einsum("oqt,oq->ot", stack.columns, stack.right)
-            minimum = np.zeros_like(right)
-            for step, penalty in enumerate(penalties):
-                if penalty == 0:
-                    supports[step, index] = allowed
-                    continue
-                absolute = penalty * np.linalg.norm(right, axis=0).max(initial=0.0) * (1 + 1e-12)
-                minimum, done = minimize(gram, right, absolute, minimum, self.max_iterations, self.tolerance)
-                supports[step, index, allowed] = minimum.any(axis=0)
-                reached[step] &= done
-        return supports, reached
+    ) -> list[Candidate]:
+        """Return the candidates of objects with one support at falling penalties."""
+        standardized = StandardizedProblem.of(problems, target, allowed)
+        gram = np.matmul(standardized.columns.transpose(0, 2, 1), standardized.columns)
+        right = np.einsum("oqt,oq->ot", standardized.columns, standardized.right)
+        most = np.linalg.norm(right, axis=0).max(initial=0.0) * (1 + 1e-12)
+        found: list[Candidate] = []
+        minimum = np.zeros_like(right)
+        for penalty in penalties:
+            support, converged = allowed.copy(), True
+            if penalty > 0:
+                minimum, converged = minimize(gram, right, penalty * most, minimum, self.max_iterations, self.tolerance)
+                support[allowed] = minimum.any(axis=0)
+            supports = np.repeat(support[np.newaxis], len(problems), axis=0)
+            same = bool(found) and np.array_equal(found[-1].support, supports)
+            coefficients = found[-1].coefficients if same else least_squares(problems, target, supports)
+            found.append(Candidate(supports, coefficients, float(penalty), converged=converged, largest=1.0))
+        return found
 
 
 def minimize(

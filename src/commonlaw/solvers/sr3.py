@@ -6,30 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
+from commonlaw.solvers.base import AbstractSolver, each_support_once, threshold_path
+from commonlaw.solvers.candidate import Candidate, least_squares
 from commonlaw.solvers.settings import check_setting, check_shared
-from commonlaw.solvers.sized import fit_of, refit
-
-
-@dataclass(frozen=True, eq=False)
-class _Relaxed:
-    """Where the iteration came to rest.
-
-    Parameters
-    ----------
-    support
-        Shape (objects, terms).
-    values
-        What was compared with the threshold last, shape (objects, terms).
-    converged
-        Whether it came to rest.
-    """
-
-    support: Bools
-    values: Floats
-    converged: bool
 
 
 @dataclass(frozen=True)
@@ -63,6 +43,8 @@ class SR3(AbstractSolver):
     max_iterations: int = 1000
     normalize: bool = False
 
+    hyperparameter_name = "threshold"
+
     def __post_init__(self) -> None:
         check_setting("threshold", self.threshold, 0, optional=True)
         check_setting("nu", self.nu, 0, above=True)
@@ -70,62 +52,76 @@ class SR3(AbstractSolver):
         check_shared(self.shared)
 
     @property
-    def is_set(self) -> bool:
-        return self.threshold is not None
+    def hyperparameter(self) -> float | None:
+        return self.threshold
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return the terms that stay, and their least-squares coefficients.
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        relaxation = self._relaxation(problems, target, allowed)
 
-        Raises
-        ------
-        CommonlawError
-            If there is no threshold.
-        """
-        if self.threshold is None:
-            raise CommonlawError("the solver has no threshold: give it one, or let one be chosen from its path")
-        relaxed = [self._relax(problems, target, allowed, self.threshold) for target, allowed in enumerate(candidates)]
-        chosen = [refit(problems, target, each.support, self.threshold) for target, each in enumerate(relaxed)]
-        largest = np.stack([each.values.max(axis=1, initial=0.0) for each in relaxed], axis=1)
-        return fit_of(chosen, largest, all(each.converged for each in relaxed))
+        def candidate_at(threshold: float) -> Candidate:
+            support, compared, converged = self._relax(relaxation, allowed, threshold)
+            stayed, coefficients = compared[support].min(initial=np.inf), least_squares(problems, target, support)
+            largest = float(compared[:, allowed].max(initial=0.0))
+            return Candidate(support, coefficients, threshold, False, converged, largest, float(stayed))
 
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return the equations of growing thresholds, from all terms to none.
+        if values is not None:
+            return tuple(candidate_at(value) for value in values)
+        return each_support_once(threshold_path(candidate_at))
 
-        Where the iteration rests, every value that stayed is at least the threshold; it cannot rest there once the
-        threshold passes the smallest, which is the next that is tried.
-        """
-        found: list[Candidate] = []
-        threshold = 0.0
-        while True:
-            relaxed = self._relax(problems, target, allowed, threshold)
-            if not found or not np.array_equal(found[-1].support, relaxed.support):
-                found.append(refit(problems, target, relaxed.support, threshold))
-            if not relaxed.support.any():
-                return tuple(found)
-            smallest = relaxed.values[relaxed.support].min()
-            threshold = float(np.nextafter(max(smallest, threshold), np.inf))
-
-    def _relax(
-        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, threshold: float
-    ) -> _Relaxed:
-        """Iterate from the least-squares coefficients of all allowed terms."""
-        norms = np.array([problem.norms for problem in problems])
+    def _relaxation(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "_Relaxation":
+        norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
         scale = np.sqrt(np.mean(norms**2, axis=0))
         scale = np.where(allowed & (scale > 0), scale, 1.0)
-        size = problems[0].terms
-        columns = np.array([problem.factor[:, :size] * allowed for problem in problems]) / scale
-        right = np.array([problem.factor[:, size + target] for problem in problems])
-        back = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(size) / self.nu)
-        pulled = np.matmul(back, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
-        sparse = np.array([problem.least_squares(allowed, target) for problem in problems]) * scale
-        unit = np.ones(size) if self.normalize else scale
+        columns = np.array([problem.factor[:, :terms] * allowed for problem in problems]) / scale
+        right = np.array([problem.factor[:, terms + target] for problem in problems])
+        inverse = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(terms) / self.nu)
+        pulled = np.matmul(inverse, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
+        start = least_squares(problems, target, np.repeat(allowed[np.newaxis], len(problems), axis=0)) * scale
+        return _Relaxation(start, np.ones(terms) if self.normalize else scale, inverse, pulled)
+
+    def _relax(self, relaxation: "_Relaxation", allowed: Bools, threshold: float) -> tuple[Bools, Floats, bool]:
+        """Return the support at rest, what was compared with the threshold last, and whether it came to rest.
+
+        All objects take their turns together, where each has its own terms too: one product of arrays for all.
+        """
+        sparse, converged = relaxation.start, False
         for _ in range(self.max_iterations):
-            dense = pulled + np.matmul(back, sparse[..., np.newaxis])[..., 0] / self.nu
-            sizes = np.abs(dense) / unit
-            values = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
-            support = allowed & (values >= threshold)
+            pull = np.matmul(relaxation.inverse, sparse[..., np.newaxis])[..., 0] / self.nu
+            dense = relaxation.pulled + pull
+            sizes = np.abs(dense) / relaxation.unit
+            compared = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
+            support = allowed & (compared >= threshold)
             following = np.where(support, dense, 0.0)
             change, sparse = np.abs(following - sparse).max(initial=0.0), following
-            if change <= 1e-10 * np.abs(sparse).max(initial=0.0):
-                return _Relaxed(support, np.where(allowed, values, 0.0), True)
-        return _Relaxed(support, np.where(allowed, values, 0.0), False)
+            converged = bool(change <= 1e-10 * np.abs(sparse).max(initial=0.0))
+            if converged:
+                break
+        return support, compared, converged
+
+
+@dataclass(frozen=True, eq=False)
+class _Relaxation:
+    """What the iteration needs at every threshold.
+
+    Parameters
+    ----------
+    start
+        Least squares on all allowed terms, in scaled columns, shape (objects, terms).
+    unit
+        What coefficients of scaled columns are divided by for the threshold, shape (terms,).
+    inverse
+        Of the normal equations of b, shape (objects, terms, terms).
+    pulled
+        The b that follows from w = 0, shape (objects, terms).
+    """
+
+    start: Floats
+    unit: Floats
+    inverse: Floats
+    pulled: Floats

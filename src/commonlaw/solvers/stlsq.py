@@ -1,26 +1,37 @@
-"""Sequentially thresholded least squares, each object by itself."""
+"""Sequentially thresholded least squares."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonlaw.array_types import Bools
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, Candidate, Fit
-from commonlaw.solvers.settings import check_setting
-from commonlaw.solvers.thresholding import Thresholding
+from commonlaw.solvers.base import AbstractSolver, groups, threshold_path
+from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.importance import L1, AbstractImportance
+from commonlaw.solvers.settings import check_setting, check_shared
 
 
 @dataclass(frozen=True)
 class STLSQ(AbstractSolver):
-    """Sequentially thresholded least squares: every object has its own support (Brunton, Proctor, Kutz 2016).
+    """Sequentially thresholded least squares, with one support for all objects or each object's own.
 
-    Least squares and dropping of the terms whose coefficient is smaller than the threshold are repeated until no
-    term is dropped.
+    Least squares and dropping of the terms whose importance is smaller than the threshold are repeated until no term
+    is dropped. The importance of a term is taken over the coefficients of all objects (group STLSQ: de Silva, Higdon,
+    Brunton, Kutz 2020, section 2.3.2, algorithm 1), or where each object has its own support it is the magnitude of
+    the coefficient (Brunton, Proctor, Kutz 2016). The path has every breakpoint of the threshold, exactly.
 
     Parameters
     ----------
     threshold
-        Smallest magnitude of a coefficient that stays, in the coefficients' own units; None to have it chosen.
+        Smallest importance of a term that stays, in the coefficients' own units; None to have it chosen.
+    shared
+        Whether all objects have the same terms, or each object its own.
+    importance
+        The measure R of a row of coefficients, for a shared support: of `commonlaw.solvers`, `L1` (the paper's), `L2`,
+        `Mean`, `Median`, `Quantile` or `Count`.
     ridge
         Weight of the squared norm of the coefficients, in their own units also where columns are scaled for the
         threshold, in each least-squares problem.
@@ -28,30 +39,94 @@ class STLSQ(AbstractSolver):
         At most so many sweeps; a support that still changes then is an outcome of the fit.
     normalize
         Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
+
+    Raises
+    ------
+    CommonlawError
+        If a value does not fit, or there is an importance over all objects without a shared support.
     """
 
     threshold: float | None = None
+    shared: bool = True
+    importance: AbstractImportance = L1()
     ridge: float = 0.0
     max_iterations: int = 10
     normalize: bool = False
+
+    hyperparameter_name = "threshold"
 
     def __post_init__(self) -> None:
         check_setting("threshold", self.threshold, 0, optional=True)
         check_setting("ridge", self.ridge, 0)
         check_setting("max_iterations", self.max_iterations, 1, whole=True)
+        check_shared(self.shared)
+        if not self.shared and self.importance != L1():
+            raise CommonlawError(
+                f"importance {self.importance!r} is taken over all objects: leave it out where each object has its own "
+                "terms, or give shared=True"
+            )
 
     @property
-    def is_set(self) -> bool:
-        return self.threshold is not None
+    def hyperparameter(self) -> float | None:
+        return self.threshold
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], candidates: Bools) -> Fit:
-        """Return each object's own support and coefficients."""
-        return self._method.solve(problems, candidates, self.threshold)
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
 
-    def path(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> tuple[Candidate, ...]:
-        """Return the equations of all thresholds, by their exact breakpoints."""
-        return self._method.path(problems, target, allowed)
+        def candidate_at(threshold: float) -> Candidate:
+            return Candidate.join([self._threshold(each, allowed, threshold) for each in fits])
 
-    @property
-    def _method(self) -> Thresholding:
-        return Thresholding(lambda magnitudes: magnitudes, self.ridge, self.max_iterations, self.normalize)
+        return threshold_path(candidate_at) if values is None else tuple(candidate_at(value) for value in values)
+
+    def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:
+        """Return what objects of one support come to, and with it how far the threshold may rise to give the same."""
+        support, largest, smallest, converged = allowed, 0.0, np.inf, False
+        for _ in range(self.max_iterations):
+            magnitudes = np.abs(fits.coefficients(support))
+            values = self.importance.measure(magnitudes * fits.norms if self.normalize else magnitudes)
+            largest = values[support].max(initial=0.0) if support.any() else largest
+            kept = support & (values >= threshold)
+            smallest = min(smallest, values[kept].min(initial=np.inf))
+            converged = bool(np.array_equal(kept, support))
+            if converged:
+                break
+            support = kept
+        supports = np.repeat(support[np.newaxis], len(fits.problems), axis=0)
+        return Candidate(
+            supports,
+            fits.coefficients(support),
+            threshold,
+            converged=converged,
+            largest=float(largest),
+            smallest=float(smallest),
+        )
+
+
+class _Fits:
+    """Least squares of some objects, each support once.
+
+    Parameters
+    ----------
+    problems, target, ridge
+        As in the solver.
+    """
+
+    def __init__(self, problems: Sequence[LeastSquaresProblem], target: int, ridge: float) -> None:
+        self.problems, self.target, self.ridge = problems, target, ridge
+        self.norms = np.array([problem.norms for problem in problems])
+        self._known: dict[bytes, Floats] = {}
+
+    def coefficients(self, support: Bools) -> Floats:
+        """Return the coefficients of a support, shape (terms,), for each object, shape (objects, terms)."""
+        key = support.tobytes()
+        if key not in self._known:
+            self._known[key] = np.array(
+                [problem.least_squares(support, self.target, self.ridge) for problem in self.problems]
+            )
+        return self._known[key]

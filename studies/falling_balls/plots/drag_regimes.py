@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from commonlaw.datasets.sphere_drag import MAX_REYNOLDS, STOKES, drag_coefficient
 from commonlaw.plots.style import COLORS, GREY, add_legend, frozen_layout, key, looks, plain, styled
-from commonlaw.sphere_drag import MAX_REYNOLDS, STOKES, drag_coefficient
 
 _SPAN = (1e-1, 1e7)
 
@@ -33,8 +33,8 @@ _NONE: Mapping[str, tuple[float, float]] = MappingProxyType({})
 def plot_drag_regimes(ranges: Mapping[str, tuple[float, float]] = _NONE) -> Figure:
     """Plot the drag coefficient of a smooth sphere, and below it where objects move in it.
 
-    The curve is `commonlaw.sphere_drag.drag_coefficient`, dashed where it does not hold, beside Stokes' law for slow
-    flow; the regimes of the flow are shaded (the founding paper's figure of the sphere's drag).
+    The curve is `commonlaw.datasets.sphere_drag.drag_coefficient`, dashed where it does not hold, beside Stokes' law
+    for slow flow; the regimes of the flow are shaded (the founding paper's figure of the sphere's drag).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Simulated measurements: when samples are taken, and how noise comes in."""
+"""Simulated experiments: which objects there are, when samples are taken, and how noise comes in."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,16 @@ class NormalSource(Protocol):
         """Return independent standard normals of this shape."""
 
 
+PerObject = float | Sequence[float]
+"""A number of each object, or one that serves all."""
+
 Seed = int | NormalSource
 Path = Callable[[NormalSource], Floats]
 """Simulates one trial: from a source for its random initial state to noise-free states, shape (n, states)."""
 
 
 @dataclass(frozen=True)
-class Measurement:
+class SimulatedExperiment:
     """How simulated objects are measured.
 
     Parameters
@@ -56,7 +59,7 @@ class Measurement:
         if not hasattr(self.seed, "standard_normal"):
             counted("seed", self.seed, 0)
 
-    def of(
+    def measure(
         self, paths: Mapping[str, Path], schema: Schema, properties: Mapping[str, Mapping[str, float]] | None = None
     ) -> Trials:
         """Return the measured trials of objects by name; trials are called ``1``, ``2``, ..."""
@@ -78,24 +81,31 @@ def fixed(states: Floats) -> Path:
     return lambda _: states
 
 
-def ball_names(balls: int) -> list[str]:
-    """Return ``Ball 1``, ``Ball 2``, ..."""
-    return [f"Ball {i}" for i in range(1, balls + 1)]
-
-
 def sample_times(samples: int, rate: float) -> Floats:
-    """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,)."""
+    """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,).
+
+    Raises
+    ------
+    CommonlawError
+        If there are fewer than two samples, or the rate is not finite and positive.
+    """
     counted("samples", samples, 2)
     return np.arange(samples) / numbers("rate", rate, positive=True)[0]
 
 
 def counted(name: str, value: object, least: int) -> None:
-    """Refuse what is not a whole number of at least `least`."""
+    """Refuse what is not a whole number.
+
+    Raises
+    ------
+    CommonlawError
+        If the value is not a whole number, or is less than `least`.
+    """
     if not isinstance(value, int | np.integer) or value < least:
         raise CommonlawError(f"{name} is {value!r}: give a whole number, at least {least}")
 
 
-def numbers(name: str, values: float | Sequence[float], *, positive: bool = False) -> tuple[float, ...]:
+def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:
     """Return one or several numbers as a tuple.
 
     Raises
@@ -112,17 +122,19 @@ def numbers(name: str, values: float | Sequence[float], *, positive: bool = Fals
     return found
 
 
-def together(**columns: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of several columns, one row for each object; a single number serves all objects.
+def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> dict[str, tuple[float, ...]]:
+    """Return the coefficients of objects called ``<kind> 1``, ``<kind> 2``, ...; a single number serves all objects.
 
     Raises
     ------
     CommonlawError
-        If columns of several numbers differ in length.
+        If one is not finite, or not positive where it must be, or sequences differ in length.
     """
-    longest = max(columns.values(), key=len)
+    columns = {name: numbers(name, values, positive=positive) for name, values in coefficients.items()}
+    longest = max(map(len, columns.values()))
     for name, column in columns.items():
-        if len(column) not in (1, len(longest)):
+        if len(column) not in (1, longest):
             sizes = ", ".join(f"{len(each)} {key}" for key, each in columns.items())
             raise CommonlawError(f"{name} does not fit the other options ({sizes}): give one number, or one per object")
-    return tuple(zip(*(column * (len(longest) // len(column)) for column in columns.values()), strict=True))
+    rows = zip(*(column * (longest // len(column)) for column in columns.values()), strict=True)
+    return {f"{kind} {i}": row for i, row in enumerate(rows, 1)}

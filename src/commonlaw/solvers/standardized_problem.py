@@ -19,7 +19,7 @@ _NOTHING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class StandardizedProblem:
     """The least-squares problems of one equation, one for each object, and the terms that may enter.
 
     Columns have unit norm. Each object's squared residuals are divided by its residual variance with all terms
@@ -45,8 +45,8 @@ class Stack:
     variance: Floats
 
     @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "Stack":
-        """Stack the systems of all objects.
+    def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "StandardizedProblem":
+        """Return the problem of all objects from theirs.
 
         Dependent columns are parted by a small ridge.
         """
@@ -100,7 +100,7 @@ class Stack:
 
 
 def _triangles(matrices: Floats) -> Floats:
-    """Return the triangular factors of a stack of matrices."""
+    """Return the triangular factors of several matrices."""
     return np.asarray(np.linalg.qr(matrices, mode="r"))
 
 
@@ -138,7 +138,7 @@ class Directions:
         return cls(vectors * scale[..., np.newaxis], left, indices)
 
     @property
-    def gains(self) -> Floats:
+    def error_reductions(self) -> Floats:
         """Squared projections onto each term's direction, summed over the objects, shape (terms,)."""
         projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]
         return np.asarray(np.einsum("ot,ot->t", projections, projections))
@@ -155,7 +155,7 @@ class Directions:
         """Return the others as they are."""
         return Directions(np.delete(self.units, index, axis=1), self.left, np.delete(self.indices, index))
 
-    def pair_gains(self) -> Floats:
+    def pair_error_reductions(self) -> Floats:
         """Squared projections onto the span of every pair, summed over the objects, shape (terms, terms).
 
         The span of two unit vectors is that of their sum and difference, which are orthogonal.

@@ -1,0 +1,293 @@
+"""The random-effects model of coefficients over objects.
+
+An object's own estimate is its true coefficients plus an error of known covariance, and the true coefficients are drawn
+from a normal distribution over objects, whose means and variances the objects tell together (parametric empirical
+Bayes; Efron and Morris 1973, 1975):
+
+    estimate_o ~ N(true_o, covariance_o),    true_o ~ N(mean, diag(variances)).
+
+Two things follow. The marginal likelihood at the best variances says what a law's coefficients cost: those that are
+alike cost little more than one number. The posterior draws each object's coefficients to their means as far as they are
+alike; how alike they are stays uncertain with few objects, so that shrinkage is averaged over what is plausible, and
+what that leaves open is added to the covariance (Morris 1983).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+
+_STEP = np.sqrt(10)
+"""Ratio of neighbouring variances that are tried: what is between them matters little."""
+
+_RIDGE = 1e-12
+"""By which share of itself the information on each mean is lifted, for means that the data do not tell."""
+
+_LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
+"""How often each variance is chosen again, given the others, where the best is sought; and the smallest and largest
+that are tried, relative to the mean square of a coefficient."""
+
+_PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
+"""The same where variances are averaged over; the smallest and largest are so far beyond those that can be told from
+smaller and larger."""
+
+_INFINITE = 1e6
+"""Times the largest variance that is tried: infinite."""
+
+_JITTER = 1e-12
+"""Of unit variances, for covariances that are singular to rounding."""
+
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, eq=False)
+class RandomEffects:
+    """Estimates of the coefficients of several objects, and how accurate they are.
+
+    Parameters
+    ----------
+    estimates
+        Each object's own, shape (objects, k).
+    information
+        Inverse covariances of their errors, shape (objects, k, k).
+    """
+
+    estimates: Floats
+    information: Floats
+
+    def marginal(self, variances: Floats) -> "Marginal":
+        """Return the distribution of the estimates for several sets of variances over objects, shape (models, k)."""
+        size = self.estimates.shape[1]
+        # With information A and variances T the precision of an estimate is (A^-1 + T)^-1 = (I + A T)^-1 A
+        added = np.eye(size) + self.information * variances[:, np.newaxis, np.newaxis, :]
+        precisions = np.linalg.solve(added, self.information)
+        weighted = np.matmul(precisions, self.estimates[..., np.newaxis])
+        total = precisions.sum(axis=1)
+        total = (total + total.swapaxes(-1, -2)) / 2
+        total[:, range(size), range(size)] *= 1 + _RIDGE
+        means = np.linalg.solve(total, weighted.sum(axis=1))[..., 0]
+        gaps = self.estimates - means[:, np.newaxis]
+        squares = np.einsum("moi,moij,moj->m", gaps, precisions, gaps)
+        return Marginal(added, total, means, squares + np.linalg.slogdet(added)[1].sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Marginal:
+    """The distribution of all objects' estimates together, for several sets of variances over objects.
+
+    Parameters
+    ----------
+    added
+        I + A T, with each object's information A and the variances T, shape (models, objects, k, k).
+    total
+        Information on the means over objects, shape (models, k, k).
+    means
+        By generalised least squares, shape (models, k).
+    deviance
+        Minus twice the log-likelihood, beyond what it is where each object's mean is its own estimate, shape (models,).
+    """
+
+    added: Floats
+    total: Floats
+    means: Floats
+    deviance: Floats
+
+    @property
+    def restricted_deviance(self) -> Floats:
+        """Minus twice the restricted log-likelihood, with the means integrated out, but for a constant."""
+        return np.asarray(self.deviance + np.linalg.slogdet(self.total)[1])
+
+
+def marginal_deviance(effects: RandomEffects) -> float:
+    """Return minus twice the log marginal likelihood at the best means and variances over objects.
+
+    It counts from where each object's mean is its own estimate, so that it is what the coefficients cost; nothing for a
+    single object.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the objects' information together is singular.
+    """
+    if len(effects.estimates) == 1:
+        return 0.0
+    scale = np.maximum(np.mean(effects.estimates**2, axis=0), np.finfo(float).tiny)
+
+    def best(tried: Floats, parameter: int) -> tuple[float, float]:
+        deviance = effects.marginal(tried).deviance
+        index = int(np.argmin(deviance))
+        return float(tried[index, parameter]), float(deviance[index])
+
+    grids = dict(enumerate(scale[:, np.newaxis] * _grid(*_RELATIVE_GRID)))
+    return _swept(scale, grids, best, _LIKELIEST_SWEEPS)[1][-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Shrinkage:
+    """Coefficients drawn to their means over objects.
+
+    Parameters
+    ----------
+    estimates
+        Shape (objects, parameters).
+    covariances
+        Shape (objects, parameters, parameters).
+    shared_factors
+        What errors have in common through the means: the covariance of the estimates of two objects is the product of
+        one's matrix with the other's transposed. Shape (objects, parameters, parameters).
+    shrinkage
+        How far, from 0 (each object's own) to 1 (all alike), mean over objects, shape (parameters,).
+    """
+
+    estimates: Floats
+    covariances: Floats
+    shared_factors: Floats
+    shrinkage: Floats
+
+
+def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinkage:
+    """Draw estimates to their means over objects.
+
+    Parameters
+    ----------
+    estimates
+        Each object's own, shape (objects, parameters).
+    covariances
+        Of their errors, positive definite, shape (objects, parameters, parameters).
+    variances
+        Of each parameter over objects, shape (parameters,): zero for one that all have in common, infinite for one that
+        is each object's own, NaN where the objects are to tell.
+    """
+    units = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
+    own = estimates / units
+    errors = covariances / np.outer(units, units) + _JITTER * np.eye(len(units))
+    effects = RandomEffects(own, np.linalg.inv(errors))
+    grids = _grids_beyond(effects)
+    largest = np.array([grid[-1] for grid in grids])
+    asked = {int(index): grids[index] for index in np.flatnonzero(np.isnan(variances))}
+    start = np.where(variances == 0, 0.0, np.where(np.isinf(variances), _INFINITE, 1.0) * largest)
+
+    def average(tried: Floats, parameter: int) -> tuple[float, Floats]:
+        posterior = _Posterior.of(effects, tried)
+        weights = posterior.weights(parameter)
+        gaps = posterior.estimates - np.einsum("m,mok->ok", weights, posterior.estimates)
+        shrinkage = posterior.shrinkage[:, parameter]
+        variance = _variance_of(float(weights @ shrinkage), shrinkage, tried[:, parameter])
+        return variance, np.einsum("m,moj,mok->ojk", weights, gaps, gaps)
+
+    found, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
+    final = _Posterior.of(effects, found[np.newaxis])
+    return Shrinkage(
+        final.estimates[0] * units,
+        (final.covariances[0] + sum(between, np.zeros_like(errors))) * np.outer(units, units),
+        final.shared_factors[0] * units[:, np.newaxis],
+        final.shrinkage[0],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Posterior:
+    """What the objects' coefficients are, for several sets of variances over objects.
+
+    Parameters
+    ----------
+    deviance
+        Minus twice the logarithm of the variances' restricted likelihood, but for a constant, shape (models,).
+    estimates
+        Shape (models, objects, parameters).
+    covariances, shared_factors
+        Shape (models, objects, parameters, parameters).
+    shrinkage
+        Mean over objects, shape (models, parameters).
+    """
+
+    deviance: Floats
+    estimates: Floats
+    covariances: Floats
+    shared_factors: Floats
+    shrinkage: Floats
+
+    @classmethod
+    def of(cls, effects: RandomEffects, variances: Floats) -> "_Posterior":
+        """Return what follows from variances of shape (models, parameters)."""
+        marginal = effects.marginal(variances)
+        # How far each estimate is drawn to the mean: its errors' part of its covariance, E (E + T)^-1 = (I + T A)^-1
+        drawn = np.linalg.inv(marginal.added).swapaxes(-1, -2)
+        shared = np.matmul(drawn, np.linalg.cholesky(np.linalg.inv(marginal.total))[:, np.newaxis])
+        given_means = drawn * variances[:, np.newaxis, np.newaxis, :]
+        gaps = effects.estimates - marginal.means[:, np.newaxis]
+        return cls(
+            marginal.restricted_deviance,
+            effects.estimates - np.einsum("moij,moj->moi", drawn, gaps),
+            given_means + np.matmul(shared, shared.swapaxes(-1, -2)),
+            shared,
+            np.diagonal(drawn, axis1=2, axis2=3).mean(axis=1),
+        )
+
+    def weights(self, parameter: int) -> Floats:
+        """Return how probable each model is if all shrinkages of a parameter are equally so before, shape (models,).
+
+        This prior is proper, and fair for few objects too (Daniels 1999).
+        """
+        prior = abs(np.gradient(self.shrinkage[:, parameter]))
+        weights = prior * np.exp((self.deviance.min() - self.deviance) / 2)
+        return np.asarray(weights / weights.sum())
+
+
+def _grid(low: float, high: float) -> Floats:
+    """Return zero, and variances from low to high by half decades."""
+    count = int(np.ceil(np.log(high / low) / np.log(_STEP) - 1e-9))
+    return np.concatenate([[0.0], low * _STEP ** np.arange(count + 1)])
+
+
+def _grids_beyond(effects: RandomEffects) -> list[Floats]:
+    """Return the variances over objects that are tried for each parameter, the first of them zero."""
+    between = np.var(effects.estimates, axis=0)
+    # What is left of an error where all other coefficients are known, and all of it
+    alone = 1 / np.mean(np.diagonal(effects.information, axis1=1, axis2=2), axis=0)
+    return [_grid(low / _BEYOND, (1 + high) * _BEYOND) for low, high in zip(alone, between, strict=True)]
+
+
+def _variance_of(wanted: float, shrinkage: Floats, grid: Floats) -> float:
+    """Return the variance of this shrinkage, between those of a grid that begins with zero."""
+    order = np.argsort(shrinkage)
+    logarithms = np.log(np.maximum(grid, grid[1] / _BEYOND))
+    found = float(np.exp(np.interp(wanted, shrinkage[order], logarithms[order])))
+    return found if found > grid[1] / _BEYOND else 0.0
+
+
+def _swept(
+    variances: Floats,
+    grids: dict[int, Floats],
+    step: Callable[[Floats, int], tuple[float, _Result]],
+    sweeps: int,
+) -> tuple[Floats, Sequence[_Result]]:
+    """Return variances found one after the other, given the others, until none changes; and the last sweep's results.
+
+    Parameters
+    ----------
+    variances
+        To begin with, shape (k,).
+    grids
+        The variances that are tried, by the index of the parameter.
+    step
+        Takes the sets of variances that are tried, shape (models, k), and the parameter in which they differ; returns
+        its variance and a result.
+    sweeps
+        At most so many.
+    """
+    found: list[_Result] = []
+    for _ in range(sweeps):
+        before, found = variances, []
+        for parameter, grid in grids.items():
+            tried = np.tile(variances, (len(grid), 1))
+            tried[:, parameter] = grid
+            variance, result = step(tried, parameter)
+            variances = np.where(np.arange(len(variances)) == parameter, variance, variances)
+            found.append(result)
+        if np.array_equal(before, variances):
+            break
+    return variances, found

@@ -1,0 +1,63 @@
+"""What solvers come to: one equation for all objects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import LeastSquaresProblem
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One equation that a solver comes to at a value of its hyperparameter.
+
+    Parameters
+    ----------
+    support
+        Which terms are in, shape (objects, terms).
+    coefficients
+        Shape (objects, terms); exactly zero outside the support.
+    hyperparameter
+        The solver's hyperparameter that gives it: a threshold, a penalty, or the number of terms.
+    proven
+        Whether it is proved, to rounding, that no other support of its size has a smaller sum of squared residuals over
+        all objects, each relative to its residual variance with all terms.
+    converged
+        Whether the solver came to its end: a stable support, a minimum, a finished search.
+    largest
+        The largest value that was compared with the hyperparameter, in the last step that had a term; a support that
+        is empty had a hyperparameter above it.
+    smallest
+        The smallest value that was compared with the hyperparameter and stayed; infinite if none did.
+    """
+
+    support: Bools
+    coefficients: Floats
+    hyperparameter: float
+    proven: bool = False
+    converged: bool = True
+    largest: float = np.inf
+    smallest: float = np.inf
+
+    @classmethod
+    def join(cls, candidates: Sequence["Candidate"]) -> "Candidate":
+        """Return the candidate of all objects from those of some of them, found at one hyperparameter."""
+        if len(candidates) == 1:
+            return candidates[0]
+        return cls(
+            np.concatenate([each.support for each in candidates]),
+            np.concatenate([each.coefficients for each in candidates]),
+            candidates[0].hyperparameter,
+            all(each.proven for each in candidates),
+            all(each.converged for each in candidates),
+            max(each.largest for each in candidates),
+            min(each.smallest for each in candidates),
+        )
+
+
+def least_squares(problems: Sequence[LeastSquaresProblem], target: int, support: Bools) -> Floats:
+    """Return the least-squares coefficients of one equation on a support; both have shape (objects, terms)."""
+    rows = zip(problems, support, strict=True)
+    return np.array([problem.least_squares(terms, target) for problem, terms in rows])

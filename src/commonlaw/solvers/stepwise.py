@@ -1,0 +1,89 @@
+"""Stepwise selection: terms enter one by one, or leave one by one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Indices
+from commonlaw.errors import unknown
+from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
+from commonlaw.solvers.settings import check_setting, check_shared
+from commonlaw.solvers.standardized_problem import StandardizedProblem
+
+
+@dataclass(frozen=True)
+class StepwiseSelection(AbstractSolver):
+    """Forward selection or backward elimination, one term in each step.
+
+    Forward, the term that lowers the squared residuals most enters next: orthogonal least squares (FROLS; Chen,
+    Billings, Luo 1989, Int. J. Control 50, 1873; Billings 2013, Nonlinear System Identification, section 3.2), where
+    candidate columns are kept orthogonal to those that entered. Backward, the term whose leaving raises them least
+    leaves next: the stepwise sparse regressor of Boninsegna, Nüske, Clementi (2018), J. Chem. Phys. 148, 241723, with
+    the rise of the squared residuals after a refit, which does not depend on units, in place of the magnitude of the
+    coefficient. What objects gain or lose is added, relative to their residual variances, see `StandardizedProblem`.
+
+    Parameters
+    ----------
+    terms
+        Number of terms in each equation; None to have it chosen.
+    direction
+        ``"forward"`` from no terms, or ``"backward"`` from all of them.
+    shared
+        Whether all objects have the same terms, or each object its own.
+    """
+
+    terms: int | None = None
+    direction: Literal["forward", "backward"] = "forward"
+    shared: bool = True
+
+    hyperparameter_name = "terms"
+
+    def __post_init__(self) -> None:
+        check_setting("terms", self.terms, 1, whole=True, optional=True)
+        check_shared(self.shared)
+        if self.direction not in ("forward", "backward"):
+            raise unknown("direction", self.direction, ("forward", "backward"))
+
+    @property
+    def hyperparameter(self) -> float | None:
+        return self.terms
+
+    def path(
+        self,
+        problems: Sequence[LeastSquaresProblem],
+        target: int,
+        allowed: Bools,
+        values: Sequence[float] | None = None,
+    ) -> tuple[Candidate, ...]:
+        return fixed_cardinality(self._choose, self.shared, problems, target, allowed, values)
+
+    def _choose(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
+        order = (
+            forward_order(problem, max(sizes)) if self.direction == "forward" else backward_order(problem, min(sizes))
+        )
+        return {size: Subset(order[:size]) for size in sizes}
+
+
+def forward_order(problem: StandardizedProblem, terms: int) -> Indices:
+    """Return the indices of the first terms that enter, in their order."""
+    directions, order = problem.entering(), np.zeros(0, dtype=np.intp)
+    while len(order) < terms:
+        index = int(np.argmax(directions.error_reductions))
+        order = np.append(order, directions.indices[index])
+        directions = directions.take(index)
+    return order
+
+
+def backward_order(problem: StandardizedProblem, least: int = 0) -> Indices:
+    """Return the indices of all terms, those that stay longest first, as found on the way down to `least` terms."""
+    directions, gone = problem.leaving(), np.zeros(0, dtype=np.intp)
+    while len(directions.indices) > least:
+        index = int(np.argmin(directions.error_reductions))
+        gone = np.append(directions.indices[index], gone)
+        directions = directions.take(index)
+    return np.concatenate([directions.indices, gone])

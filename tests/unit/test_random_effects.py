@@ -1,0 +1,132 @@
+"""The random-effects model of coefficients over objects, beside joint normal distributions written out whole."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from commonlaw.hierarchy import RandomEffects, marginal_deviance, shrink
+
+
+def measured(objects, spread, parameters=3, seed=0):
+    """Each object's true coefficients, estimates of them, and the covariances of their errors."""
+    generator = np.random.default_rng(seed)
+    designs = generator.standard_normal((objects, 8, parameters))
+    covariances = np.linalg.inv(np.matmul(designs.transpose(0, 2, 1), designs))
+    truth = np.array([5.0, 0.0, -3.0])[:parameters] + spread * generator.standard_normal((objects, parameters))
+    errors = np.matmul(np.linalg.cholesky(covariances), generator.standard_normal((objects, parameters, 1)))[..., 0]
+    return truth, truth + errors, covariances
+
+
+def dense(estimates, covariances, variances):
+    """The joint covariance of all objects' estimates, and the matrix that gives each object the means."""
+    objects, size = estimates.shape
+    covariance = np.zeros((objects * size, objects * size))
+    for o, each in enumerate(covariances):
+        covariance[o * size : (o + 1) * size, o * size : (o + 1) * size] = each + np.diag(variances)
+    return covariance, np.tile(np.eye(size), (objects, 1))
+
+
+VARIANCES = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 5.0], [1e-3, 1.0, 1e3]])
+
+
+@pytest.mark.parametrize("objects", [2, 7])
+def test_the_marginal_likelihood_is_that_of_the_joint_normal_distribution(objects):
+    _, estimates, covariances = measured(objects, 0.7)
+    marginal = RandomEffects(estimates, np.linalg.inv(covariances)).marginal(VARIANCES)
+    # What counts as nothing: each object's mean is its own estimate
+    alone = sum(-2 * multivariate_normal(np.zeros(3), each).logpdf(np.zeros(3)) for each in covariances)
+    for m, variances in enumerate(VARIANCES):
+        covariance, design = dense(estimates, covariances, variances)
+        precision = np.linalg.inv(covariance)
+        information = design.T @ precision @ design
+        means = np.linalg.solve(information, design.T @ precision @ estimates.ravel())
+        np.testing.assert_allclose(marginal.means[m], means, rtol=1e-8)
+        np.testing.assert_allclose(marginal.total[m], information, rtol=1e-8)
+        expected = -2 * multivariate_normal(design @ means, covariance).logpdf(estimates.ravel()) - alone
+        assert marginal.deviance[m] == pytest.approx(expected, rel=1e-8)
+        restricted = expected + np.linalg.slogdet(information)[1]
+        assert marginal.restricted_deviance[m] == pytest.approx(restricted, rel=1e-8)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])
+def test_what_coefficients_cost_is_the_least_over_means_and_variances(spread):
+    _, estimates, covariances = measured(6, spread, parameters=1)
+    information = np.linalg.inv(covariances)
+    found = marginal_deviance(RandomEffects(estimates, information))
+    alone = sum(-2 * multivariate_normal(np.zeros(1), each).logpdf(np.zeros(1)) for each in covariances)
+    costs = []
+    for variance in np.array([0, *10.0 ** np.arange(-4, 2.1, 0.5)]) * np.mean(estimates**2):
+        covariance, _ = dense(estimates, covariances, [variance])
+        precision = 1 / np.diag(covariance)
+        means = np.full(6, precision @ estimates[:, 0] / precision.sum())
+        costs.append(-2 * multivariate_normal(means, covariance).logpdf(estimates.ravel()) - alone)
+    assert found == pytest.approx(min(costs), rel=1e-8)
+    assert marginal_deviance(RandomEffects(estimates[:1], information[:1])) == 0
+
+
+def test_a_mean_that_the_data_do_not_tell_does_no_harm():
+    _, estimates, covariances = measured(4, 0.5)
+    information = np.linalg.inv(covariances)
+    information[:, 1] = information[:, :, 1] = 0
+    information[:, 1, 1] = 1e-300
+    whole = RandomEffects(estimates, information).marginal(np.array([[0.2, 0.2, 0.2]])).deviance
+    without = RandomEffects(estimates[:, [0, 2]], information[:, [0, 2]][:, :, [0, 2]]).marginal(np.full((1, 2), 0.2))
+    np.testing.assert_allclose(whole, without.deviance)
+
+
+def posterior(estimates, covariances, variances):
+    """Means and covariance of all coefficients of all objects together, with flat priors on the means."""
+    objects, size = estimates.shape
+    vague = 1e5
+    together = np.kron(np.full((objects, objects), vague), np.eye(size)) + np.kron(np.eye(objects), np.diag(variances))
+    errors = np.zeros_like(together)
+    for o, each in enumerate(covariances):
+        errors[o * size : (o + 1) * size, o * size : (o + 1) * size] = each
+    gain = together @ np.linalg.inv(together + errors)
+    return (gain @ estimates.ravel()).reshape(objects, size), together - gain @ together
+
+
+def test_common_and_own_coefficients_are_those_of_the_joint_posterior():
+    _, estimates, covariances = measured(4, 0.5)
+    found = shrink(estimates, covariances, np.array([0.0, np.inf, 0.0]))
+    means, joint = posterior(estimates, covariances, [0.0, 1e5, 0.0])
+    np.testing.assert_allclose(found.estimates, means, atol=1e-4)
+    np.testing.assert_allclose(np.ptp(found.estimates[:, [0, 2]], axis=0), 0, atol=1e-9)
+    for o in range(4):
+        for other in range(4):
+            block = joint[3 * o : 3 * o + 3, 3 * other : 3 * other + 3]
+            ours = found.covariances[o] if o == other else found.shared_factors[o] @ found.shared_factors[other].T
+            np.testing.assert_allclose(ours, block, atol=2e-4)
+
+
+def test_scattered_coefficients_stay_and_alike_ones_meet():
+    _, estimates, covariances = measured(10, np.array([0.0, 30.0, 0.0]), seed=2)
+    found = shrink(estimates, covariances, np.full(3, np.nan))
+    assert found.shrinkage[1] < 0.02
+    assert np.all(found.shrinkage[[0, 2]] > 0.5)
+    assert np.ptp(found.estimates[:, 0]) < 0.6 * np.ptp(estimates[:, 0])
+
+
+@pytest.mark.parametrize("objects", [2, 10])
+@pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])
+def test_intervals_hold_the_truth_and_errors_get_smaller(objects, spread):
+    inside, before, after = [], [], []
+    for seed in range(60):
+        truth, estimates, covariances = measured(objects, spread, seed=seed)
+        found = shrink(estimates, covariances, np.full(3, np.nan))
+        errors = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+        inside.append(abs(found.estimates - truth) < 1.96 * errors)
+        before.append((estimates - truth) ** 2)
+        after.append((found.estimates - truth) ** 2)
+    assert np.mean(inside) > 0.89
+    # Two objects that are not alike may look so by chance
+    assert np.mean(after) < np.mean(before) * (0.6 if spread == 0 else 1.3 if objects == 2 else 1.05)
+
+
+def test_units_do_not_matter():
+    _, estimates, covariances = measured(5, 0.3)
+    units = np.array([1e-6, 1.0, 1e8])
+    one = shrink(estimates, covariances, np.full(3, np.nan))
+    other = shrink(estimates * units, covariances * np.outer(units, units), np.full(3, np.nan))
+    np.testing.assert_allclose(other.estimates, one.estimates * units, rtol=1e-6)
+    np.testing.assert_allclose(other.covariances, one.covariances * np.outer(units, units), rtol=1e-6)
