@@ -13,8 +13,8 @@ from commonlaw.library import Terms
 Floats = NDArray[np.float64]
 Run = Callable[[], Floats]
 
-PARTS = 100
-"""Stretches of time that are drawn as a whole by the bootstrap of blocks."""
+SEGMENTS = 100
+"""Segments of time that are drawn as a whole by the bootstrap of blocks."""
 
 
 def fit(problem: Problem) -> Run:
@@ -67,14 +67,14 @@ def bootstrap_rows(problem: Problem) -> Run:
 
 
 def bootstrap_blocks(problem: Problem) -> Run:
-    """Bootstrap of stretches of time: their systems are merged, each as often as it is drawn."""
+    """Bootstrap of segments of time: their problems are merged, each as often as it is drawn."""
 
     def run() -> Floats:
         form, terms, (trial,) = _compressing(problem)
-        parts = form.problems(trial, terms, PARTS)
+        parts = form.problems(trial, terms, SEGMENTS)
         generator, models = np.random.default_rng(0), []
         for _ in range(problem.models):
-            counts = np.bincount(generator.integers(PARTS, size=PARTS), minlength=PARTS)
+            counts = np.bincount(generator.integers(SEGMENTS, size=SEGMENTS), minlength=SEGMENTS)
             system = merge(part.weighted(count) for part, count in zip(parts, counts, strict=True) if count)
             models.append(_solved([system], problem.thresholds[0]))
         return np.stack(models)

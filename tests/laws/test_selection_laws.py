@@ -86,7 +86,7 @@ def test_accuracy_that_is_worse_never_adds_terms(rule, seed):
     sizes = []
     for error in (0.0, 0.5, 100.0):
         choice = choose(
-            candidates, parts, 0, EVERYTHING, rule=rule, resolution=lambda _, error=error: np.full(2, error)
+            candidates, parts, 0, EVERYTHING, rule=rule, differentiation_bias=lambda _, error=error: np.full(2, error)
         )
         sizes.append(choice.chosen.support.sum())
     assert sizes == sorted(sizes, reverse=True)

@@ -7,9 +7,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.selection import (
     RULES,
-    Evidence,
-    HeldOut,
-    RateError,
+    CrossValidationScore,
+    FitStatistics,
+    ResidualError,
     aic,
     aicc,
     bic,
@@ -69,7 +69,7 @@ def evidence(**changes):
         "library": 6,
         "shared": False,
     }
-    return Evidence(**{**given, **changes})
+    return FitStatistics(**{**given, **changes})
 
 
 def test_criteria_are_the_published_sums_over_objects():
@@ -109,7 +109,7 @@ def test_criteria_in_the_table_are_those_of_the_rows():
 
 def test_leaving_out_trials_equals_refits_on_all_rows_of_the_others():
     data = rows()
-    found = RateError(make_folds(compressed(data)), 0)(SHARED)
+    found = ResidualError(make_folds(compressed(data)), 0)(SHARED)
     expected = []
     for trials in data:
         target = stacked([block for trial in trials for block in trial])[1]
@@ -131,7 +131,7 @@ def test_more_trials_than_folds_are_held_out_together():
     assert all(fold.held.rows + fold.rest.rows == 280 for fold in folds)
 
 
-def test_blocks_of_a_single_trial_are_held_out():
+def test_segments_of_a_single_trial_are_held_out():
     folds = make_folds(compressed(rows(trials=1, blocks=4)))
     assert len(folds) == 12
     assert all(fold.trials == () and fold.held.rows == 20 and fold.rest.rows == 60 for fold in folds)
@@ -147,22 +147,23 @@ def test_objects_count_equally_whatever_their_number_of_trials():
 def test_a_target_in_other_units_has_the_same_error():
     data = rows()
     larger = [[[(library, 1e3 * target) for library, target in trial] for trial in trials] for trials in data]
-    errors = [RateError(make_folds(compressed(each)), 0)(SHARED).errors for each in (data, larger)]
+    errors = [ResidualError(make_folds(compressed(each)), 0)(SHARED).errors for each in (data, larger)]
     np.testing.assert_allclose(*errors, rtol=1e-10)
 
 
 def test_the_excess_of_a_candidate_is_taken_fold_by_fold():
     shares = np.full(4, 0.25)
-    best, other = HeldOut(np.array([1.0, 2, 3, 10]), shares), HeldOut(np.array([1.1, 2.3, 3.2, 10.2]), shares)
+    best = CrossValidationScore(np.array([1.0, 2, 3, 10]), shares)
+    other = CrossValidationScore(np.array([1.1, 2.3, 3.2, 10.2]), shares)
     excess, error = other.excess(best)
     assert excess == pytest.approx(0.2)
     assert error == pytest.approx(np.std([0.1, 0.3, 0.2, 0.2], ddof=1) / 2)
     assert error < best.standard_error / 10
 
 
-def test_one_block_of_one_trial_cannot_be_held_out():
+def test_one_segment_of_one_trial_cannot_be_held_out():
     parts = compressed(rows(trials=1, blocks=1))
-    with pytest.raises(CommonlawError, match="cut it into more blocks"):
+    with pytest.raises(CommonlawError, match="cut it into more segments"):
         make_folds(parts)
     with pytest.raises(CommonlawError, match="1 folds are not enough"):
         make_folds(parts, 1)
@@ -203,7 +204,7 @@ def test_the_same_seed_draws_the_same_resamples():
 
 
 def test_a_single_block_cannot_be_resampled():
-    with pytest.raises(CommonlawError, match="more blocks to draw from"):
+    with pytest.raises(CommonlawError, match="more segments to draw from"):
         stability(compressed(rows(trials=1, blocks=1)), lambda problems: path([[[s]] for s in problems]))
 
 
@@ -254,7 +255,7 @@ def test_a_better_fit_does_not_count_if_the_differentiator_explains_it():
             0,
             EVERYTHING,
             rule=rule,
-            resolution=lambda coefficients: np.full(len(coefficients), 2e-4),
+            differentiation_bias=lambda coefficients: np.full(len(coefficients), 2e-4),
         )
         assert blind.chosen.support.sum() == 9
         np.testing.assert_array_equal(aware.chosen.support, SHARED)
@@ -297,9 +298,9 @@ def test_a_score_by_which_every_candidate_diverges_is_refused():
     parts = compressed(rows())
 
     def lost(_):
-        return HeldOut(np.full(2, np.inf), np.full(2, 0.5))
+        return CrossValidationScore(np.full(2, np.inf), np.full(2, 0.5))
 
-    with pytest.raises(CommonlawError, match="choose on held-out rates instead"):
+    with pytest.raises(CommonlawError, match="choose on held-out residuals instead"):
         choose(path(parts), parts, 0, EVERYTHING, score=lost)
 
 
@@ -308,6 +309,6 @@ def test_a_candidate_that_diverges_on_a_fold_is_not_chosen():
 
     def score(support):
         errors = [0.1, 0.2] if support.sum() > 6 else [0.1, np.inf]
-        return HeldOut(np.array(errors), np.full(2, 0.5))
+        return CrossValidationScore(np.array(errors), np.full(2, 0.5))
 
     assert choose(path(parts), parts, 0, EVERYTHING, score=score).chosen.support.sum() == 9

@@ -5,7 +5,7 @@ import pytest
 
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm, effective_rows, independent_share, resolution
+from commonlaw.formulation import StrongForm, differentiation_bias, effective_share
 from commonlaw.library import PolynomialLibrary
 from commonlaw.trials import Schema, Trial
 
@@ -19,7 +19,7 @@ def trial(noise=0.0, times=TIMES):
 
 def test_central_differences_of_white_noise_count_two_rows_of_three():
     # Differences two samples apart share a sample: correlation -1/2 at lags of two, so 1 / (1 + 2 / 4)
-    assert independent_share(StrongForm(parse_differentiation("centered")), trial()) == pytest.approx(2 / 3, rel=1e-6)
+    assert effective_share(StrongForm(parse_differentiation("centered")), trial()) == pytest.approx(2 / 3, rel=1e-6)
 
 
 @pytest.mark.parametrize("text", ["savgol:15:3", "savgol:25:3", "finite:4"])
@@ -31,26 +31,26 @@ def test_the_share_is_that_of_the_autocorrelation_of_differentiated_noise(text, 
     middle = rates[100:-100]
     lags = [np.mean(middle[: len(middle) - k] * middle[k:]) for k in range(60)]
     expected = 1 / (1 + 2 * np.sum((np.array(lags[1:]) / lags[0]) ** 2))
-    assert independent_share(StrongForm(differentiation, order), trial()) == pytest.approx(expected, rel=0.03)
+    assert effective_share(StrongForm(differentiation, order), trial()) == pytest.approx(expected, rel=0.03)
 
 
 def test_wider_windows_leave_fewer_independent_rows():
     forms = [StrongForm(parse_differentiation(f"savgol:{window}:3"), trim=10) for window in (9, 17, 33)]
-    counts = [effective_rows(form, [trial(), trial()]) for form in forms]
-    assert counts == sorted(counts, reverse=True)
-    assert 0 < counts[-1] < counts[0] < 2 * 180
+    shares = [effective_share(form, trial()) for form in forms]
+    assert shares == sorted(shares, reverse=True)
+    assert 0 < shares[-1] < shares[0] < 1
 
 
 def test_a_median_that_does_not_feel_an_impulse_counts_one_row_a_window():
     times = np.arange(50.0)
     peaked = Trial("A", "1", times, -np.abs(times - 25)[:, np.newaxis])
     form = StrongForm(SmoothedDifference(MedianFilter(5)))
-    assert independent_share(form, peaked) == 1 / 7
+    assert effective_share(form, peaked) == 1 / 7
 
 
 def test_a_trial_that_is_too_short_is_named():
     with pytest.raises(CommonlawError, match="A, trial 1"):
-        independent_share(StrongForm(parse_differentiation("savgol:25:3")), trial(times=TIMES[:10]))
+        effective_share(StrongForm(parse_differentiation("savgol:25:3")), trial(times=TIMES[:10]))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_the_resolution_is_the_error_of_the_targets_without_noise(text, noise):
     terms = PolynomialLibrary(1).bind(form.variables(Schema(("x",)))).take([1, 2])
     targets = form.samples(trial())[1][:, 0]
     error = np.mean((targets + np.sin(TIMES[15:-15])) ** 2)  # x'' = -x
-    found = resolution(form, terms, [trial(noise)], 0, np.array([-1.0, 0.0]))
+    found = differentiation_bias(form, terms, [trial(noise)], 0, np.array([-1.0, 0.0]))
     assert error / 2 < found < 2 * error
 
 
@@ -69,4 +69,4 @@ def test_the_resolution_of_a_method_that_is_exact_is_rounding():
     form = StrongForm(parse_differentiation("savgol:15:3"), 2, trim=10)
     terms = PolynomialLibrary(0).bind(form.variables(Schema(("x",))))
     falling = Trial("A", "1", TIMES, (10 - 4.9 * TIMES**2)[:, np.newaxis])
-    assert resolution(form, terms, [falling], 0, np.array([-9.8])) < 1e-18
+    assert differentiation_bias(form, terms, [falling], 0, np.array([-9.8])) < 1e-18

@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm, effective_rows, merge, resolution
+from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, merge
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import RULES, ForecastError, choose, make_folds
@@ -32,11 +32,13 @@ class Problem:
     def choose(self, target, **options):
         def accuracy(coefficients):
             pairs = zip(self.of, coefficients, strict=True)
-            return np.array([resolution(self.form, self.terms, own, target, fit) for own, fit in pairs])
+            return np.array([differentiation_bias(self.form, self.terms, own, target, fit) for own, fit in pairs])
 
-        rows = np.array([effective_rows(self.form, own) for own in self.of])
+        cut = 2 * self.form.trim
+        rows = np.array([sum(effective_share(self.form, each) * (len(each) - cut) for each in own) for own in self.of])
         candidates = STLSQ().path(self.problems, target, self.allowed)
-        return choose(candidates, self.parts, target, self.allowed, **{"rows": rows, "resolution": accuracy, **options})
+        options = {"rows": rows, "differentiation_bias": accuracy, **options}
+        return choose(candidates, self.parts, target, self.allowed, **options)
 
     def names(self, choice):
         inside = choice.chosen.support.all(axis=0)
@@ -67,7 +69,7 @@ def test_every_rule_finds_the_law_of_exact_drops(rule):
 
 def test_without_the_resolution_terms_are_found_that_the_differentiator_made():
     pairs = Problem(cl.datasets.lotka_volterra(), 1, "finite:2")
-    assert len(pairs.names(pairs.choose(0, resolution=None))) > 2
+    assert len(pairs.names(pairs.choose(0, differentiation_bias=None))) > 2
 
 
 def two_pairs(**options):

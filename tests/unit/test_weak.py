@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from commonlaw import CommonlawError, FiniteDifference, SavitzkyGolay, SmoothedDifference, SmoothingSpline
-from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, merge, reweighted
-from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, merge, reweight
+from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
 from commonlaw.trials import Schema, Trial, Trials
@@ -53,15 +53,15 @@ def bound(library, form, trials):
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_weights_integrate_what_adaptive_quadrature_integrates(grid, derivative):
     times = grid(200, 4 * np.pi)
-    bumps = Bumps.over(times, 20, LEAST_RADIUS)
-    weights = bumps.weights(times, 2)[derivative]
+    test_functions = CompactTestFunctions.over(times, 20, LEAST_RADIUS)
+    weights = test_functions.weights(times, 2)[derivative]
 
     def bump(s):
         powers = np.polynomial.Polynomial([1, 0, -1]) ** 16
         return powers.deriv(derivative)(s) if derivative else powers(s)
 
-    for row in (0, len(bumps.centres) // 2):
-        centre, radius = bumps.centres[row], bumps.radii[row]
+    for row in (0, len(test_functions.centres) // 2):
+        centre, radius = test_functions.centres[row], test_functions.radii[row]
         value, _ = quad(
             lambda s, c=centre, r=radius: bump(s) * np.cos(c + r * s) * r ** (1 - derivative), -1, 1, epsabs=1e-13
         )
@@ -142,7 +142,7 @@ def test_whitened_rows_leave_residuals_of_unit_variance():
         trials = trials_of("swing", regular(300, 12.0), 0.03, seed, 1)
         form = WeakForm(2, noise=tuple(0.03 * trials_of("swing", regular(300, 12.0), states=1)[0].states.std(axis=0)))
         terms = bound("terms:x,v,x**3", form, trials)
-        form, coefficients = reweighted(trials, terms, form)
+        form, coefficients = reweight(trials, terms, form)
         rows, targets = form.rows(trials[0], terms)
         left.append(targets - rows @ coefficients["it"].T)
     assert np.mean(np.square(left[0].ravel())) < 3
@@ -175,7 +175,7 @@ def by_weights(order):
     def fit(trials, library):
         form = WeakForm(order)
         terms = bound(library, form, trials)
-        return reweighted(trials, terms, form)[1]["it"]
+        return reweight(trials, terms, form)[1]["it"]
 
     return fit
 
@@ -223,7 +223,7 @@ def test_weights_make_the_radius_matter_little():
             terms = bound(library, form, trials)
             truth[0, [terms.index("x"), terms.index("v"), terms.index("x^2 v")]] = -1, 1, -1
             if weighted:
-                found.append(reweighted(trials, terms, form)[1]["it"] - truth)
+                found.append(reweight(trials, terms, form)[1]["it"] - truth)
             else:
                 rows, targets = form.rows(trials[0], terms)
                 found.append(np.linalg.lstsq(rows, targets, rcond=None)[0].T - truth)
@@ -238,7 +238,7 @@ def test_weights_make_the_radius_matter_little():
 def test_systems_are_the_parts_of_the_rows_and_merge():
     trials = trials_of("swing", uneven(400, 12.0), 0.02)
     terms = bound(SWING_TERMS, WeakForm(), trials)
-    form, _ = reweighted(trials, terms, WeakForm())
+    form, _ = reweight(trials, terms, WeakForm())
     rows, everything = form.rows(trials[0], terms), np.ones(3, dtype=bool)
     problems = form.problems(trials[0], terms, 4)
     assert len(problems) == 4
@@ -252,8 +252,8 @@ def test_solvers_find_the_law_in_compressed_trials():
     exact = trials_of("lorenz", regular(1000, 5.0), 0.02, states=3)
     trials = Trials((exact[0], Trial("it", "2", *_noisy(7)), Trial("other", "1", *_noisy(8))), exact.schema)
     terms = PolynomialLibrary(2).bind(WeakForm().variables(trials.schema))
-    form, _ = reweighted(trials, terms, WeakForm())
-    data = compress(trials, trials.schema, form, terms, parts=4)
+    form, _ = reweight(trials, terms, WeakForm())
+    data = compress(trials, trials.schema, form, terms, segments=4)
     names = [{"x", "y"}, {"x", "y", "x z"}, {"z", "x y"}]
     for equation, wanted in enumerate(names):
         path = BestSubset().path(data.problems, equation, np.ones(10, dtype=bool))
@@ -286,15 +286,15 @@ def test_the_radius_follows_the_slowness_of_the_state():
     assert corner_radius(times, np.sin(times)[:, None], np.array([1e-12])) == LEAST_RADIUS
 
 
-def test_bumps_over_a_gap_are_left_out():
+def test_test_functions_over_a_gap_are_left_out():
     times = np.delete(regular(400, 8 * np.pi), slice(150, 200))
-    bumps = Bumps.over(times, 15, LEAST_RADIUS)
-    inside = np.abs(bumps.centres - times[149:151].mean()) < bumps.radii
-    assert len(bumps.centres) > 20
+    test_functions = CompactTestFunctions.over(times, 15, LEAST_RADIUS)
+    inside = np.abs(test_functions.centres - times[149:151].mean()) < test_functions.radii
+    assert len(test_functions.centres) > 20
     assert not inside.any()
 
 
-def test_several_radii_give_the_bumps_of_each():
+def test_several_radii_give_the_test_functions_of_each():
     trials = trials_of("swing", regular(400, 12.0), 0.02)
     terms = bound(SWING_TERMS, WeakForm(), trials)
     counts = [len(WeakForm(radii=radii).rows(trials[0], terms)[0]) for radii in ((15.0,), (40.0,), (15.0, 40.0))]
@@ -303,7 +303,7 @@ def test_several_radii_give_the_bumps_of_each():
 
 def test_what_cannot_be_is_said():
     short = trials_of("swing", regular(20, 1.0))
-    with pytest.raises(CommonlawError, match="it, trial 1: 20 samples are fewer than the 29 of a bump"):
+    with pytest.raises(CommonlawError, match="it, trial 1: 20 samples are fewer than the 29 of a test function"):
         WeakForm().rows(short[0], bound(SWING_TERMS, WeakForm(), short))
     trials = trials_of("swing", regular(60, 3.0), 0.01)
     terms = bound(SWING_TERMS, WeakForm(), trials)
@@ -313,7 +313,7 @@ def test_what_cannot_be_is_said():
         WeakForm(coefficients={}).rows(trials[0], terms)
     with pytest.raises(CommonlawError, match="no equation 2; the first of 2 is 0"):
         WeakForm(coefficients={"it": SWING}, equation=2).rows(trials[0], terms)
-    with pytest.raises(CommonlawError, match="too few for 500 parts"):
+    with pytest.raises(CommonlawError, match="too few for 500 segments"):
         WeakForm().problems(trials[0], terms, 500)
     with pytest.raises(CommonlawError, match="order 3"):
         WeakForm(3)

@@ -13,12 +13,12 @@ from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, Compressed, compress
+from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
 from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback
 from commonlaw.selection import (
-    BLOCKS,
     RULES,
+    SEGMENTS,
     Accuracy,
     ForecastError,
     chosen_law,
@@ -93,8 +93,8 @@ class AbstractRegression(AbstractMethod):
         solver = parsed(self.solver, parse_solver)
         progress("turning trials into regression rows")
         formulation = self.formulation(trials, structure)
-        segments = 1 if solver is not None and solver.hyperparameter is not None else BLOCKS
-        data = compress(trials, schema, formulation, terms, parts=segments, n_jobs=self.n_jobs)
+        segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
+        data = compress(trials, schema, formulation, terms, segments=segments, n_jobs=self.n_jobs)
         known = structure.known_coefficients(schema, data.objects)
         law = Law(
             terms,
@@ -153,7 +153,9 @@ def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[T
     return list(found.values())
 
 
-def _forecast_scores(trials: Trials | TrialStream, data: Compressed, law: Law, free: Bools) -> list[ForecastError]:
+def _forecast_scores(
+    trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
+) -> list[ForecastError]:
     """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
     if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
         raise CommonlawError(

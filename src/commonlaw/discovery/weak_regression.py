@@ -9,7 +9,7 @@ from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.method import parsed
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
-from commonlaw.formulation import WeakForm, reweighted
+from commonlaw.formulation import WeakForm, reweight
 from commonlaw.inference import known_noise
 from commonlaw.trials import Trials, TrialStream
 
@@ -54,7 +54,7 @@ class WeakRegression(AbstractRegression):
         assert isinstance(trials, Trials)
         noise = None if self.noise is None else tuple(known_noise(self.noise, trials.schema.states).tolist())
         form = WeakForm(structure.order, self.radii, noise, parsed(self.differentiation, parse_differentiation))
-        return reweighted(trials, structure.terms(trials.schema), form)[0]
+        return reweight(trials, structure.terms(trials.schema), form)[0]
 
     def initial_rates(self, trials: Trials | TrialStream, order: int) -> AbstractDifferentiator:
         return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)

@@ -13,15 +13,15 @@ from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Schema, Trial
 
-Piece = tuple[int, Floats, Floats]
-"""The first sample of a stretch of a trial, and there the values of the variables and the targets, a row a sample."""
+Segment = tuple[int, Floats, Floats]
+"""The first sample of a segment of a trial, and there the values of the variables and the targets, a row a sample."""
 
 _BLOCK = 2048
 """Rows that are evaluated and absorbed together."""
 
 
 class AbstractFormulation(ABC):
-    """From the samples of a trial to rows of terms and targets, and to the systems that these compress to."""
+    """From the samples of a trial to rows of terms and targets, and to the problems that these compress to."""
 
     @abstractmethod
     def variables(self, schema: Schema) -> Variables:
@@ -38,16 +38,22 @@ class AbstractFormulation(ABC):
         """
 
     @abstractmethod
-    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
-        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time."""
+    def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
+        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in time.
+
+        Raises
+        ------
+        CommonlawError
+            As `rows`.
+        """
 
 
 class AbstractSampledForm(AbstractFormulation):
     """A formulation whose rows are the terms at single samples."""
 
     @abstractmethod
-    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
-        """Yield the rows of a trial in stretches of which none goes across a cut (a number of samples).
+    def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
+        """Yield the rows of a trial in segments of which none goes across a cut (a number of samples).
 
         Raises
         ------
@@ -67,7 +73,7 @@ class AbstractSampledForm(AbstractFormulation):
 
     def samples(self, trial: Trial) -> tuple[Floats, Floats]:
         """Return the variables' values, shape (n, variables), and the targets, shape (n, states)."""
-        _, values, targets = zip(*self.pieces(trial, []), strict=True)
+        _, values, targets = zip(*self.segments(trial, []), strict=True)
         return np.concatenate(values), np.concatenate(targets)
 
     @property
@@ -82,19 +88,17 @@ class AbstractSampledForm(AbstractFormulation):
         terms.check_finite(library, values, trial.label, self.span(trial)[0])
         return library, targets
 
-    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
-        """Return the rows of a trial, compressed, in so many parts of equal length that follow each other in time.
+    def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
+        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in time.
 
-        They are the systems of `rows`, but no more than a piece of them is held at a time.
+        They are the problems of `rows`, but no more than a few thousand of them are held at a time.
         """
         self._check(trial, terms)
         first, last = self.span(trial)
-        cuts = [first + (last - first) * i // parts for i in range(1, parts)]
+        cuts = [first + (last - first) * i // segments for i in range(1, segments)]
         width = len(terms) + trial.states.shape[1]
-        by_part = groupby(self.pieces(trial, cuts), key=lambda piece: bisect_right(cuts, piece[0]))
-        found = [
-            LeastSquaresProblem.of_blocks(_blocks(pieces, terms, width), len(terms), width) for _, pieces in by_part
-        ]
+        by_cut = groupby(self.segments(trial, cuts), key=lambda segment: bisect_right(cuts, segment[0]))
+        found = [LeastSquaresProblem.of_blocks(_blocks(parts, terms, width), len(terms), width) for _, parts in by_cut]
         if not all(np.isfinite(problem.factor).all() for problem in found):
             self.rows(trial, terms)  # Its message names the term and the sample
             raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
@@ -114,6 +118,11 @@ def check_complete(trial: Trial, states: Sequence[str]) -> None:
         The trial.
     states
         Names of the variables, of which the measured states are the first.
+
+    Raises
+    ------
+    CommonlawError
+        If a state is missing; the message names the trial, the state and the sample.
     """
     missing = np.argwhere(np.isnan(trial.states))
     if len(missing):
@@ -125,10 +134,10 @@ def check_complete(trial: Trial, states: Sequence[str]) -> None:
         )
 
 
-def _blocks(pieces: Iterable[Piece], terms: Terms, width: int) -> Iterator[Floats]:
+def _blocks(segments: Iterable[Segment], terms: Terms, width: int) -> Iterator[Floats]:
     """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
     block = np.empty((_BLOCK, width), order="F")
-    for _, values, targets in pieces:
+    for _, values, targets in segments:
         for i in range(0, len(values), _BLOCK):
             some = values[i : i + _BLOCK]
             rows = block[: len(some)]

@@ -18,36 +18,42 @@ MOST_GROUPS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Compressed:
-    """Systems by object, by trial, and by stretch of time.
+class CompressedTrials:
+    """Problems by object, by trial, and by segment of time.
 
     Parameters
     ----------
     objects
         Names, in order of first appearance.
     groups
-        For each object, for each of its trials (or of 32 groups of trials, if there are more), the systems of
-        stretches that follow each other in time.
+        For each object, for each of its trials (or of 32 groups of trials, if there are more), the problems of
+        segments that follow each other in time.
     """
 
     objects: tuple[str, ...]
     groups: tuple[tuple[tuple[LeastSquaresProblem, ...], ...], ...]
 
-    def subtract(self, coefficients: Floats) -> "Compressed":
-        """Return the systems whose targets are what coefficients, shape (objects, equations, terms), do not explain."""
+    def subtract(self, coefficients: Floats) -> "CompressedTrials":
+        """Return the problems with targets that coefficients, shape (objects, equations, terms), do not explain."""
         pairs = zip(self.groups, coefficients, strict=True)
         groups = tuple(tuple(tuple(block.subtract(own) for block in trial) for trial in each) for each, own in pairs)
-        return Compressed(self.objects, groups)
+        return CompressedTrials(self.objects, groups)
 
     @cached_property
     def problems(self) -> tuple[LeastSquaresProblem, ...]:
-        """One system for each object."""
+        """One problem for each object."""
         return tuple(merge(problem for trial in trials for problem in trial) for trials in self.groups)
 
 
 def compress(
-    trials: Iterable[Trial], schema: Schema, form: AbstractFormulation, terms: Terms, *, parts: int = 1, n_jobs: int = 1
-) -> Compressed:
+    trials: Iterable[Trial],
+    schema: Schema,
+    form: AbstractFormulation,
+    terms: Terms,
+    *,
+    segments: int = 1,
+    n_jobs: int = 1,
+) -> CompressedTrials:
     """Compress trials one by one; they may come from a stream that is larger than memory.
 
     Parameters
@@ -60,8 +66,8 @@ def compress(
         How a trial becomes rows.
     terms
         The library.
-    parts
-        Stretches of time into which a trial is cut.
+    segments
+        Segments of time into which a trial is cut.
     n_jobs
         Processes that share the work; 1 stays in this one.
 
@@ -73,7 +79,7 @@ def compress(
     found: dict[str, list[list[LeastSquaresProblem]]] = {}
     counts: dict[str, int] = {}
     extremes: dict[str, Floats] = {}
-    for trial, problems in _with_systems(trials, form, terms, parts, n_jobs):
+    for trial, problems in _with_problems(trials, form, terms, segments, n_jobs):
         groups = found.setdefault(trial.object, [])
         index = counts.get(trial.object, 0) % MOST_GROUPS
         if index < len(groups):
@@ -85,20 +91,20 @@ def compress(
         before = extremes.get(trial.object, ends)
         extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])
     refuse_constant_states(extremes, schema)
-    return Compressed(tuple(found), tuple(tuple(map(tuple, groups)) for groups in found.values()))
+    return CompressedTrials(tuple(found), tuple(tuple(map(tuple, groups)) for groups in found.values()))
 
 
-def _with_systems(
-    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, parts: int, n_jobs: int
+def _with_problems(
+    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, segments: int, n_jobs: int
 ) -> Iterator[tuple[Trial, list[LeastSquaresProblem]]]:
     if n_jobs == 1:
         for trial in trials:
-            yield trial, form.problems(trial, terms, parts)
+            yield trial, form.problems(trial, terms, segments)
         return
     from joblib import Parallel, delayed
 
     def work(trial: Trial) -> tuple[Trial, list[LeastSquaresProblem]]:
-        return trial, form.problems(trial, terms, parts)
+        return trial, form.problems(trial, terms, segments)
 
     yield from Parallel(n_jobs=n_jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.base import AbstractSampledForm, Piece
+from commonlaw.formulation.base import AbstractSampledForm, Segment
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
@@ -31,7 +31,7 @@ class DiscreteForm(AbstractSampledForm):
             raise CommonlawError(f"{trial.label}: one sample has no next one; leave the trial out")
         return 0, len(trial) - 1
 
-    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
+    def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
         steps = np.diff(trial.times)
         far = np.flatnonzero(np.abs(steps - np.median(steps)) > _UNEVEN * np.median(steps))
         if len(far):

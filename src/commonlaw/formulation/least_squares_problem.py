@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 
 _NARROW, _WIDE = 8, 16
-"""Columns that are reduced together, in systems of few and of many columns; blocks of rows are in cache, where narrow
+"""Columns that are reduced together, in problems of few and of many columns; blocks of rows are in cache, where narrow
 panels are three times faster."""
 
 _MANY_COLUMNS = 128
@@ -28,10 +28,10 @@ _SINGULAR = 1e-14
 class LeastSquaresProblem:
     """Regression rows ``[library | targets]`` compressed to their triangular factor.
 
-    Least squares on a System equals least squares on all of its rows to rounding, for every subset of the terms:
+    Least squares on a problem equals least squares on all of its rows to rounding, for every subset of the terms:
     the rows are ``Q @ factor`` with orthonormal ``Q``, so all inner products of columns are those of the factor
     (Golub and Van Loan, Matrix Computations, section 5.3). Householder reflections make its error small in every column
-    by itself, so that badly scaled libraries lose nothing. Systems of the same library merge with ``+``.
+    by itself, so that badly scaled libraries lose nothing. Problems of the same library merge with ``+``.
 
     Parameters
     ----------
@@ -90,13 +90,13 @@ class LeastSquaresProblem:
         return cls(factor, terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
-        """Return the system of both sets of rows."""
+        """Return the problem of both sets of rows."""
         return LeastSquaresProblem(
             _absorb(self.factor, other.factor, triangular=True), self.terms, self.rows + other.rows
         )
 
     def __sub__(self, part: "LeastSquaresProblem") -> "LeastSquaresProblem":
-        """Return the system of the rows that are not in `part`, which must be some of this system's rows.
+        """Return the problem of the rows that are not in `part`, which must be some of this problem's rows.
 
         With ``A = part R^-1`` for this factor R, the rest has the factor ``L' R`` where ``L L' = I - A'A``: digits are
         lost by what is taken away, not by the condition of the library.
@@ -128,11 +128,11 @@ class LeastSquaresProblem:
         return np.asarray(np.linalg.norm(self.factor[:, : self.terms], axis=0))
 
     def weighted(self, weight: float) -> "LeastSquaresProblem":
-        """Return the system in which each row counts `weight` times."""
+        """Return the problem in which each row counts `weight` times."""
         return LeastSquaresProblem(self.factor * np.sqrt(weight), self.terms, self.rows)
 
     def restrict(self, indices: Sequence[int]) -> "LeastSquaresProblem":
-        """Return the system of the terms at these places only."""
+        """Return the problem of the terms at these indices only."""
         kept = [*indices, *range(self.terms, len(self.factor))]
         return LeastSquaresProblem(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept]), len(indices), self.rows)
 
@@ -180,7 +180,7 @@ class LeastSquaresProblem:
         return np.asarray(np.sum(left**2, axis=0))
 
     def subtract(self, coefficients: Floats) -> "LeastSquaresProblem":
-        """Return the system whose targets are what these coefficients, shape (targets, terms), leave unexplained."""
+        """Return the problem whose targets are what these coefficients, shape (targets, terms), leave unexplained."""
         factor = self.factor.copy()
         factor[:, self.terms :] -= factor[:, : self.terms] @ coefficients.T
         return LeastSquaresProblem(factor, self.terms, self.rows)
@@ -192,12 +192,12 @@ class LeastSquaresProblem:
 
 
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
-    """Return the system of the rows of all of these, of which there is at least one."""
+    """Return the problem of the rows of all of these, of which there is at least one."""
     return reduce(add, problems)
 
 
 def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresProblem]:
-    """Return for each of several systems the merger of all others, with three mergers for each."""
+    """Return for each of several problems the merger of all others, with three mergers for each."""
     before = [None, *accumulate(problems[:-1], add)]
     after = [*reversed([None, *accumulate(reversed(problems[1:]), add)])]
     pairs = zip(before, after, strict=True)

@@ -9,12 +9,12 @@ import numpy as np
 
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.base import AbstractSampledForm, Piece
+from commonlaw.formulation.base import AbstractSampledForm, Segment
 from commonlaw.formulation.variables import law_variables
 from commonlaw.library import Variables
 from commonlaw.trials import Schema, Trial
 
-_PIECE = 8192
+_SEGMENT = 8192
 """Samples that are differentiated together: few enough to stay in cache."""
 
 
@@ -66,11 +66,11 @@ class StrongForm(AbstractSampledForm):
         """Return smoothed states and derivatives of one trial; errors name the trial."""
         return self._rates(trial, slice(None))
 
-    def _rates(self, trial: Trial, stretch: slice) -> Rates:
+    def _rates(self, trial: Trial, segment: slice) -> Rates:
         try:
-            return self.differentiation.differentiate(trial.times[stretch], trial.states[stretch], self.order)
+            return self.differentiation.differentiate(trial.times[segment], trial.states[segment], self.order)
         except CommonlawError as error:
-            if stretch != slice(None):
+            if segment != slice(None):
                 self.rates(trial)  # Its message counts the samples of the whole trial
             raise CommonlawError(f"{trial.label}: {error}") from None
 
@@ -83,12 +83,12 @@ class StrongForm(AbstractSampledForm):
             )
         return first, last
 
-    def pieces(self, trial: Trial, cuts: list[int]) -> Iterator[Piece]:
+    def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
         first, last = self.span(trial)
         reach = self.differentiation.reach(self.order)
-        local = reach is not None and len(trial) > _PIECE
-        edges = sorted({first, last, *cuts, *(range(first, last, _PIECE) if local else ())})
-        # Twice the reach, so that a stretch at an end of the trial is also long enough for a whole window
+        local = reach is not None and len(trial) > _SEGMENT
+        edges = sorted({first, last, *cuts, *(range(first, last, _SEGMENT) if local else ())})
+        # Twice the reach, so that a segment at an end of the trial is also long enough for a whole window
         halo = 2 * reach if local and reach is not None else len(trial)
         rates: Rates | None = None
         for start, stop in pairwise(edges):

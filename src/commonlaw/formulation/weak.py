@@ -1,4 +1,4 @@
-"""The weak form: integrals against bumps in place of derivatives."""
+"""The weak form: integrals against test functions in place of derivatives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, SmoothingSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
-from commonlaw.formulation.bumps import LEAST_RADIUS, Bumps, corner_radius
+from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.formulation.variables import law_variables
 from commonlaw.formulation.weak_rows import WeakRows
@@ -21,8 +21,8 @@ _EXACT = 1e-7
 """Noise below this share of a state's range is none: the state is taken as measured."""
 
 _LOUD, _NARROWEST = 1e-4, 3
-"""Share of a state's range from which on noise is worse than the errors of integration of bumps of this radius, by
-which the ends of a trial are used."""
+"""Share of a state's range from which on noise is worse than the errors of integration of test functions of this
+radius, by which the ends of a trial are used."""
 
 _FLOOR = 1e-9
 """Share of a state's range that its noise is at least taken for; errors of integration are about that."""
@@ -30,36 +30,37 @@ _FLOOR = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class WeakForm(AbstractFormulation):
-    """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, each tested against a smooth bump phi of compact support.
+    """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, each tested against a smooth test function phi of compact support.
 
     By parts, ``-int phi' x dt = sum_k c_k int phi theta_k dt``, and ``int phi'' x dt`` for a law of second order: no
-    derivative is estimated, and noise is averaged over the bump (Messenger and Bortz 2021, "Weak SINDy"). In laws of
-    second order terms that are a rate times a power of its state are integrated by parts too, exactly:
+    derivative is estimated, and noise is averaged over the test function (Messenger and Bortz 2021, "Weak SINDy"). In
+    laws of second order terms that are a rate times a power of its state are integrated by parts too, exactly:
     ``int phi x^m v dt = -int phi' x^(m+1) / (m+1) dt``. All others take the rates of the smoothed states.
 
-    The noise of rows is correlated and differs in size, as bumps overlap and terms amplify noise differently along the
-    trial. For given coefficients its covariance is known to first order, and rows are whitened with it, so that least
-    squares on them is generalised least squares (Bortz, Messenger and Dukic 2023); `reweighted` finds the
-    coefficients. With it bumps that are too narrow do no harm: rows weigh what they are worth, wide bumps are sums of
-    narrow ones, and the coefficients hardly depend on the radius. So one radius is enough. It is that of the corner of
-    the spectrum, see `corner_radius`. Toward the ends of a trial it shrinks, to 14 samples if there is hardly any noise
-    and else to 3: the error of integration stays below the noise, and the ends, which tell most about a curvature, are
-    used. What first order leaves out, noise in the library rows themselves, is felt from some 5 % of noise on: there
-    rows of equal weight can be as good for a law whose terms are known.
+    The noise of rows is correlated and differs in size, as test functions overlap and terms amplify noise differently
+    along the trial. For given coefficients its covariance is known to first order, and rows are whitened with it, so
+    that least squares on them is generalised least squares (Bortz, Messenger and Dukic 2023); `reweight` finds the
+    coefficients. With it test functions that are too narrow do no harm: rows weigh what they are worth, wide test
+    functions are sums of narrow ones, and the coefficients hardly depend on the radius. So one radius is enough. It is
+    that of the corner of the spectrum, see `corner_radius`. Toward the ends of a trial it shrinks, to 14 samples if
+    there is hardly any noise and else to 3: the error of integration stays below the noise, and the ends, which tell
+    most about a curvature, are used. What first order leaves out, noise in the library rows themselves, is felt from
+    some 5 % of noise on: there rows of equal weight can be as good for a law whose terms are known.
 
     Parameters
     ----------
     order
         Order of the law: 1 or 2.
     radii
-        Radii of bumps in samples; bumps of all of them are used. None chooses one for each trial.
+        Radii of test functions in samples; test functions of all of them are used. None chooses one for each trial.
     noise
         Standard deviations of the noise on each state, if they are known. None estimates them from each trial.
     differentiation
         How states are smoothed before terms are evaluated on them, which keeps noise from bending nonlinear terms, and
         where rates of a law of second order come from if not by parts. None takes a cross-validated `SmoothingSpline`,
         and where there is no noise the states as measured with rates of `FiniteDifference` of accuracy 8. A smoother
-        should follow what is slower than the bumps: then the covariance, which knows nothing of it, stays right.
+        should follow what is slower than the test functions: then the covariance, which knows nothing of it, stays
+        right.
     coefficients
         By object, coefficients of which the covariance is taken, shape (equations, terms). None leaves rows unweighted.
     equation
@@ -93,15 +94,15 @@ class WeakForm(AbstractFormulation):
             return tested.library, tested.targets
         return tested.whitened(self._known(trial, tested), self._equations(trial))
 
-    def problems(self, trial: Trial, terms: Terms, parts: int = 1) -> list[LeastSquaresProblem]:
+    def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
         library, targets = self.rows(trial, terms)
-        if len(library) < parts:
+        if len(library) < segments:
             raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples make {len(library)} rows, too few for {parts} parts; "
+                f"{trial.label}: {len(trial)} samples make {len(library)} rows, too few for {segments} segments; "
                 "give smaller radii or a longer trial"
             )
-        stretches = zip(np.array_split(library, parts), np.array_split(targets, parts), strict=True)
-        return [LeastSquaresProblem.of(*each) for each in stretches]
+        cut = zip(np.array_split(library, segments), np.array_split(targets, segments), strict=True)
+        return [LeastSquaresProblem.of(*rows) for rows in cut]
 
     def tested(self, trial: Trial, terms: Terms) -> WeakRows:
         """Return the rows of a trial as they are, before they are whitened, with what makes their covariance.
@@ -112,12 +113,12 @@ class WeakForm(AbstractFormulation):
             If the trial is too short or a term is not finite on it; the message names the trial and the sample.
         """
         noise = self._noise(trial)
-        bumps = self._bumps(trial, noise)
+        test_functions = self._test_functions(trial, noise)
         states, rates = self._smoothed(trial, noise)
         columns = [states, *rates, trial.inputs, trial.times[:, np.newaxis]]
         values = np.concatenate(columns, axis=1)
         terms.check_finite(terms.evaluate(values), values, trial.label)
-        return WeakRows.of(bumps, trial, terms, values, noise, self.order)
+        return WeakRows.of(test_functions, trial, terms, values, noise, self.order)
 
     def _noise(self, trial: Trial) -> Floats:
         """Return the standard deviation of the noise on each state, shape (states,)."""
@@ -128,25 +129,28 @@ class WeakForm(AbstractFormulation):
         least = 2 * LEAST_RADIUS + 1
         if len(trial) < least:
             raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples are fewer than the {least} of a bump; leave the trial out, or "
-                "take the strong form"
+                f"{trial.label}: {len(trial)} samples are fewer than the {least} of a test function; leave the trial "
+                "out, or take the strong form"
             )
         noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
         return np.asarray(np.maximum(noise, _FLOOR * np.ptp(trial.states, axis=0)))
 
     def _narrowest(self, trial: Trial, noise: Floats) -> float:
-        """Return the radius of the bumps at the ends of a trial, in samples."""
+        """Return the radius of the test functions at the ends of a trial, in samples."""
         return _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else LEAST_RADIUS
 
-    def _bumps(self, trial: Trial, noise: Floats) -> Bumps:
+    def _test_functions(self, trial: Trial, noise: Floats) -> CompactTestFunctions:
         radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
-        bumps = reduce(Bumps.joined, [Bumps.over(trial.times, each, self._narrowest(trial, noise)) for each in radii])
-        if not len(bumps.centres):
+        narrowest = self._narrowest(trial, noise)
+        test_functions = reduce(
+            CompactTestFunctions.joined, [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
+        )
+        if not len(test_functions.centres):
             raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples leave gaps in every bump of a radius of "
+                f"{trial.label}: {len(trial)} samples leave gaps in every test function of a radius of "
                 f"{', '.join(f'{each:g}' for each in radii)} mean steps; give larger radii"
             )
-        return bumps
+        return test_functions
 
     def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
         """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
@@ -175,6 +179,6 @@ class WeakForm(AbstractFormulation):
             what = "none" if known is None else f"coefficients of shape {known.shape}"
             raise CommonlawError(
                 f"{trial.label}: the rows are to be whitened with coefficients of shape {wanted}, but there are {what} "
-                f"of {trial.object}; find them with `reweighted`"
+                f"of {trial.object}; find them with `reweight`"
             )
         return known

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.formulation.bumps import Bumps
+from commonlaw.formulation.compact_test_functions import CompactTestFunctions
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.library import AbstractTerm, Monomial, Terms
 from commonlaw.trials import Trial
@@ -28,7 +28,7 @@ class WeakRows:
     Parameters
     ----------
     library
-        The terms tested against the bumps, shape (k, terms).
+        The terms tested against the test functions, shape (k, terms).
     targets
         The highest derivatives tested against them, by parts, shape (k, states).
     noise
@@ -36,9 +36,9 @@ class WeakRows:
     of_targets
         Weights of the samples in the targets, shape (k, n).
     slopes
-        How terms depend on the samples: for the bump itself, and for its derivative where terms are integrated by
-        parts, weights of shape (k, n), and what they weigh, derivatives of the terms by the states at the samples, of
-        shape (n, terms, states).
+        How terms depend on the samples: for the test function itself, and for its derivative where terms are integrated
+        by parts, weights of shape (k, n), and what they weigh, derivatives of the terms by the states at the samples,
+        of shape (n, terms, states).
     """
 
     library: Floats
@@ -48,12 +48,14 @@ class WeakRows:
     slopes: tuple[tuple["csr_array", Floats], ...]
 
     @classmethod
-    def of(cls, bumps: Bumps, trial: Trial, terms: Terms, values: Floats, noise: Floats, order: int) -> "WeakRows":
+    def of(
+        cls, test_functions: CompactTestFunctions, trial: Trial, terms: Terms, values: Floats, noise: Floats, order: int
+    ) -> "WeakRows":
         """Return the rows of a trial in a law of order 1 or 2.
 
         Parameters
         ----------
-        bumps
+        test_functions
             What the law is tested against.
         trial
             Its states make the targets.
@@ -67,7 +69,7 @@ class WeakRows:
             Of the law.
         """
         size = trial.states.shape[1]
-        weights = bumps.weights(trial.times, order)
+        weights = test_functions.weights(trial.times, order)
         target = (-1) ** order * weights[order]
         primitives = [antiderivative(term, size) if order == 2 else None for term in terms.terms]
         by_parts = [i for i, each in enumerate(primitives) if each is not None]
@@ -82,7 +84,8 @@ class WeakRows:
         slopes[:, by_parts] = 0
         pairs = [(weights[0], slopes[:, :, :size])]
         if order == 2:
-            # Noise on a rate is the derivative of that on its state; by parts it goes to the bump and to the slope
+            # Noise on a rate is the derivative of that on its state; by parts it goes to the test function and to the
+            # slope
             of_rates = slopes[:, :, size : 2 * size]
             bent = np.gradient(of_rates, trial.times, axis=0)
             pairs = [(weights[0], slopes[:, :, :size] - bent), (weights[1], parted - of_rates)]

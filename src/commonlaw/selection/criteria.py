@@ -14,7 +14,7 @@ from commonlaw.array_types import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class FitStatistics:
     """What criteria are computed from.
 
     Parameters
@@ -43,38 +43,38 @@ class Evidence:
         return float(self.rows @ np.log(self.variances))
 
 
-def aic(evidence: Evidence) -> float:
+def aic(fit: FitStatistics) -> float:
     """Return ``deviance + 2 sum_o k_o`` (Akaike 1974, "A new look at the statistical model identification")."""
-    return evidence.deviance + 2 * float(evidence.terms.sum())
+    return fit.deviance + 2 * float(fit.terms.sum())
 
 
-def aicc(evidence: Evidence) -> float:
+def aicc(fit: FitStatistics) -> float:
     """Return ``deviance + sum_o 2 (k_o + 1) n_o / (n_o - k_o - 2)``, infinite where there are too few rows.
 
     Hurvich and Tsai (1989), "Regression and time series model selection in small samples"; the variance is counted.
     """
-    left = evidence.rows - evidence.terms - 2
+    left = fit.rows - fit.terms - 2
     if np.any(left <= 0):
         return np.inf
-    return evidence.deviance + float(np.sum(2 * (evidence.terms + 1) * evidence.rows / left))
+    return fit.deviance + float(np.sum(2 * (fit.terms + 1) * fit.rows / left))
 
 
-def bic(evidence: Evidence) -> float:
+def bic(fit: FitStatistics) -> float:
     """Return ``deviance + sum_o k_o log n_o`` (Schwarz 1978, "Estimating the dimension of a model")."""
-    return evidence.deviance + float(evidence.terms @ np.log(evidence.rows))
+    return fit.deviance + float(fit.terms @ np.log(fit.rows))
 
 
-def ebic(evidence: Evidence) -> float:
+def ebic(fit: FitStatistics) -> float:
     """Return the BIC plus ``2 log`` of the number of ways to choose so many terms from the library.
 
     Chen and Chen (2008), "Extended Bayesian information criteria for model selection with large model spaces", with
     their gamma of one. A support that objects share is chosen once.
     """
-    choices = evidence.terms[:1] if evidence.shared else evidence.terms
-    return bic(evidence) + 2 * sum(_log_binomial(evidence.library, int(terms)) for terms in choices)
+    choices = fit.terms[:1] if fit.shared else fit.terms
+    return bic(fit) + 2 * sum(_log_binomial(fit.library, int(terms)) for terms in choices)
 
 
-CRITERIA: Mapping[str, Callable[[Evidence], float]] = {"aic": aic, "aicc": aicc, "bic": bic, "ebic": ebic}
+CRITERIA: Mapping[str, Callable[[FitStatistics], float]] = {"aic": aic, "aicc": aicc, "bic": bic, "ebic": ebic}
 
 
 def _log_binomial(n: int, k: int) -> float:

@@ -1,4 +1,4 @@
-"""Errors on data that were held out."""
+"""Cross-validation: errors on data that were held out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.selection.folds import Fold
-from commonlaw.selection.misfit import misfit, size
+from commonlaw.selection.sums_of_squares import rss, tss
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class CrossValidationScore:
     """A candidate's errors on the folds.
 
     Parameters
@@ -25,6 +25,11 @@ class HeldOut:
     errors: Floats
     shares: Floats
 
+    @classmethod
+    def of(cls, folds: Sequence[Fold], errors: Sequence[float]) -> "CrossValidationScore":
+        """Return the score of an error on each fold."""
+        return cls(np.array(errors), np.array([fold.share for fold in folds]))
+
     @property
     def mean(self) -> float:
         """The mean over folds, in which objects count equally."""
@@ -35,7 +40,7 @@ class HeldOut:
         """Standard error of the mean; NaN if an error is infinite."""
         return self._error_of(self.errors)
 
-    def excess(self, best: "HeldOut") -> tuple[float, float]:
+    def excess(self, best: "CrossValidationScore") -> tuple[float, float]:
         """Return by how much the mean is above another candidate's, and the standard error of that difference.
 
         Folds differ far more from each other than two candidates on one fold; the difference is taken fold by fold.
@@ -53,8 +58,8 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class RateError:
-    """Scores a support on the rates of held-out data: the mean squared residual after a fit to the rest.
+class ResidualError:
+    """Scores a support on the residuals of held-out data: their mean square after a fit to the rest.
 
     Each object's is divided by the mean square of its target, so that objects count equally.
 
@@ -69,17 +74,12 @@ class RateError:
     folds: Sequence[Fold]
     target: int
 
-    def __call__(self, support: Bools) -> HeldOut:
+    def __call__(self, support: Bools) -> CrossValidationScore:
         """Return the errors of a support, shape (objects, terms)."""
-        return held_out(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
+        return CrossValidationScore.of(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
 
     def _error(self, fold: Fold, support: Bools) -> float:
         coefficients = fold.rest.least_squares(support, self.target)
-        whole = size(fold.held, self.target) + size(fold.rest, self.target)
+        whole = tss(fold.held, self.target) + tss(fold.rest, self.target)
         scale = whole / (fold.held.rows + fold.rest.rows)
-        return misfit(fold.held, self.target, coefficients) / fold.held.rows / (scale or 1.0)
-
-
-def held_out(folds: Sequence[Fold], errors: Sequence[float]) -> HeldOut:
-    """Return errors on folds with the folds' shares."""
-    return HeldOut(np.array(errors), np.array([fold.share for fold in folds]))
+        return rss(fold.held, self.target, coefficients) / fold.held.rows / (scale or 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.selection.cross_validation import HeldOut, held_out
+from commonlaw.selection.cross_validation import CrossValidationScore
 from commonlaw.selection.folds import Fold
 from commonlaw.trials import Trials
 
@@ -23,7 +23,7 @@ class ForecastError:
     Parameters
     ----------
     folds
-        From `make_folds`, of systems whose known terms were moved to the left-hand side.
+        From `make_folds`, of problems whose known terms were moved to the left-hand side.
     target
         The equation whose support is scored.
     law
@@ -36,7 +36,7 @@ class ForecastError:
     Raises
     ------
     CommonlawError
-        If an object has a single trial: blocks of it cannot be forecast by themselves.
+        If an object has a single trial: segments of it cannot be forecast by themselves.
     """
 
     folds: Sequence[Fold]
@@ -50,12 +50,12 @@ class ForecastError:
             if not fold.trials:
                 raise CommonlawError(
                     f"{self.law.objects[fold.object]} has a single trial, so none can be held out and forecast: "
-                    "score on rates, or measure another trial"
+                    "score on residuals, or measure another trial"
                 )
 
-    def __call__(self, support: Bools) -> HeldOut:
+    def __call__(self, support: Bools) -> CrossValidationScore:
         """Return the errors of a support, shape (objects, terms)."""
-        return held_out(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
+        return CrossValidationScore.of(self.folds, [self._error(fold, support[fold.object]) for fold in self.folds])
 
     def _error(self, fold: Fold, support: Bools) -> float:
         name = self.law.objects[fold.object]

@@ -1,4 +1,4 @@
-"""From compressed trials to the choice of every equation."""
+"""From compressed trials to the selection of every equation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,21 +9,21 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import (
     AbstractFormulation,
-    Compressed,
+    CompressedTrials,
     LeastSquaresProblem,
     StrongForm,
-    independent_share,
-    resolution,
+    differentiation_bias,
+    effective_share,
 )
 from commonlaw.library import Terms
-from commonlaw.selection.choice import Choice, choose
-from commonlaw.selection.cross_validation import HeldOut
+from commonlaw.selection.cross_validation import CrossValidationScore
+from commonlaw.selection.rules import Selection, choose
 from commonlaw.selection.stability import stability
 from commonlaw.solvers import AbstractSolver, Candidate
 from commonlaw.trials import Trial
 
-BLOCKS = 4
-"""Stretches of time into which a trial is cut, so that single trials can be held out in part and resampled."""
+SEGMENTS = 4
+"""Segments of time into which a trial is cut, so that single trials can be held out in part and resampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +48,19 @@ class Accuracy:
         """Return the number of independent rows of each object that has so many rows."""
         if not isinstance(self.form, StrongForm):
             return np.array(counts, dtype=np.float64)
-        shares = [np.mean([independent_share(self.form, trial) for trial in trials]) for trials in self.samples]
+        shares = [np.mean([effective_share(self.form, trial) for trial in trials]) for trials in self.samples]
         return np.array(counts) * np.array(shares)
 
-    def blur(self, target: int, coefficients: Floats) -> Floats:
-        """Return the mean squared error that the rates of an equation have without noise, shape (objects,)."""
+    def differentiation_bias(self, target: int, coefficients: Floats) -> Floats:
+        """Return the mean squared error that the derivatives of an equation have without noise, shape (objects,)."""
         if not isinstance(self.form, StrongForm):
             return np.zeros(len(self.samples))
         pairs = zip(self.samples, coefficients, strict=True)
-        return np.array([resolution(self.form, self.terms, trials, target, own) for trials, own in pairs])
+        return np.array([differentiation_bias(self.form, self.terms, trials, target, own) for trials, own in pairs])
 
 
 def select(
-    data: Compressed,
+    data: CompressedTrials,
     known: Floats,
     solvers: Sequence[AbstractSolver],
     accuracy: Accuracy,
@@ -68,14 +68,14 @@ def select(
     rule: str = "one-standard-error",
     n_resamples: int = 0,
     seed: int = 0,
-    scores: Sequence[Callable[[Bools], HeldOut]] | None = None,
-) -> tuple[Choice, ...]:
-    """Return the choice of every equation among the candidates on the paths of some solvers.
+    scores: Sequence[Callable[[Bools], CrossValidationScore]] | None = None,
+) -> tuple[Selection, ...]:
+    """Return the selection of every equation among the candidates on the paths of some solvers.
 
     Parameters
     ----------
     data
-        The systems of each object's trials, in blocks.
+        The problems of each object's trials, in segments.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms). They are moved
         to the left-hand side, and count neither for nor against a candidate.
@@ -90,18 +90,18 @@ def select(
     seed
         Of the resamples.
     scores
-        For each equation from a support to its errors on held-out data; default: errors of rates.
+        For each equation from a support to its errors on held-out data; default: residuals.
     """
     given, free = np.nan_to_num(known), np.isnan(known[0])
     rest = data.subtract(given)
     rows = accuracy.rows([problem.rows for problem in rest.problems])
 
-    def choice(target: int) -> Choice:
+    def selection(target: int) -> Selection:
         def path(problems: Sequence[LeastSquaresProblem]) -> Sequence[Candidate]:
             return solvers[0].path(problems, target, free[target])
 
-        def blur(own: Floats) -> Floats:
-            return accuracy.blur(target, own + given[:, target])
+        def bias(own: Floats) -> Floats:
+            return accuracy.differentiation_bias(target, own + given[:, target])
 
         listed = list(chain.from_iterable(solver.path(rest.problems, target, free[target]) for solver in solvers))
         return choose(
@@ -111,9 +111,9 @@ def select(
             free[target],
             rule=rule,
             rows=rows,
-            resolution=blur,
+            differentiation_bias=bias,
             score=None if scores is None else scores[target],
             stability=stability(rest.groups, path, n_resamples, seed) if n_resamples else None,
         )
 
-    return tuple(choice(target) for target in range(len(free)))
+    return tuple(selection(target) for target in range(len(free)))

@@ -8,11 +8,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, merge
-from commonlaw.selection.folds import Parts
+from commonlaw.selection.folds import ProblemGroups
 from commonlaw.solvers import Candidate
 
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
-"""From one system for each object to candidates, from the most terms to the fewest."""
+"""From one problem for each object to candidates, from the most terms to the fewest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,9 @@ class Stability:
         return float(self.frequencies(int(support.sum()))[support].min(initial=1.0))
 
 
-def stability(parts: Parts, path: Path, n_resamples: int = 100, seed: int | np.random.Generator = 0) -> Stability:
+def stability(
+    groups: ProblemGroups, path: Path, n_resamples: int = 100, seed: int | np.random.Generator = 0
+) -> Stability:
     """Return what a solver finds on resamples of the blocks of each object's trials.
 
     Stability selection (Meinshausen and Bühlmann 2010, "Stability selection") with the block bootstrap in place of
@@ -48,11 +50,11 @@ def stability(parts: Parts, path: Path, n_resamples: int = 100, seed: int | np.r
 
     Parameters
     ----------
-    parts
-        Systems of blocks; more and shorter blocks make better resamples, as long as a block is much longer than a
-        smoothing window.
+    groups
+        The problems of blocks, the segments of trials; more and shorter blocks make better resamples, as long as a
+        block is much longer than a smoothing window.
     path
-        The solver's path, or a single candidate at a fixed setting.
+        The solver's path, or a single candidate at a fixed hyperparameter.
     n_resamples
         How many.
     seed
@@ -63,16 +65,16 @@ def stability(parts: Parts, path: Path, n_resamples: int = 100, seed: int | np.r
     CommonlawError
         If an object has a single block, so that there is nothing to draw.
     """
-    blocks = [[block for trial in trials for block in trial] for trials in parts]
+    blocks = [[block for trial in trials for block in trial] for trials in groups]
     if min(map(len, blocks)) < 2:
-        raise CommonlawError("an object has one trial in one block: cut it into more blocks to draw from")
+        raise CommonlawError("an object has one trial in one segment: cut it into more segments to draw from")
     generator = np.random.default_rng(seed)
     drawn = ([_draw(own, generator) for own in blocks] for _ in range(n_resamples))
     return Stability(tuple(tuple(each.support for each in path(problems)) for problems in drawn))
 
 
 def _draw(blocks: Sequence[LeastSquaresProblem], generator: np.random.Generator) -> LeastSquaresProblem:
-    """Return the system of as many blocks as there are, drawn with replacement."""
+    """Return the problem of as many blocks as there are, drawn with replacement."""
     counts = np.bincount(generator.integers(len(blocks), size=len(blocks)), minlength=len(blocks))
     return merge(block.weighted(count) for block, count in zip(blocks, counts, strict=True) if count)
 

@@ -10,7 +10,9 @@ from commonlaw.library import Terms
 from commonlaw.trials import Trial
 
 
-def resolution(form: StrongForm, terms: Terms, trials: Sequence[Trial], target: int, coefficients: Floats) -> float:
+def differentiation_bias(
+    form: StrongForm, terms: Terms, trials: Sequence[Trial], target: int, coefficients: Floats
+) -> float:
     """Return the mean squared error that the differentiator itself makes in the targets of one equation.
 
     Steps that are too long and windows that are too wide leave an error in the rates that is a function of the state,
@@ -31,6 +33,11 @@ def resolution(form: StrongForm, terms: Terms, trials: Sequence[Trial], target: 
     coefficients
         The object's coefficients, of an equation that follows the rates but not their noise: the one with the least
         error on held-out data. Shape (terms,).
+
+    Raises
+    ------
+    CommonlawError
+        If a trial cannot be differentiated; the message names it.
     """
     gaps = [_round_trip(form, terms, trial, target, coefficients) for trial in trials]
     return float(np.mean(np.concatenate(gaps) ** 2))

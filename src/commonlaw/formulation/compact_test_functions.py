@@ -1,4 +1,4 @@
-"""Smooth bumps of compact support, and their integrals against sampled functions."""
+"""Smooth test functions of compact support, and their integrals against sampled functions."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 
 
 LEAST_RADIUS = 14
-"""In samples. The trapezoidal rule errs by the transform of a bump's derivative at the sampling rate, which is below
-1e-9 from here on."""
+"""In samples. The trapezoidal rule errs by the transform of a test function's derivative at the sampling rate, which is
+below 1e-9 from here on."""
 
 _POWER = 16
 _WIDTH = sqrt(2 * _POWER + 3)
-"""Radii in a bump's standard deviation."""
+"""Radii in a test function's standard deviation."""
 
 _UNEVEN = 1e-6
 """Share of the step by which the times of a regular grid may be off."""
 
 _GAP = 0.5
-"""Share of a bump's radius that a step inside it may take."""
+"""Share of a test function's radius that a step inside it may take."""
 
 _NEAR, _DEGREE = 16, 9
 """Samples nearest to a step of an irregular grid, and the degree of the polynomial that is fitted to them there."""
@@ -34,11 +34,12 @@ _NODES = 8
 
 
 _SHARE = 4
-"""The largest radius that is chosen is a trial's length divided by this, which leaves several bumps side by side."""
+"""The largest radius that is chosen is a trial's length divided by this, which leaves several test functions side by
+side."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bumps:
+class CompactTestFunctions:
     """Functions ``(1 - s^2)^16`` with ``s = (t - centre) / radius``, zero outside ``|s| < 1``, in order of centres.
 
     A power this high is a normal curve but for its tails (standard deviation radius / 5.9) and has fifteen continuous
@@ -55,13 +56,13 @@ class Bumps:
     radii: Floats
 
     @classmethod
-    def over(cls, times: Floats, radius: float, narrowest: float) -> "Bumps":
-        """Return bumps of a radius, in mean steps, all over a trial.
+    def over(cls, times: Floats, radius: float, narrowest: float) -> "CompactTestFunctions":
+        """Return test functions of a radius, in mean steps, all over a trial.
 
-        Toward the ends radii shrink, so that little of the trial is lost. Centres are a bump's standard deviation
-        apart, and at least a step: sums of bumps are then every function that is slow enough for them (their transforms
-        at the band's edge are still a hundredth of the largest), wider bumps included, and closer ones add no more.
-        Bumps over a gap are left out.
+        Toward the ends radii shrink, so that little of the trial is lost. Centres are a test function's standard
+        deviation apart, and at least a step: sums of test functions are then every function that is slow enough for
+        them (their transforms at the band's edge are still a hundredth of the largest), wider test functions included,
+        and closer ones add no more. Those over a gap are left out.
 
         Parameters
         ----------
@@ -83,29 +84,29 @@ class Bumps:
         step = (times[-1] - times[0]) / last
         return cls(times[0] + step * centres, step * radii)._without_gaps(times)
 
-    def joined(self, other: "Bumps") -> "Bumps":
-        """Return the bumps of both."""
+    def joined(self, other: "CompactTestFunctions") -> "CompactTestFunctions":
+        """Return the test functions of both."""
         centres, radii = np.append(self.centres, other.centres), np.append(self.radii, other.radii)
         order = np.argsort(centres, kind="stable")
-        return Bumps(centres[order], radii[order])
+        return CompactTestFunctions(centres[order], radii[order])
 
     def weights(self, times: Floats, highest: int) -> "list[csr_array]":
-        """Return the weights that turn a function's samples into its integrals against the bumps and their derivatives.
+        """Return the weights that turn a function's samples into its integrals against test functions and derivatives.
 
         They are of shape (k, n) each.
 
         On a regular grid they are the trapezoidal rule, whose error falls faster than any power of the step here, if
-        the bump is not too narrow for it. Otherwise a polynomial of degree 9 is put through the 10 samples nearest to
-        each step, and its product with the bump integrated by Gauss quadrature; on irregular grids it is fitted to the
-        16 nearest. At 100 samples for each oscillation that errs by less than 1e-8, and at random times it keeps noise
-        small, which polynomials through the samples themselves make ten times larger.
+        the test function is not too narrow for it. Otherwise a polynomial of degree 9 is put through the 10 samples
+        nearest to each step, and its product with the test function integrated by Gauss quadrature; on irregular grids
+        it is fitted to the 16 nearest. At 100 samples for each oscillation that errs by less than 1e-8, and at random
+        times it keeps noise small, which polynomials through the samples themselves make ten times larger.
 
         Parameters
         ----------
         times
             Of the samples, shape (n,).
         highest
-            Derivative of the bumps: 0, 1 or 2.
+            Derivative of the test functions: 0, 1 or 2.
         """
         from scipy.sparse import vstack
 
@@ -125,11 +126,11 @@ class Bumps:
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
         return [vstack(pair, format="csr")[indices] for pair in zip(summed, fitted, strict=True)]
 
-    def _take(self, chosen: Bools) -> "Bumps":
-        return Bumps(self.centres[chosen], self.radii[chosen])
+    def _take(self, chosen: Bools) -> "CompactTestFunctions":
+        return CompactTestFunctions(self.centres[chosen], self.radii[chosen])
 
-    def _without_gaps(self, times: Floats) -> "Bumps":
-        """Return the bumps whose samples leave no gap."""
+    def _without_gaps(self, times: Floats) -> "CompactTestFunctions":
+        """Return the test functions whose samples leave no gap."""
         steps = np.diff(times)
         first = np.maximum(np.searchsorted(times, self.centres - self.radii, side="right") - 1, 0)
         last = np.minimum(np.searchsorted(times, self.centres + self.radii), len(steps))
@@ -137,26 +138,26 @@ class Bumps:
         return self._take(widest <= _GAP * self.radii)
 
     def _values(self, points: Floats, factors: Floats, derivative: int) -> "csr_array":
-        """Return a derivative of the bumps at increasing points, times a factor for each, shape (k, points)."""
+        """Return a derivative of the functions at increasing points, times a factor for each, shape (k, points)."""
         from scipy.sparse import csr_array
 
         first = np.searchsorted(points, self.centres - self.radii, side="right")
         counts = np.searchsorted(points, self.centres + self.radii) - first
         starts = np.append(0, np.cumsum(counts))
-        bump = np.repeat(np.arange(len(counts)), counts)
+        function = np.repeat(np.arange(len(counts)), counts)
         index = np.arange(starts[-1]) + np.repeat(first - starts[:-1], counts)
-        s = (points[index] - self.centres[bump]) / self.radii[bump]
-        values = _bump(s, derivative) / self.radii[bump] ** derivative * factors[index]
+        s = (points[index] - self.centres[function]) / self.radii[function]
+        values = _derivative(s, derivative) / self.radii[function] ** derivative * factors[index]
         return csr_array((values, index, starts), shape=(len(counts), len(points)))
 
 
 def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
-    """Return the radius in samples of bumps that see what is slower than the corner of the states' spectrum.
+    """Return the radius in samples of test functions that see what is slower than the corner of the states' spectrum.
 
     Beyond the corner data hold nothing but noise (the corner point of Messenger and Bortz 2021, section 4.2). Here it
     is the number K of sine modes that estimate the state with the least error by Mallows' Cp: what K modes leave, plus
     ``2 K noise^2``, is least. Modes are those of the state less the straight line through its ends, which decay fast
-    for every smooth state. Of several states the fastest counts. A bump's transform is nearly the normal curve
+    for every smooth state. Of several states the fastest counts. A test function's transform is nearly the normal curve
     ``exp(-(omega radius / 5.9)^2 / 2)``; the radius puts the corner at two standard deviations, where it is 0.14, so
     that the band is covered and little beyond it.
 
@@ -186,7 +187,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
     return float(np.clip(radius, LEAST_RADIUS, max(LEAST_RADIUS, last / _SHARE)))
 
 
-def _bump(s: Floats, derivative: int) -> Floats:
+def _derivative(s: Floats, derivative: int) -> Floats:
     inside, p = 1 - s**2, _POWER
     if derivative == 0:
         return np.asarray(inside**p)

@@ -1,4 +1,4 @@
-"""Sums of squares of one equation, from systems."""
+"""Sums of squares of one equation, from problems."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ ROUNDING = 1e-20
 """Share of a target's sum of squares below which a residual is rounding: ten digits of the target agree."""
 
 
-def misfit(problem: LeastSquaresProblem, target: int, coefficients: Floats) -> float:
+def rss(problem: LeastSquaresProblem, target: int, coefficients: Floats) -> float:
     """Return the sum of squared residuals of one equation for coefficients of shape (terms,)."""
     left = problem.factor[:, : problem.terms] @ coefficients - problem.factor[:, problem.terms + target]
     return float(left @ left)
 
 
-def size(problem: LeastSquaresProblem, target: int) -> float:
+def tss(problem: LeastSquaresProblem, target: int) -> float:
     """Return the sum of squares of one target."""
-    return misfit(problem, target, np.zeros(problem.terms))
+    return rss(problem, target, np.zeros(problem.terms))

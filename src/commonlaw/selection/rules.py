@@ -1,4 +1,4 @@
-"""The choice of one equation among candidates, and why."""
+"""The rules by which one equation is selected among candidates, and why."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import LeastSquaresProblem, merge
-from commonlaw.selection.criteria import CRITERIA, Evidence
-from commonlaw.selection.cross_validation import HeldOut, RateError
-from commonlaw.selection.folds import Parts, make_folds
-from commonlaw.selection.misfit import ROUNDING, misfit, size
+from commonlaw.selection.criteria import CRITERIA, FitStatistics
+from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError
+from commonlaw.selection.folds import ProblemGroups, make_folds
 from commonlaw.selection.stability import Stability
+from commonlaw.selection.sums_of_squares import ROUNDING, rss, tss
 from commonlaw.solvers import Candidate
 
 _LABELS = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "ebic": "EBIC"}
@@ -22,7 +22,7 @@ RULES = ("one-standard-error", "held-out", *CRITERIA)
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoredCandidate:
     """A candidate and what speaks for it.
 
     Parameters
@@ -36,12 +36,12 @@ class Scored:
     stability
         How often the least certain of its terms is chosen again on resampled data; NaN if that was not asked for.
     settings
-        The settings at which it comes along the solver's path, ascending.
+        The hyperparameters at which it comes along the solver's path, ascending.
     """
 
     candidate: Candidate
     criteria: Mapping[str, float]
-    held_out: HeldOut
+    held_out: CrossValidationScore
     stability: float
     settings: tuple[float, ...] = ()
 
@@ -62,7 +62,7 @@ class Scored:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class Selection:
     """The candidates of one equation, and which of them was chosen by which rule.
 
     Parameters
@@ -70,14 +70,14 @@ class Choice:
     table
         The candidates, from the fewest coefficients to the most; those of as many by their held-out error.
     index
-        The place of the chosen one.
+        The index of the chosen one.
     rule
         The name of the rule.
     reason
         Why it was chosen, in a sentence.
     """
 
-    table: tuple[Scored, ...]
+    table: tuple[ScoredCandidate, ...]
     index: int
     rule: str
     reason: str
@@ -90,25 +90,25 @@ class Choice:
 
 def choose(
     candidates: Sequence[Candidate],
-    parts: Parts,
+    groups: ProblemGroups,
     target: int,
     allowed: Bools,
     *,
     rule: str = "one-standard-error",
     rows: Floats | None = None,
-    resolution: Callable[[Floats], Floats] | None = None,
+    differentiation_bias: Callable[[Floats], Floats] | None = None,
     folds: int = 10,
-    score: Callable[[Bools], HeldOut] | None = None,
+    score: Callable[[Bools], CrossValidationScore] | None = None,
     stability: Stability | None = None,
-) -> Choice:
-    """Return the choice of one equation among candidates; candidates of the same support are listed once.
+) -> Selection:
+    """Return the selection of one equation among candidates; candidates of the same support are listed once.
 
     Parameters
     ----------
     candidates
         From one or several solvers' paths; hyperparameters that cannot be compared are NaN.
-    parts
-        The systems of each object's trials and of their blocks in time.
+    groups
+        The problems of each object's trials and of their segments in time.
     target
         The equation.
     allowed
@@ -120,16 +120,16 @@ def choose(
         ``"held-out"``: the same without the standard error. ``"aic"``, ``"aicc"``, ``"bic"``, ``"ebic"``: the
         smallest criterion.
     rows
-        Effective number of rows of each object, shape (objects,), see `effective_rows`; default: all of them.
-    resolution
+        Effective number of rows of each object, shape (objects,), see `effective_share`; default: all of them.
+    differentiation_bias
         From the coefficients of the equation with the least held-out error, shape (objects, terms), to the mean squared
-        error that the differentiator makes in each object's target, shape (objects,), see `formulation.resolution`. A
-        fit that is better by less than that may explain the differentiator and not the object, and does not count.
-        Default: rounding only, a relative error of 1e-10.
+        error that the differentiator makes in each object's target, shape (objects,), see
+        `formulation.differentiation_bias`. A fit that is better by less than that may explain the differentiator and
+        not the object, and does not count. Default: rounding only, a relative error of 1e-10.
     folds
         How many folds an object's trials make at most, see `make_folds`.
     score
-        From a support to its errors on held-out data, such as a `ForecastError`; default: a `RateError`.
+        From a support to its errors on held-out data, such as a `ForecastError`; default: a `ResidualError`.
     stability
         What the solver finds on resampled data.
 
@@ -143,20 +143,20 @@ def choose(
         raise unknown("rule", rule, RULES)
     if not candidates:
         raise CommonlawError("there is no candidate to choose from: give the path of a solver")
-    measure = score or RateError(make_folds(parts, folds), target)
+    measure = score or ResidualError(make_folds(groups, folds), target)
     scored = sorted(
         ((each, measure(each.support)) for each in _distinct(candidates)),
         key=lambda pair: (int(pair[0].support.sum()), pair[1].mean),
     )
-    problems = [merge(block for trial in trials for block in trial) for trials in parts]
-    sizes = np.array([size(problem, target) / problem.rows for problem in problems])
+    problems = [merge(segment for trial in trials for segment in trial) for trials in groups]
+    sizes = np.array([tss(problem, target) / problem.rows for problem in problems])
     best = min(scored, key=lambda pair: pair[1].mean)[0]
-    blur = ROUNDING * sizes + (0.0 if resolution is None else resolution(best.coefficients))
+    bias = ROUNDING * sizes + (0.0 if differentiation_bias is None else differentiation_bias(best.coefficients))
     effective = np.array([problem.rows for problem in problems], dtype=float) if rows is None else rows
-    criteria = _criteria([each for each, _ in scored], problems, target, int(allowed.sum()), effective, blur)
+    criteria = _criteria([each for each, _ in scored], problems, target, int(allowed.sum()), effective, bias)
     settings = _settings(candidates)
     table = [
-        Scored(
+        ScoredCandidate(
             each,
             values,
             errors,
@@ -165,22 +165,22 @@ def choose(
         )
         for (each, errors), values in zip(scored, criteria, strict=True)
     ]
-    share = float(np.mean(blur / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `RateError`
-    return Choice(tuple(table), *_by_rule(table, rule, share if score is None else ROUNDING))
+    share = float(np.mean(bias / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `ResidualError`
+    return Selection(tuple(table), *_by_rule(table, rule, share if score is None else ROUNDING))
 
 
-def _by_rule(table: Sequence[Scored], rule: str, blur: float) -> tuple[int, str, str]:
-    """Return the place of the chosen candidate, the rule, and why; `blur` is a held-out error that means nothing."""
+def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[int, str, str]:
+    """Return the index of the chosen candidate, the rule, and why; `bias` is a held-out error that means nothing."""
     if rule in CRITERIA:
         values = [each.criteria[rule] for each in table]
         index = int(np.argmin(values))
         return index, rule, f"its {_LABELS[rule]}, {values[index]:.4g}, is the smallest of {len(table)} candidates"
     best = min(table, key=lambda each: each.held_out.mean)
     if not np.isfinite(best.held_out.mean):
-        raise CommonlawError("forecasts diverge for every candidate: choose on held-out rates instead")
-    gaps = (each.held_out.excess(best.held_out) for each in table)
+        raise CommonlawError("forecasts diverge for every candidate: choose on held-out residuals instead")
+    excesses = (each.held_out.excess(best.held_out) for each in table)
     weight = 1.0 if rule == "one-standard-error" else 0.0
-    index = next(i for i, (excess, error) in enumerate(gaps) if excess <= blur + weight * error)
+    index = next(i for i, (excess, error) in enumerate(excesses) if excess <= bias + weight * error)
     each = table[index]
     text = f"its held-out error is {each.held_out.mean:.3g}"
     if each is best:
@@ -196,7 +196,7 @@ def _by_rule(table: Sequence[Scored], rule: str, blur: float) -> tuple[int, str,
 
 
 def _slack(rule: str) -> str:
-    accuracy = "the accuracy of the rates"
+    accuracy = "the accuracy of the derivatives"
     return f"one standard error and {accuracy}" if rule == "one-standard-error" else accuracy
 
 
@@ -206,23 +206,23 @@ def _criteria(
     target: int,
     library: int,
     rows: Floats,
-    blur: Floats,
+    bias: Floats,
 ) -> list[dict[str, float]]:
-    """Return the information criteria of each candidate; fits that are as good as the best but for blur are equal."""
+    """Return the information criteria of each candidate; fits as good as the best but for `bias` are equal."""
     variances = np.array([_variances(each, problems, target) for each in candidates])
-    variances = np.maximum(variances, variances.min(axis=0) + np.maximum(blur, np.finfo(float).tiny))
+    variances = np.maximum(variances, variances.min(axis=0) + np.maximum(bias, np.finfo(float).tiny))
     found = []
     for each, own in zip(candidates, variances, strict=True):
         shared = bool(np.all(each.support == each.support[0]))
-        evidence = Evidence(rows, own, each.support.sum(axis=1).astype(float), library, shared)
-        found.append({name: criterion(evidence) for name, criterion in CRITERIA.items()})
+        fit = FitStatistics(rows, own, each.support.sum(axis=1).astype(float), library, shared)
+        found.append({name: criterion(fit) for name, criterion in CRITERIA.items()})
     return found
 
 
 def _variances(candidate: Candidate, problems: Sequence[LeastSquaresProblem], target: int) -> Floats:
     """Return the mean squared residual of each object after least squares on the support, shape (objects,)."""
     pairs = zip(problems, candidate.support, strict=True)
-    return np.array([misfit(s, target, s.least_squares(own, target)) / s.rows for s, own in pairs])
+    return np.array([rss(s, target, s.least_squares(own, target)) / s.rows for s, own in pairs])
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -236,7 +236,7 @@ def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _settings(candidates: Sequence[Candidate]) -> dict[bytes, tuple[float, ...]]:
-    """Return the settings at which each support comes, ascending."""
+    """Return the hyperparameters at which each support comes, ascending."""
     found: dict[bytes, list[float]] = {}
     for each in candidates:
         own = found.setdefault(each.support.tobytes(), [])

@@ -1,7 +1,5 @@
 """How many of a trial's rows count as independent."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from commonlaw.errors import CommonlawError
@@ -15,12 +13,7 @@ _SAMPLES = 4096
 """Samples of a trial that are looked at, at most."""
 
 
-def effective_rows(form: StrongForm, trials: Iterable[Trial]) -> float:
-    """Return how many independent rows the rows of these trials are worth."""
-    return sum(independent_share(form, trial) * (len(trial) - 2 * form.trim) for trial in trials)
-
-
-def independent_share(form: StrongForm, trial: Trial) -> float:
+def effective_share(form: StrongForm, trial: Trial) -> float:
     """Return the share of a trial's rows that count as independent, above 0 and at most 1.
 
     White noise on the states comes out of the differentiator as noise on the targets that is correlated as the
@@ -31,6 +24,11 @@ def independent_share(form: StrongForm, trial: Trial) -> float:
 
     The response is measured on the trial's own grid, around its own states, by an impulse in the middle. A method that
     does not respond to a small impulse, such as a median, counts one row for each window.
+
+    Raises
+    ------
+    CommonlawError
+        If the trial cannot be differentiated; the message names it.
     """
     middle = slice(max(0, (len(trial) - _SAMPLES) // 2), (len(trial) + _SAMPLES) // 2)
     times, states = trial.times[middle], trial.states[middle]

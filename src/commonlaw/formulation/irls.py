@@ -1,4 +1,4 @@
-"""The weak form's coefficients and weights, each by the other."""
+"""Iteratively reweighted least squares: the weak form's coefficients and weights, each by the other."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,17 +13,17 @@ from commonlaw.formulation.weak_rows import WeakRows
 from commonlaw.library import Terms
 from commonlaw.trials import Trials
 
-_SETTLED = 1e-6
+_CONVERGED = 1e-6
 """Relative change of a fit below which reweighting ends; the steps after it would change no digit that noise leaves."""
 
 
-def reweighted(
+def reweight(
     trials: Trials, terms: Terms, form: WeakForm, support: Bools | None = None, sweeps: int = 30
 ) -> tuple[WeakForm, dict[str, Floats]]:
     """Return the form with coefficients that fit the rows that these same coefficients whiten, and the coefficients.
 
     Each sweep is generalised least squares with the covariance at the coefficients before it, for each equation its
-    own; the first is ordinary least squares. Iteratively reweighted least squares so settles in a handful of sweeps.
+    own; the first is ordinary least squares. Iteratively reweighted least squares so converges in a handful of sweeps.
 
     Parameters
     ----------
@@ -48,13 +48,13 @@ def reweighted(
     if used.shape != shape:
         raise CommonlawError(f"a support of shape {used.shape} does not fit; give one of shape {shape}")
     found = {
-        name: _settled([form.tested(trial, terms) for trial in trials.of(name)], used, sweeps)
+        name: _coefficients([form.tested(trial, terms) for trial in trials.of(name)], used, sweeps)
         for name in trials.objects
     }
     return replace(form, coefficients=found), found
 
 
-def _settled(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
+def _coefficients(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
     """Return the coefficients of one object, shape (equations, terms)."""
     plain = merge(LeastSquaresProblem.of(each.library, each.targets) for each in tested)
     found = np.array([plain.least_squares(own, j) for j, own in enumerate(support)])
@@ -62,7 +62,7 @@ def _settled(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
         for _ in range(sweeps):
             problem = merge(each.problem(found, (j,)) for each in tested)
             before, found[j] = found[j].copy(), problem.least_squares(own, j)
-            if np.linalg.norm(problem.norms * (found[j] - before)) <= _SETTLED * np.linalg.norm(
+            if np.linalg.norm(problem.norms * (found[j] - before)) <= _CONVERGED * np.linalg.norm(
                 problem.norms * found[j]
             ):
                 break

@@ -1,4 +1,4 @@
-"""From a choice or a fit to the law, with what a user should know about it."""
+"""From selected or solved equations to the law, with what a user should know about it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,23 +9,25 @@ from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.law import Alternative, Law
 from commonlaw.outcomes import Outcome
-from commonlaw.selection.choice import Choice
+from commonlaw.selection.rules import Selection
 from commonlaw.solvers import STLSQ, AbstractSolver, Candidate
 
 _ILL_CONDITIONED = 1e8
 """Above it, half of the digits of double precision are gone."""
 
 
-def chosen_law(law: Law, choices: Sequence[Choice]) -> Law:
+def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
-    coefficients = _with(law, [choice.chosen for choice in choices])
+    coefficients = _with(law, [selection.chosen for selection in selections])
     outcomes, alternatives = [], []
-    for equation, choice in zip(law.left_hand_sides, choices, strict=True):
-        outcomes.append(Outcome("chosen", equation, choice.reason, "name a solver with its setting to choose yourself"))
-        for i, each in enumerate(choice.table):
+    for equation, selection in zip(law.left_hand_sides, selections, strict=True):
+        outcomes.append(
+            Outcome("chosen", equation, selection.reason, "name a solver with its setting to choose yourself")
+        )
+        for i, each in enumerate(selection.table):
             used = np.flatnonzero(each.candidate.support.any(axis=0))
             names = tuple(law.terms.names[k] for k in used)
-            chosen = i == choice.index
+            chosen = i == selection.index
             alternatives.append(
                 Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.settings)
             )
