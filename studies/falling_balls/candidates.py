@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.library import Terms, Variables, parse_library, term_unit
@@ -15,9 +15,6 @@ from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.printed import printed_table
 from studies.falling_balls.settings import LIBRARY, LIBRARY_BALL, LIBRARY_DROP
 from studies.falling_balls.speeds import FORM
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _TITLE = "Candidate terms"
 _UNITS: Mapping[str, str] = {"x": "m", "v": "m/s"}
@@ -84,9 +81,7 @@ def _deviation(terms: Terms, rows: Floats, x: Floats, v: Floats) -> float:
     return float(np.max(np.abs(rows - expected).max(axis=0) / np.abs(expected).max(axis=0)))
 
 
-def _table(terms: Terms, rows: Floats) -> "pd.DataFrame":
-    import pandas as pd
-
+def _table(terms: Terms, rows: Floats) -> pd.DataFrame:
     correlations = np.full((len(terms), len(terms)), np.nan)
     varies = np.ptp(rows, axis=0) > 0
     correlations[np.ix_(varies, varies)] = np.corrcoef(rows[:, varies], rowvar=False)
@@ -118,7 +113,7 @@ def _left_over(rows: Floats, column: int) -> float:
     return float(np.linalg.norm(scaled[:, column] - fitted))
 
 
-def _found(table: "pd.DataFrame", condition: float) -> str:
+def _found(table: pd.DataFrame, condition: float) -> str:
     most = table["left over by the others"].max()
     factor, power = f"{condition:.1e}".split("e")
     return (

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.datasets import linear_drag
@@ -28,9 +28,6 @@ from studies.falling_balls.plots import plot_displacement, plot_property, plot_s
 from studies.falling_balls.printed import printed_table, prints_as
 from studies.falling_balls.settings import GOLF_BALL_OUNCES, REFERENCE_DRAGS, STROBE
 from studies.falling_balls.speeds import speeds
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _TITLE = "The balls and their drops"
 _PRINTED = {
@@ -116,9 +113,7 @@ def _experiment(drops: Trials, frame: float) -> str:
     )
 
 
-def _table(balls: Balls, printed: Printed) -> "pd.DataFrame":
-    import pandas as pd
-
+def _table(balls: Balls, printed: Printed) -> pd.DataFrame:
     columns: dict[str, list[object]] = {"ball": list(balls)}
     for key, (_, head) in _PRINTED.items():
         columns[f"{head}: printed"] = [printed[key][name] for name in balls]

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.plots import plot_forecast
@@ -22,9 +22,6 @@ from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.model_error import OTHER_DROP
 from studies.falling_balls.plots import plot_errors
 from studies.falling_balls.settings import HORIZON, MODEL_NAMES, RATE_SAMPLES, REDRAWS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _NAME, _TITLE = "default-method", "What the default method says of the drops"
 _NAMES = {**MODEL_NAMES, DEFAULT: "default, of 1, v and v²"}
@@ -73,9 +70,7 @@ def _panels(found: Forecasts) -> dict[str, dict[str, Mapping[str, float]]]:
     }
 
 
-def _frame(found: Forecasts) -> "pd.DataFrame":
-    import pandas as pd
-
+def _frame(found: Forecasts) -> pd.DataFrame:
     rule, fitted, parabola = found.medians
     rows = [
         {

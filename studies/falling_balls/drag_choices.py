@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.discovery import discover
 from commonlaw.inference import OUTLIERS
@@ -16,9 +17,6 @@ from commonlaw.report import Section, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.landing import listed
 from studies.falling_balls.settings import ALL_BALLS, BALL_GROUPS, DRAG_FORMS, EVIDENCE_WORDS, OFFERED
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +101,7 @@ def agreed(choices: Mapping[str, Choice]) -> list[str]:
     return [group for group, choice in choices.items() if choice.form == next(iter(choice.lost))]
 
 
-def _choices_frame(choices: Mapping[str, Choice]) -> "pd.DataFrame":
-    import pandas as pd
-
+def _choices_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
     rows = [
         {
             "balls": group,
@@ -120,9 +116,7 @@ def _choices_frame(choices: Mapping[str, Choice]) -> "pd.DataFrame":
     return pd.DataFrame(rows)
 
 
-def _evidence_frame(choices: Mapping[str, Choice]) -> "pd.DataFrame":
-    import pandas as pd
-
+def _evidence_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
     rows = [
         {
             "balls": group,

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.datasets import PRINTED_VISCOSITY
@@ -22,9 +22,6 @@ from studies.falling_balls.plots import plot_drag_regimes
 from studies.falling_balls.printed import printed_table, prints_as
 from studies.falling_balls.settings import PRINTED_COUNTS, PRINTED_SAMPLES
 from studies.falling_balls.speeds import speeds
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _NAME, _TITLE = "sphere-drag", "Drag on a sphere"
 _RATIO = AIR_VISCOSITY / PRINTED_VISCOSITY
@@ -117,9 +114,7 @@ def _largest(numbers: Sequence[Floats]) -> float:
     return max(float(each.max()) for each in numbers)
 
 
-def _table(largest: Largest) -> "pd.DataFrame":
-    import pandas as pd
-
+def _table(largest: Largest) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "ball": list(largest),
@@ -131,10 +126,8 @@ def _table(largest: Largest) -> "pd.DataFrame":
     )
 
 
-def _count_table(as_printed: Numbers, corrected: Numbers) -> "pd.DataFrame":
+def _count_table(as_printed: Numbers, corrected: Numbers) -> pd.DataFrame:
     """Return how many samples of an average drop have Reynolds numbers of each order of magnitude."""
-    import pandas as pd
-
     lowest = min(PRINTED_COUNTS)
     limits = {f"below 10{_raised(lowest)}": (0.0, 10.0**lowest)}
     limits |= {f"10{_raised(power)}": (10.0**power, 10.0 ** (power + 1)) for power in PRINTED_COUNTS}
@@ -182,7 +175,7 @@ def _verdict(largest: Largest) -> Verdict:
     return Verdict("reproduced with correction" if wrong else "reproduced", text)
 
 
-def _count_verdict(counts: "pd.DataFrame") -> Verdict:
+def _count_verdict(counts: pd.DataFrame) -> Verdict:
     as_printed, corrected = (counts.iloc[1:-1, column].tolist() for column in (2, 3))
     same = all(prints_as(value, text) for value, text in zip(as_printed, PRINTED_COUNTS.values(), strict=True))
     moved = not all(prints_as(value, text) for value, text in zip(corrected, PRINTED_COUNTS.values(), strict=True))

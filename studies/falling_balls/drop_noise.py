@@ -5,6 +5,7 @@ from functools import partial
 from math import sqrt
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.differentiation import noise_level
 from commonlaw.report import Picture, Table, Text, Verdict
@@ -82,8 +83,6 @@ def noise_verdict(noise: Noise, fall: NoisyFall) -> Verdict:
 
 
 def _table(noise: Noise) -> Table:
-    import pandas as pd
-
     balls = list(dict.fromkeys(ball for each in noise.values() for ball in each))
     columns = {
         f"{text}, drop {drop} (m)": [noise[drop][ball][way] for ball in balls]

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
@@ -13,9 +14,6 @@ from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.landing import listed
 from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.settings import STANDARD_GRAVITY, WHIFFLE_BALLS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Results = Mapping[str, Any]
 
@@ -129,9 +127,7 @@ def _curves(models: Results) -> list[Curve]:
     return [*curves, Curve("gravity", np.full(2, -STANDARD_GRAVITY), ends, line=":")]
 
 
-def _constants_table(models: Results) -> "pd.DataFrame":
-    import pandas as pd
-
+def _constants_table(models: Results) -> pd.DataFrame:
     constant, drag = _values(models, "1"), _values(models, "v")
     return pd.DataFrame(
         {
@@ -144,9 +140,7 @@ def _constants_table(models: Results) -> "pd.DataFrame":
     )
 
 
-def _errata_table() -> "pd.DataFrame":
-    import pandas as pd
-
+def _errata_table() -> pd.DataFrame:
     return pd.DataFrame([{"where": each.where, "printed": each.printed, "found": each.found} for each in ERRATA])
 
 

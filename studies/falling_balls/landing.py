@@ -1,17 +1,15 @@
 """When balls land: the time that they take to fall a fixed distance."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+from scipy.stats import spearmanr
 
 from commonlaw.report import Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import LANDING
 from studies.falling_balls.settings import BASKETBALLS, FASTER_AT_FIRST, HORIZON, WHIFFLE_BALLS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Balls = Mapping[str, Mapping[str, float]]
 """Properties by ball."""
@@ -48,10 +46,8 @@ def frame_time(drops: Trials) -> float:
     return float(np.median(np.concatenate([np.diff(trial.times) for trial in drops])))
 
 
-def landing_table(balls: Balls, landing: Landing) -> "pd.DataFrame":
+def landing_table(balls: Balls, landing: Landing) -> pd.DataFrame:
     """Return density and landing times of every ball."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "ball": list(balls),
@@ -135,8 +131,6 @@ def listed(names: Sequence[str]) -> str:
 
 def _rank_correlation(balls: Balls, times: Mapping[str, float], names: Sequence[str], frame: float) -> float:
     """Return the rank correlation of density and landing time; balls that land at the same frame share a rank."""
-    from scipy.stats import spearmanr
-
     frames = [round(times[name] / frame) for name in names]
     return float(spearmanr([balls[name]["density"] for name in names], frames).statistic)
 

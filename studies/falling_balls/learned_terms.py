@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -14,9 +15,6 @@ from studies.falling_balls.method import coefficients_of, group_law, single_law
 from studies.falling_balls.plots import plot_heat_maps
 from studies.falling_balls.printed import printed_table
 from studies.falling_balls.settings import GROUP_THRESHOLD, SINGLE_THRESHOLD, WHIFFLE_BALLS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _NAME, _TITLE = "learned-terms", "Learned terms"
 _DROPS = ("1", "2")
@@ -105,9 +103,7 @@ def _agreeing(found: Mapping[str, float], printed: Mapping[str, str]) -> int:
     return sum(f"{found.get(term, 0.0):.2f}" == text for term, text in printed.items())
 
 
-def _group_table(laws: Laws, models: Models) -> "pd.DataFrame":
-    import pandas as pd
-
+def _group_table(laws: Laws, models: Models) -> pd.DataFrame:
     rows = [
         {
             "ball": ball,
@@ -121,9 +117,7 @@ def _group_table(laws: Laws, models: Models) -> "pd.DataFrame":
     return pd.DataFrame(rows)
 
 
-def _single_trial_table(laws: Laws, models: Models) -> "pd.DataFrame":
-    import pandas as pd
-
+def _single_trial_table(laws: Laws, models: Models) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "ball": ball,
@@ -137,9 +131,7 @@ def _single_trial_table(laws: Laws, models: Models) -> "pd.DataFrame":
     )
 
 
-def _count_table(counts: Mapping[str, Counts]) -> "pd.DataFrame":
-    import pandas as pd
-
+def _count_table(counts: Mapping[str, Counts]) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "method": kind,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
@@ -157,8 +158,6 @@ def _results(ball: _Ball) -> dict[str, dict[str, str | float | None]]:
 
 
 def _equations(balls: Mapping[str, _Ball]) -> Table:
-    import pandas as pd
-
     rows = [
         {
             "ball": name,

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -171,8 +172,6 @@ def _panels(errors: Errors) -> dict[str, dict[str, Mapping[str, float]]]:
 
 
 def _error_table(errors: Errors) -> Table:
-    import pandas as pd
-
     columns = {f"{model}, drop {drop}": errors[model][drop] for model in MODELS for drop in OTHER_DROP}
     frame = pd.DataFrame(columns).rename_axis("ball").reset_index()
     caption = (
@@ -183,8 +182,6 @@ def _error_table(errors: Errors) -> Table:
 
 
 def _median_table(medians: Medians, laws: Mapping[str, Mapping[str, Law]]) -> Table:
-    import pandas as pd
-
     rows = [
         {
             "model": MODEL_NAMES[model],

@@ -3,16 +3,18 @@
 from collections.abc import Mapping
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
+from commonlaw.plots import Figure
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.method import group_law
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.recovery import Recovery
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
@@ -32,11 +34,6 @@ from studies.falling_balls.settings import (
     SIMULATED_SINGLE_THRESHOLD,
 )
 from studies.falling_balls.simulation import average, captures, equation, learned, listed, on_grid, simulated
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from commonlaw.plots import Figure
 
 _TRUE = {"1", "v", "v^2"}
 Grid = Mapping[tuple[float, int, float], tuple[Recovery, Recovery]]
@@ -113,9 +110,7 @@ def _search(seed: int) -> Grid:
     }
 
 
-def _draw(grid: Grid) -> "Figure":
-    from studies.falling_balls.plots import Curve, plot_curves
-
+def _draw(grid: Grid) -> Figure:
     coefficients = [each for each in FINDING_COEFFICIENTS if each]
 
     def curve(noise: float, drops: int) -> Curve:
@@ -129,9 +124,7 @@ def _draw(grid: Grid) -> "Figure":
     )
 
 
-def _path_frame(path: Mapping[float, Law]) -> "pd.DataFrame":
-    import pandas as pd
-
+def _path_frame(path: Mapping[float, Law]) -> pd.DataFrame:
     rows = [
         {
             "threshold": threshold,
@@ -144,9 +137,7 @@ def _path_frame(path: Mapping[float, Law]) -> "pd.DataFrame":
     return pd.DataFrame(rows)
 
 
-def _grid_frame(grid: Grid) -> "pd.DataFrame":
-    import pandas as pd
-
+def _grid_frame(grid: Grid) -> pd.DataFrame:
     rows = [
         {"noise (m)": noise, "drops of each ball": drops}
         | {

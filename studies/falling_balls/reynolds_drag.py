@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from commonlaw import datasets
 from commonlaw.array_types import Bools
@@ -42,9 +43,6 @@ from studies.falling_balls.simulation import (
     simulated,
 )
 from studies.falling_balls.tennis_ball import real_balls, tennis_ball_falls
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Laws = Mapping[str, Mapping[float, Law]]
 
@@ -131,9 +129,7 @@ def _other_method(clean: Trials, seed: int) -> Law:
     )
 
 
-def _variants_frame(variants: Mapping[str, Laws], other: Mapping[str, Law]) -> "pd.DataFrame":
-    import pandas as pd
-
+def _variants_frame(variants: Mapping[str, Laws], other: Mapping[str, Law]) -> pd.DataFrame:
     rows = [
         {
             "experiment": name,

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +9,12 @@ from commonlaw.array_types import Bools
 from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
+from commonlaw.plots import Figure
 from commonlaw.report import Picture, Section, Text, Verdict
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.quadratic_drag import quadratic_drag
 from studies.falling_balls.recovery import Recovery, recovered
 from studies.falling_balls.settings import (
@@ -41,9 +42,6 @@ from studies.falling_balls.simulation import (
     on_grid,
     simulated,
 )
-
-if TYPE_CHECKING:
-    from commonlaw.plots import Figure
 
 _THRESHOLDS = {"single": SIMULATED_SINGLE_THRESHOLD, "group": GROUP_THRESHOLD}
 _GROUP, _SINGLE, _EACH = "group, all balls", "single, all balls", "single, each ball"
@@ -136,9 +134,7 @@ def _count(right: Bools) -> Recovery:
     return Recovery(int(right.sum()), right.size)
 
 
-def _draw_recoveries(recoveries: Recoveries) -> "Figure":
-    from studies.falling_balls.plots import Curve, plot_curves
-
+def _draw_recoveries(recoveries: Recoveries) -> Figure:
     curves = []
     for label, row in recoveries.items():
         low, high = np.transpose([each.interval() for each in row.values()])

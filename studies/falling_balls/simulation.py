@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator, Rates, parse_differentiation
 from commonlaw.law import Law
+from commonlaw.plots import Figure
 from commonlaw.report import Table
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.method import group_law, single_law
+from studies.falling_balls.plots import plot_heat_maps
 from studies.falling_balls.settings import AVERAGE_DIGITS
-
-if TYPE_CHECKING:
-    from commonlaw.plots import Figure
 
 
 def simulated(clean: Trials, noises: Sequence[float], seed: int) -> dict[float, Trials]:
@@ -103,8 +103,6 @@ def averages_table(
     name: str, caption: str, found: Mapping[float, Mapping[str, float]], reference: Sequence[Mapping[str, float]]
 ) -> Table:
     """Return averages by noise beside those of the authors' program, as text with all decimals."""
-    import pandas as pd
-
     terms = list(dict.fromkeys(term for each in reference for term in each))
     rows = [
         {"noise (m)": noise}
@@ -123,10 +121,8 @@ def by_noise(values: Mapping[float, Any]) -> dict[str, Any]:
     return {f"{noise:g}": value for noise, value in values.items()}
 
 
-def heat_maps(laws: Mapping[str, Mapping[float, Law]]) -> "Figure":
+def heat_maps(laws: Mapping[str, Mapping[float, Law]]) -> Figure:
     """Draw laws as a grid: a row for each title, a column for each noise."""
-    from studies.falling_balls.plots import plot_heat_maps
-
     flat = {f"{title}, noise {noise:g} m": law for title, row in laws.items() for noise, law in row.items()}
     return plot_heat_maps(flat, len(next(iter(laws.values()))), row_titles=list(laws))
 

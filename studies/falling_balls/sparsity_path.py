@@ -1,7 +1,8 @@
 """Part 10: how the threshold decides which terms are in the law."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from commonlaw.report import Section, Table, Text, Verdict
 from commonlaw.trials import Trials
@@ -11,9 +12,6 @@ from studies.falling_balls.method import METHODS, coefficients_of
 from studies.falling_balls.printed import printed_table, prints_as
 from studies.falling_balls.settings import PATH_BALL, PATH_DROP
 from studies.falling_balls.threshold_choices import METHOD_NAMES, chosen_law, threshold_choices
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _NAME, _TITLE = "sparsity-path", "How the threshold decides"
 _DIGITS = {"single": 6, "group": 3}
@@ -77,10 +75,8 @@ def _differing(printed: Printed, found: Found) -> list[tuple[str, str]]:
     ]
 
 
-def _side_by_side(printed: Printed, found: Found) -> "pd.DataFrame":
+def _side_by_side(printed: Printed, found: Found) -> pd.DataFrame:
     """Return two rows for each threshold: the coefficients as printed and as found."""
-    import pandas as pd
-
     there = {term for rows in (printed, found) for cells in rows.values() for term, value in cells.items() if value}
     terms = [term for term in next(iter(printed.values())) if term in there]
     rows: list[dict[str, object]] = []
@@ -91,10 +87,8 @@ def _side_by_side(printed: Printed, found: Found) -> "pd.DataFrame":
     return pd.DataFrame(rows).astype(object).pipe(lambda frame: frame.where(frame.notna(), None))
 
 
-def _intervals(printed: Mapping[str, Printed], paths: "Mapping[str, pd.DataFrame]") -> "pd.DataFrame":
+def _intervals(printed: Mapping[str, Printed], paths: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return the intervals of thresholds that give the same terms, and the printed thresholds in each."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "method": METHOD_NAMES[kind],

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw import datasets
 from commonlaw.array_types import Floats
+from commonlaw.plots import Figure
 from commonlaw.report import Block, Picture, Text
+from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.settings import (
     CIRCUMFERENCES,
     LINEAR_RIVALS,
@@ -18,9 +19,6 @@ from studies.falling_balls.settings import (
     RATE,
     TENNIS_BALL,
 )
-
-if TYPE_CHECKING:
-    from commonlaw.plots import Figure
 
 _SPHERE = "Reynolds-dependent drag"
 _LINES = ("-", "--", ":")
@@ -59,9 +57,7 @@ def _falls() -> Falls:
     }
 
 
-def _draw(falls: Falls) -> "Figure":
-    from studies.falling_balls.plots import Curve, plot_curves
-
+def _draw(falls: Falls) -> Figure:
     panels, labels = {}, {}
     for n in LONG_FALL:
         for state, (what, label) in enumerate((("height", "height above start (m)"), ("velocity", "velocity (m/s)"))):

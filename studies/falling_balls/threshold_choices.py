@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.plots import plot_path
@@ -17,9 +19,6 @@ from studies.falling_balls.settings import (
     SINGLE_THRESHOLD,
 )
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 METHOD_NAMES = {"single": f"{PATH_BALL}, single trial", "group": "all balls, group"}
 _THRESHOLDS = {"single": SINGLE_THRESHOLD, "group": GROUP_THRESHOLD}
 
@@ -27,7 +26,7 @@ Choices = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """What was chosen, by method and rule."""
 
 
-def threshold_choices(drops: Trials, paths: "Mapping[str, pd.DataFrame]") -> Section:
+def threshold_choices(drops: Trials, paths: Mapping[str, pd.DataFrame]) -> Section:
     """Return blocks, a verdict and results for the part on the thresholds.
 
     Parameters
@@ -67,7 +66,7 @@ def chosen_law(kind: str, trials: Trials, rule: str) -> Law:
     return METHODS[kind](trials, None, rule=rule, n_resamples=0)
 
 
-def _interval_at(path: "pd.DataFrame", threshold: float) -> "pd.Series[Any]":
+def _interval_at(path: pd.DataFrame, threshold: float) -> "pd.Series[Any]":
     """Return the row of a path that holds at a threshold."""
     return path[(path["from"] <= threshold) & (threshold < path["to"])].iloc[0]
 
@@ -89,9 +88,7 @@ def _includes(choice: Mapping[str, Any], threshold: float) -> bool:
     return any(low <= threshold < high for low, high in choice["thresholds"])
 
 
-def _choice_table(choices: Choices) -> "pd.DataFrame":
-    import pandas as pd
-
+def _choice_table(choices: Choices) -> pd.DataFrame:
     rows = []
     for kind, by_rule in choices.items():
         for rule, choice in by_rule.items():
@@ -156,7 +153,7 @@ other thresholds than the tables, which learn from one.
 """
 
 
-def _found(choices: Choices, paths: "Mapping[str, pd.DataFrame]") -> str:
+def _found(choices: Choices, paths: Mapping[str, pd.DataFrame]) -> str:
     group, single = choices["group"], choices["single"]
     above = {kind: value / _interval_at(paths[kind], value)["from"] for kind, value in _THRESHOLDS.items()}
     low, high = group["held-out"]["thresholds"][0]

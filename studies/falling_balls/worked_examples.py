@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import pandas as pd
 
 from commonlaw.datasets import PRINTED_VISCOSITY
 from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
@@ -117,8 +118,6 @@ def _trajectory_verdict(examples: Mapping[str, Example]) -> Verdict:
 
 
 def _table(rows: Sequence[Coefficient]) -> Table:
-    import pandas as pd
-
     frame = pd.DataFrame(
         {
             "example": [row.example for row in rows],
