@@ -65,7 +65,7 @@ clean: ## Remove the environment, caches and products
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,fast]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,all]'
 	@touch $@
 
 $(BENCH_STAMP): $(STAMP)

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
 from commonlaw.library.dual import DUAL, Dual
 from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, NUMPY, Algebra, columns_in, compiled, with_names
 from commonlaw.library.naming import latex_name, quoted
@@ -64,7 +65,7 @@ class Expression(AbstractTerm):
 
     def latex(self, names: Sequence[str]) -> str:
         r"""Return ``\left|{v}\right|``, as SymPy orders and writes it."""
-        import sympy
+        sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
 
         symbols = [sympy.Symbol(f"v{i}", real=True) for i in range(len(names))]
         known = {symbol: latex_name(name) for symbol, name in zip(symbols, names, strict=True)}
@@ -78,7 +79,7 @@ class Expression(AbstractTerm):
         CommonlawError
             If the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number beyond all bounds.
         """
-        import sympy
+        sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
 
         renamed = {"abs": "Abs", "arctan": "atan"}
         functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}

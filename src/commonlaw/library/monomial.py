@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.extras import optional_import
 from commonlaw.library.naming import latex_name, powered, quoted
 from commonlaw.library.term import AbstractTerm
 
@@ -92,7 +93,7 @@ class Monomial(AbstractTerm):
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the product of powers of the symbols."""
-        import sympy
+        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
 
         return sympy.Mul(*(symbol**power for symbol, power in zip(symbols, self.exponents, strict=True)))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
 from commonlaw.library.evaluation import slope
 from commonlaw.library.expression import Expression
 from commonlaw.library.grammar import HIGHEST_POWER
@@ -92,7 +93,7 @@ class Product(AbstractTerm):
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the product of the factors' SymPy forms, divided by that of the divisors'."""
-        import sympy
+        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
 
         above, below = (sympy.Mul(*(each.sympy(symbols) for each in side)) for side in (self.factors, self.divisors))
         return above / below

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.extras import optional_import
 from commonlaw.library.naming import latex_name, quoted
 from commonlaw.library.term import AbstractTerm
 
@@ -69,7 +70,7 @@ class Trigonometric(AbstractTerm):
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the sine or cosine of the multiple of the symbol."""
-        import sympy
+        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
 
         return getattr(sympy, self.function)(sympy.sympify(self.frequency) * symbols[self.variable])
 

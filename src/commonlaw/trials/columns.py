@@ -1,22 +1,24 @@
 """A table as it came in: named columns, their units, and where each row stands."""
 
-from collections.abc import Callable, Mapping
+import numbers
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from datetime import date
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.trials.headers import find_name
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from commonlaw.trials.headers import find_name, split_headers
 
 Codes = NDArray[np.int64]
+Column = NDArray[Any]
+"""Numbers; or, of dtype object, cells of one other kind (text, dates, ...) with NaN or None where they are empty."""
 
-_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def _stripped(value: object) -> object:
@@ -32,7 +34,7 @@ class Table:
     source
         Where the table came from, for messages: ``drops.csv``.
     columns
-        Arrow arrays by column name; numbers of any type, or strings.
+        Arrays by column name, see `Column`.
     units
         Unit by column name, from the headers.
     place
@@ -50,14 +52,14 @@ class Table:
     """
 
     source: str
-    columns: Mapping[str, "pa.Array"]
+    columns: Mapping[str, Column]
     units: Mapping[str, str]
     place: Callable[[int], str]
     loose: frozenset[str] = frozenset()
     decimal_comma: bool = False
     roles: Mapping[str, str | list[str]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    parsed: dict[str, "pa.Array | None"] = field(default_factory=dict)
+    parsed: dict[str, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -83,18 +85,14 @@ class Table:
 
     def is_numeric(self, name: str) -> bool:
         """Say whether a column holds numbers; more than half of the cells will do where text may be meant as such."""
-        import pyarrow.compute as pc
-        import pyarrow.types as kinds
-
         column = self.columns[name]
         if name not in self.loose:
-            kind = column.type
-            return bool(kinds.is_integer(kind) or kinds.is_floating(kind) or kinds.is_decimal(kind))
+            return column.dtype.kind in "iuf"
         parsed = self._parsed(name)
         if parsed is not None:
-            return bool(parsed.null_count < len(parsed))
-        share = pc.mean(pc.match_substring_regex(self._cells(name), _NUMBER)).as_py()
-        return share is not None and share > 0.5
+            return not np.isnan(parsed).all()
+        cells = [cell for cell in self._cells(name) if cell]
+        return sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > 0.5 * len(cells)
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,).
@@ -111,17 +109,7 @@ class Table:
         CommonlawError
             If a cell is not a number, is empty, or is not finite; the message names the first one.
         """
-        import pyarrow as pa
-
-        column = self.columns[name]
-        if pa.types.is_string(column.type):
-            column = self._parsed(name)
-            if column is None:
-                raise self._no_number(name)
-        try:
-            values = np.array(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
-        except (pa.ArrowNotImplementedError, pa.ArrowInvalid):
-            raise CommonlawError(f"{self.source}: column {name!r} holds {column.type}: give it as numbers") from None
+        values = self._values(name)
         bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
         if len(bad):
             row = int(bad[0])
@@ -143,48 +131,51 @@ class Table:
         Raises
         ------
         CommonlawError
-            If the cells are neither numbers nor text nor dates.
+            If the cells are lists or other things that cannot be told apart.
         """
-        import pyarrow as pa
+        import pandas as pd
 
         column = self.columns[name]
-        if pa.types.is_floating(column.type):
-            column = pa.array(column.to_numpy(zero_copy_only=False), from_pandas=True)
         try:
-            encoded = column.dictionary_encode()
-        except pa.ArrowNotImplementedError:
-            raise CommonlawError(f"{self.source}: column {name!r} holds {column.type}: give it as text") from None
-        read_values = [read(value) for value in encoded.dictionary.to_pylist()]
+            codes, cells = pd.factorize(column)
+        except TypeError:
+            raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as text") from None
+        read_values = [read(value) for value in cells.tolist()]
         values = [value for value in dict.fromkeys(read_values) if value != ""]
-        codes = {value: code for code, value in enumerate(values)}
-        renumbered = np.array([codes.get(value, -1) for value in read_values] + [-1])
-        places = encoded.indices.fill_null(len(read_values)).to_numpy(zero_copy_only=False)
-        return renumbered[places], values
+        numbered = {value: code for code, value in enumerate(values)}
+        # The last one is for the code -1 of empty cells
+        renumbered = np.array([numbered.get(value, -1) for value in read_values] + [-1])
+        return renumbered[codes], values
 
-    def _cells(self, name: str) -> "pa.Array":
-        """Return a column of text made ready to be read as numbers; empty cells are null."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
+    def _values(self, name: str) -> Floats:
+        """Return a column as numbers, NaN where it is empty."""
+        column = self.columns[name]
+        if column.dtype.kind != "O":
+            return column.astype(np.float64)
+        if _kind(column) != "str":
+            raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
+        parsed = self._parsed(name)
+        if parsed is None:
+            raise self._no_number(name)
+        return parsed
 
-        cells = pc.utf8_trim_whitespace(self.columns[name].cast(pa.string()))
-        cells = pc.if_else(pc.equal(cells, ""), pa.scalar(None, pa.string()), cells)
-        return pc.replace_substring(cells, ",", ".") if self.decimal_comma else cells
+    def _cells(self, name: str) -> list[str]:
+        """Return the cells of a column of text, ready to be read as numbers; empty ones are empty texts."""
+        cells = [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name].tolist()]
+        return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
 
-    def _parsed(self, name: str) -> "pa.Array | None":
+    def _parsed(self, name: str) -> Floats | None:
         """Return a column of text as numbers, or None if a cell is not one."""
-        import pyarrow as pa
-
         if name not in self.parsed:
-            cells = self._cells(name)
-            try:
-                self.parsed[name] = cells.cast(pa.float64())
-            except pa.ArrowInvalid:
-                self.parsed[name] = None
+            column = self.columns[name]
+            self.parsed[name] = None if self.decimal_comma else _parsed(column)
+            if self.parsed[name] is None:
+                self.parsed[name] = _parsed(np.array([cell or np.nan for cell in self._cells(name)], dtype=object))
         return self.parsed[name]
 
     def _no_number(self, name: str) -> CommonlawError:
-        row = _first_without_number(self._cells(name))
-        cell = self.columns[name][row].as_py()
+        row = next(i for i, cell in enumerate(self._cells(name)) if cell and _parsed(np.array([cell], object)) is None)
+        cell = self.columns[name][row].strip()
         return CommonlawError(
             f"{self._where(name, row)}: {cell!r} is not a number; repair the cell or leave the column out"
         )
@@ -193,16 +184,73 @@ class Table:
         return f"{self.source}: column {name!r}, {self.place(row)}"
 
 
-def _first_without_number(cells: "pa.Array") -> int:
-    """Return the index of the first cell that cannot be read as a number, by halving."""
-    import pyarrow as pa
+def filled_table(
+    source: str,
+    headers: Sequence[str],
+    columns: Sequence[Column],
+    *,
+    loose: Sequence[int] = (),
+    place: Callable[[int], str] = lambda row: f"row {row + 1}",
+) -> Table:
+    """Return the table of these columns without the rows and the nameless columns in which nothing stands.
 
-    start, stop = 0, len(cells)
-    while stop - start > 1:
-        middle = (start + stop) // 2
-        try:
-            cells[start:middle].cast(pa.float64())
-            start = middle
-        except pa.ArrowInvalid:
-            stop = middle
-    return start
+    Raises
+    ------
+    CommonlawError
+        If a header is missing or there twice, or there is no row.
+    """
+    empty = [_missing(column) for column in columns]
+    used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
+    names, units = split_headers(source, [headers[i] for i in used])
+    blank = np.logical_and.reduce([empty[i] for i in used]) if used else np.ones(0, dtype=bool)
+    rows = np.flatnonzero(~blank)
+    arrays = {name: columns[i][rows] if blank.any() else columns[i] for name, i in zip(names, used, strict=True)}
+    loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
+    return Table(source, arrays, units, lambda row: place(int(rows[row])), loosely)
+
+
+def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
+    """Return cells as a column, and whether they were of several kinds and became text."""
+    column = np.fromiter(cells, dtype=object, count=len(cells))
+    empty = _missing(column)
+    present = column[~empty]
+    kinds = {_family(type(cell)) for cell in present}
+    if len(kinds) > 1:
+        column[~empty] = [str(cell) for cell in present]
+        return column, True
+    if not kinds <= {bool, numbers.Number}:
+        return column, False
+    whole = not empty.any() and all(isinstance(cell, numbers.Integral) for cell in present)
+    try:
+        return column.astype(np.int64 if whole and len(column) else np.float64), False
+    except OverflowError:
+        return column.astype(np.float64), False
+
+
+def _family(kind: type) -> type:
+    """Return the class that cells of this class can share a column under."""
+    shared = (bool, np.bool_), (numbers.Number,), (str,), (date,)
+    return next((each[0] for each in shared if issubclass(kind, each)), kind)
+
+
+def _missing(column: Column) -> Bools:
+    import pandas as pd
+
+    return np.asarray(pd.isna(column), dtype=bool)
+
+
+def _kind(column: Column) -> str:
+    """Return what a column of cells that are not numbers holds; nothing counts as text."""
+    present = column[~_missing(column)]
+    return type(present[0]).__name__.casefold() if len(present) else "str"
+
+
+def _parsed(column: Column) -> Floats | None:
+    """Return text as numbers, NaN where it is missing; or None if a cell is not a number."""
+    try:
+        values = column.astype(np.float64)
+    except (TypeError, ValueError):
+        return None
+    # Python reads 1_000 and digits of every script
+    text = "".join(map(str, column.tolist()))
+    return values if text.isascii() and "_" not in text else None

@@ -10,8 +10,9 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.frames import frame_table
 from commonlaw.trials.roles import Property
-from commonlaw.trials.sources import frame_table, read_table
+from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import label
 
 

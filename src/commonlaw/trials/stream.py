@@ -1,6 +1,5 @@
 """Trials that come one after the other from a file that may be larger than memory."""
 
-import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.trials.parquet import batch_table, opened
 from commonlaw.trials.roles import Roles
-from commonlaw.trials.sources import METADATA, frame_table
 from commonlaw.trials.tables import Rows, read_rows
 from commonlaw.trials.trial import Schema, Trial, check_measured
 
@@ -56,11 +55,11 @@ class TrialStream:
         Raises
         ------
         CommonlawError
-            If the file cannot be read, a role is missing, or, while the trials are gone through, a value cannot be
-            used, a state was measured in too few samples, or the rows of a trial do not follow each other.
+            If pyarrow is not installed, the file cannot be read, a role is missing, or, while the trials are gone
+            through, a value cannot be used, a state was measured in too few samples, or the rows of a trial do not
+            follow each other.
         """
-        file = _opened(path)
-        kept = json.loads((file.schema_arrow.metadata or {}).get(METADATA, b"{}")).get("roles", {})
+        file, kept = opened(path)
         known = cast(Roles, {**kept, **roles, "properties": []})
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
@@ -70,24 +69,12 @@ class TrialStream:
         return cls(next(_batches(file, 1, known)).data.schema, lambda: _trials(Path(path), known))
 
 
-def _opened(path: str | os.PathLike[str]) -> "pq.ParquetFile":
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.ParquetFile(path)
-    except OSError as error:
-        raise CommonlawError(f"cannot read {path}: {error.strerror or error}; check the path") from None
-    except pa.ArrowInvalid as error:
-        raise CommonlawError(f"{path} is no Parquet file ({error}): only Parquet can be streamed") from None
-
-
 def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch waits for the next batch, which may go on with it."""
     done: set[tuple[str, str]] = set()
     waiting: Trial | None = None
     states: tuple[str, ...] = ()
-    for batch in _batches(_opened(path), _ROWS, roles):
+    for batch in _batches(opened(path)[0], _ROWS, roles):
         states = batch.data.schema.states
         for trial in batch.data.trials:
             if waiting is not None and waiting.label == trial.label:
@@ -108,10 +95,8 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
 
 
 def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Rows]:
-    import pyarrow as pa
-
     for batch in file.iter_batches(batch_size=rows):
-        yield read_rows(frame_table(pa.Table.from_batches([batch])), "object", roles)
+        yield read_rows(batch_table(batch), "object", roles)
 
 
 def _joined(first: Trial, second: Trial) -> Trial:

@@ -12,6 +12,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.frames import frame_table
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import (
     column_properties,
@@ -20,7 +21,7 @@ from commonlaw.trials.properties import (
     object_codes,
 )
 from commonlaw.trials.roles import Roles
-from commonlaw.trials.sources import frame_table, read_table
+from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3

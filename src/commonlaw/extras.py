@@ -1,0 +1,32 @@
+"""Packages that only some features need: imported where they are used, or missed with the way to install them."""
+
+from importlib import import_module
+from typing import Any
+
+from commonlaw.errors import CommonlawError
+
+
+def optional_import(module: str, feature: str, extra: str) -> Any:
+    """Return a module of a package that not every installation has.
+
+    Parameters
+    ----------
+    module
+        The module, such as ``"pyarrow.parquet"``.
+    feature
+        What needs it, for the message: ``"reading Parquet files"``.
+    extra
+        The extra of commonlaw that brings the package.
+
+    Raises
+    ------
+    CommonlawError
+        If the package is not installed; the message says how to install it.
+    """
+    package = module.split(".")[0]
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != package:
+            raise
+        raise CommonlawError(f"{feature} needs {package.replace('_', '-')}: pip install 'commonlaw[{extra}]'") from None
