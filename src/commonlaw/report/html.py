@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from commonlaw.extras import optional_import
 from commonlaw.report.blocks import Block, Picture, Table, Text
 from commonlaw.report.document import Report
 from commonlaw.report.markup import inline, markdown, plain
@@ -24,7 +25,14 @@ def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
         What it shows.
     drawings
         The pictures by name as SVG.
+
+    Raises
+    ------
+    CommonlawError
+        If a package that reports need is not installed, or a formula cannot be read.
     """
+    for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
+        optional_import(package, "making a report", "report")
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
