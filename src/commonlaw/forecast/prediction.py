@@ -68,7 +68,7 @@ def predict(
     if covariance is None or noise is None:
         return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
-    runs = [replace(run, field=replace(run.field, support=law.support)) for run in runs]
+    runs = [replace(run, field=replace(run.field, free=law.support)) for run in runs]
     found = simulate(runs, method=method, tolerance=tolerance, sensitivities=True)
     deviations = []
     for trial, trajectory, own in zip(trials, found, fitted, strict=True):

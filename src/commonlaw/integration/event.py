@@ -112,7 +112,7 @@ class Gaps:
 
     def __call__(self, t: float, y: Floats) -> Floats:
         """Return the gaps at one time, shape (events,)."""
-        return np.asarray(self.terms.evaluate(self.field.values(t, y))[0] - self._levels)
+        return np.asarray(self.terms.evaluate(self.field.point(t, y))[0] - self._levels)
 
     def at_start(self, t: float, y: Floats, span: float) -> Floats:
         """Return the gaps at the start, and for one that is zero to rounding the sign that it takes just after.

@@ -47,8 +47,9 @@ class Iteration(AbstractIntegrator):
                         problem.times, states, diverged(when, why, problem.where), when, (), slopes, method="steps"
                     )
                 if slopes is not None:
-                    slopes[k + 1] = vector_field.jacobian(t, states[k]) @ slopes[k]
-                    slopes[k + 1, :, : -width or None] += vector_field.slopes(t, states[k])
+                    _, (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states[k]))
+                    slopes[k + 1] = by_states @ slopes[k]
+                    slopes[k + 1, :, :-width] += by_parameters
                 states[k + 1] = following
         return Trajectory(problem.times, states, sensitivities=slopes, method="steps")
 

@@ -192,10 +192,10 @@ def _variational(vector_field: VectorField, width: int) -> Equations:
 
     def rates(t: float, y: Floats) -> Floats:
         states, matrix = y[:width], y[width:].reshape(width, -1)
-        change = vector_field.jacobian(t, states) @ matrix
-        direct = vector_field.slopes(t, states)
-        change[:, : direct.shape[1]] += direct
-        return np.concatenate([vector_field(t, states), change.ravel()])
+        (derivatives,), (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states))
+        change = by_states @ matrix
+        change[:, : by_parameters.shape[1]] += by_parameters
+        return np.concatenate([derivatives, change.ravel()])
 
     def jacobian(t: float, y: Floats) -> Floats:
         # How the sensitivities feel the states is left out: it steers Newton's iteration only, not the result.

@@ -71,7 +71,8 @@ def simulate(
     trajectories = []
     for problem in problems:
         vector_field = problem.field
-        key = (id(vector_field.terms), vector_field.order, vector_field.kept.tobytes())
+        masks = vector_field.kept.tobytes() + vector_field.parameter_mask.tobytes()
+        key = (id(vector_field.terms), vector_field.order, masks)
         if key not in choices:
             choices[key] = _choice(vector_field, method, options)
         trajectories.append(choices[key].integrate(problem))

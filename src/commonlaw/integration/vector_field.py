@@ -1,19 +1,40 @@
-"""The right-hand side of a law for one object, ready to integrate."""
+"""The right-hand side of a law for one object, with its derivatives, at many points at once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.library import Terms
+
+
+class LinearizedField(NamedTuple):
+    """A vector field and its derivatives at n points.
+
+    Parameters
+    ----------
+    derivatives
+        ``f``, shape (n, D).
+    by_states
+        Its derivatives with respect to the states, shape (n, D, D).
+    by_parameters
+        Its derivatives with respect to the parameters, shape (n, D, parameters).
+    """
+
+    derivatives: Floats
+    by_states: Floats
+    by_parameters: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """``y' = f(t, y)`` with ``y`` the states, and behind them their rates for a law of second order.
+    """``z' = f(z, u, t)`` with ``z`` the D states: the measured ones, and behind them their rates in second order.
+
+    Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
+    one time and state, as integrators do, it gives what it gives at the one point.
 
     Parameters
     ----------
@@ -22,74 +43,106 @@ class VectorField:
     coefficients
         Of the highest derivatives, shape (equations, terms).
     order
-        1 or 2; 0 for a law in discrete time, which gives the next states instead of rates.
+        1 or 2; 0 for a law in discrete time, which gives the next states instead of derivatives.
     inputs
-        The inputs at a time, shape (inputs,); needed when the law has inputs.
-    support
-        Which coefficients are parameters, shape (equations, terms); without it those that are not zero. What all
-        objects share is worth giving: it keeps the meaning of sensitivities when a coefficient happens to be zero.
-
-    Raises
-    ------
-    CommonlawError
-        If a coefficient outside the support is not zero.
+        The inputs at a time, shape (inputs,); needed to integrate a law that has inputs.
+    free
+        Which coefficients are parameters, by which derivatives are taken, shape (equations, terms); without it those
+        that are not zero. What all objects share is worth giving: it keeps the meaning of derivatives when a
+        coefficient happens to be zero.
     """
 
     terms: Terms
     coefficients: Floats
     order: int = 1
     inputs: Callable[[float], Floats] | None = None
-    support: Bools | None = None
+    free: Bools | None = None
 
-    def __post_init__(self) -> None:
-        if self.support is not None and np.any(self.coefficients[~self.support]):
-            raise CommonlawError("a coefficient outside the support of a vector field is not zero: widen the support")
+    def __call__(self, t: float, z: Floats) -> Floats:
+        """Return ``f`` at one time and state, shape (D,)."""
+        return np.asarray(self.derivatives(self.point(t, z))[0])
 
-    def __call__(self, t: float, y: Floats) -> Floats:
-        """Return the rates of `y`, or the next `y` in discrete time, shape (d,)."""
-        terms, coefficients = self._compact
-        highest = coefficients @ terms.evaluate(self.values(t, y))[0]
-        return np.asarray(np.concatenate([y[len(highest) :], highest]) if self.order == 2 else highest)
+    def jacobian(self, t: float, z: Floats) -> Floats:
+        """Return the derivatives of ``f`` with respect to the states at one time and state, shape (D, D)."""
+        return np.asarray(self._by_states(self.point(t, z), *self._nonzero)[0])
 
-    def jacobian(self, t: float, y: Floats) -> Floats:
-        """Return the exact derivatives of ``f(t, y)`` by `y`, shape (d, d)."""
-        terms, coefficients = self._compact
-        lower = coefficients @ terms.jacobian(self.values(t, y))[0, :, : len(y)]
-        if self.order != 2:
-            return np.asarray(lower)
-        states = len(y) // 2
-        return np.concatenate([np.eye(states, len(y), k=states), lower])
+    def point(self, t: float, z: Floats) -> Floats:
+        """Return the values of the variables at one time and state, shape (1, variables)."""
+        inputs = () if self.inputs is None else self.inputs(t)
+        return np.concatenate([z, inputs, (t,)])[np.newaxis]
 
-    def slopes(self, t: float, y: Floats) -> Floats:
-        """Return the derivatives of ``f(t, y)`` by the parameters, shape (d, parameters)."""
-        row = self.terms.take(self._used).evaluate(self.values(t, y))[0]
-        equations, indices = np.nonzero(self.kept[:, self._used])
-        result = np.zeros((len(y), len(indices)))
-        result[len(y) - len(self.coefficients) + equations, np.arange(len(indices))] = row[indices]
-        return result
+    def derivatives(self, values: Floats) -> Floats:
+        """Return ``f``, or the next states in discrete time, shape (n, D)."""
+        terms, coefficients = self._nonzero
+        return self._with_rates(values, terms.evaluate(values) @ coefficients.T)
+
+    def linearize(self, values: Floats) -> LinearizedField:
+        """Return ``f`` and its exact derivatives."""
+        terms, coefficients = self._kept
+        matrix = terms.evaluate(values)
+        by_states = self._by_states(values, terms, coefficients)
+        return LinearizedField(
+            self._with_rates(values, matrix @ coefficients.T), by_states, self._by_parameters(matrix)
+        )
+
+    @property
+    def width(self) -> int:
+        """The number of states, D."""
+        return len(self.coefficients) * max(1, self.order)
 
     @cached_property
-    def kept(self) -> Bools:
+    def parameter_mask(self) -> Bools:
         """Which coefficients are parameters, shape (equations, terms); they count in the order of `numpy.argwhere`."""
-        return np.asarray(self.coefficients != 0) if self.support is None else self.support
+        return np.asarray(self.coefficients != 0) if self.free is None else self.free
 
     @property
     def parameters(self) -> Floats:
         """The values of the parameters, shape (parameters,)."""
-        return np.asarray(self.coefficients[self.kept])
-
-    def values(self, t: float, y: Floats) -> Floats:
-        """Return the variables at one time, shape (1, variables)."""
-        inputs = () if self.inputs is None else self.inputs(t)
-        return np.concatenate([y, inputs, (t,)])[np.newaxis]
+        return np.asarray(self.coefficients[self.parameter_mask])
 
     @cached_property
-    def _used(self) -> list[int]:
-        """The places of the terms that are in some equation."""
-        return [int(k) for k in np.flatnonzero(self.kept.any(axis=0))]
+    def kept(self) -> Bools:
+        """Which coefficients are parameters or not zero, shape (equations, terms)."""
+        return np.asarray(self.parameter_mask | (self.coefficients != 0))
 
     @cached_property
-    def _compact(self) -> tuple[Terms, Floats]:
+    def _nonzero(self) -> tuple[Terms, Floats]:
         """The terms with a coefficient other than zero, and those coefficients."""
-        used = [int(k) for k in np.flatnonzero(np.any(self.coefficients != 0, axis=0))]
-        return self.terms.take(used), self.coefficients[:, used]
+        return self._taken(self.coefficients != 0)
+
+    @cached_property
+    def _kept(self) -> tuple[Terms, Floats]:
+        """The terms with a coefficient that is kept, and those coefficients."""
+        return self._taken(self.kept)
+
+    def _taken(self, mask: Bools) -> tuple[Terms, Floats]:
+        indices = np.flatnonzero(mask.any(axis=0))
+        return self.terms.take([int(k) for k in indices]), self.coefficients[:, indices]
+
+    def _with_rates(self, values: Floats, highest: Floats) -> Floats:
+        """Return the derivatives of all states from the highest ones, shape (n, D)."""
+        if self.order != 2:
+            return highest
+        return np.concatenate([values[:, len(self.coefficients) : self.width], highest], axis=1)
+
+    def _by_states(self, values: Floats, terms: Terms, coefficients: Floats) -> Floats:
+        width, equations = self.width, len(coefficients)
+        found = np.zeros((len(values), width, width))
+        gradients = terms.jacobian(values)[:, :, :width]
+        found[:, width - equations :] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
+        if self.order == 2:
+            found[:, range(equations), range(equations, width)] = 1.0
+        return found
+
+    def _by_parameters(self, matrix: Floats) -> Floats:
+        """Return the derivatives by the parameters from the matrix of the kept terms, shape (n, D, parameters)."""
+        states, columns = self._of_parameters
+        found = np.zeros((len(matrix), self.width, len(states)))
+        found[:, states, range(len(states))] = matrix[:, columns]
+        return found
+
+    @cached_property
+    def _of_parameters(self) -> tuple[Indices, Indices]:
+        """The state whose derivative each parameter is in, and the index of its term among those that are kept."""
+        equations, columns = np.nonzero(self.parameter_mask[:, self.kept.any(axis=0)])
+        return self.width - len(self.coefficients) + equations, columns

@@ -211,8 +211,8 @@ class Law(AbstractEquations):
 
     def vector_field(self, name: str) -> VectorField:
         """Return the right-hand side for one object, ready to integrate."""
-        support = self.support if self.shared else None
-        return VectorField(self.terms, self.coefficients_of(name), self.order, support=support)
+        free = self.support if self.shared else None
+        return VectorField(self.terms, self.coefficients_of(name), self.order, free=free)
 
     def simulate(
         self,

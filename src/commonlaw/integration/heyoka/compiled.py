@@ -34,7 +34,9 @@ class Structure:
     terms
         Those in some equation, over `size` variables, time the last.
     pairs
-        Equation and place of the term of each parameter, in the parameters' order.
+        Equation and index of the term of each coefficient, in the coefficients' order.
+    free
+        Which of these are parameters that sensitivities are wanted of; empty if none are wanted.
     equations, order, size
         How many equations, the order of the law, how many variables.
     events
@@ -45,6 +47,7 @@ class Structure:
 
     terms: tuple[AbstractTerm, ...]
     pairs: tuple[tuple[int, int], ...]
+    free: tuple[int, ...]
     equations: int
     order: int
     size: int
@@ -58,9 +61,11 @@ class Structure:
         used = np.flatnonzero(vector_field.kept.any(axis=0))
         variables = vector_field.terms.variables
         events = event_terms(options.events, variables).terms
+        free = np.flatnonzero(vector_field.parameter_mask[vector_field.kept] & options.sensitivities)
         return cls(
             tuple(vector_field.terms.terms[k] for k in used),
             tuple((int(j), int(k)) for j, k in np.argwhere(vector_field.kept[:, used])),
+            tuple(int(i) for i in free),
             len(vector_field.coefficients),
             vector_field.order,
             len(variables.names),
@@ -96,7 +101,7 @@ class Compiled:
 
     def start(self, problem: InitialValueProblem, levels: Floats) -> None:
         """Set parameters, state and time to the start of a problem."""
-        self.stepper.pars[:] = np.concatenate([problem.field.parameters, levels])
+        self.stepper.pars[:] = np.concatenate([problem.field.coefficients[problem.field.kept], levels])
         self.reset(problem.start, np.concatenate([problem.initial, self.slopes]))
 
     def reset(self, time: float, row: Floats) -> None:
@@ -133,8 +138,8 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
     system: Any = list(zip(states, rates, strict=True))
     parameters, slopes = len(structure.pairs), np.empty(0)
     if structure.sensitivities:
-        system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in range(parameters)), *states])
-        slopes = np.hstack([np.zeros((len(states), parameters)), np.eye(len(states))]).ravel()
+        system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
+        slopes = np.hstack([np.zeros((len(states), len(structure.free))), np.eye(len(states))]).ravel()
     terminal, found, events = _events(structure, variables)
     large = structure.sensitivities or parameters > _LARGE
     stepper = heyoka.taylor_adaptive(
