@@ -11,7 +11,7 @@ class Outcome:
     ----------
     kind
         Its name: ``"empty support"``, ``"diverged"``, ``"few samples"``, ``"ill-conditioned"``, ``"not converged"``,
-        ``"not obeyed"``, ``"one object"``.
+        ``"model error"``, ``"one object"``.
     where
         The equation, object or trial that it concerns; empty when it concerns the whole.
     text

@@ -9,9 +9,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.discovery import discover
-from commonlaw.inference import OUTLIERS
-from commonlaw.inference.objects import prepare
-from commonlaw.inference.search import with_supports
+from commonlaw.inference import fit_supports, prepare
 from commonlaw.law import Law
 from commonlaw.report import Section, Table, Text
 from commonlaw.trials import Trials
@@ -52,17 +50,17 @@ class Choice:
     def listed(self) -> dict[str, tuple[float, float]]:
         """What the law's own list says of each form in it: twice the log-evidence lost, and the probability."""
         measures = {each.terms: each.measures for each in self.law.alternatives}
-        lost = {terms: float(own["evidence lost"] or 0.0) for terms, own in measures.items()}
+        lost = {terms: float(own["2 log B"] or 0.0) for terms, own in measures.items()}
         return {
-            form: (lost[terms] - min(lost.values()), float(measures[terms]["probability"] or 0.0))
+            form: (lost[terms], float(measures[terms]["probability"] or 0.0))
             for form, terms in DRAG_FORMS.items()
             if terms in lost
         }
 
     @property
     def error(self) -> str:
-        """The error of the law, in the words of its history."""
-        return next(step.choice for step in self.law.history if step.stage == "error of the law")
+        """The model error, in the words of the law's history."""
+        return next(step.choice for step in self.law.history if step.stage == "model error")
 
 
 def drag_choices(drops: Trials) -> tuple[Section, Mapping[str, Choice]]:
@@ -88,12 +86,12 @@ def form_of(law: Law) -> str:
 def _choose(trials: Trials) -> Choice:
     law = discover(trials, order=2, library=OFFERED, progress=lambda _: None)
     unknown = np.full(law.coefficients.shape, np.nan)
-    objects = prepare(trials, law.terms, law.order, unknown, bound=OUTLIERS)
+    problem = prepare(trials, law.terms, law.order, unknown)
     found = {
-        form: with_supports(objects, np.isin(law.terms.names, terms)[np.newaxis]) for form, terms in DRAG_FORMS.items()
+        form: fit_supports(problem, np.isin(law.terms.names, terms)[np.newaxis]) for form, terms in DRAG_FORMS.items()
     }
     values = {form: each.value for form, each in found.items()}
-    return Choice(law, values, {form: each.tolerance for form, each in found.items()})
+    return Choice(law, values, {form: each.model_error for form, each in found.items()})
 
 
 def agreed(choices: Mapping[str, Choice]) -> list[str]:

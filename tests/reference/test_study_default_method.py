@@ -109,7 +109,7 @@ def test_what_is_chosen_is_what_discover_chooses_and_its_list_says(drops, result
     assert DRAG_FORMS[found["chosen"]] == tuple(chosen.split(", "))
     for form, terms in DRAG_FORMS.items():
         row = listed.loc[", ".join(terms)]
-        lost = row["evidence lost"] - listed["evidence lost"].min()
+        lost = row["2 log B"]
         assert found["laws"][form]["evidence_lost_at_error_of_chosen"] == pytest.approx(lost, abs=1e-6)
         assert found["laws"][form]["probability"] == pytest.approx(row["probability"], rel=1e-6)
 

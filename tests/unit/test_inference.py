@@ -11,9 +11,10 @@ import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
 from commonlaw import datasets
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import accuracy, record
+from commonlaw.inference import provenance
+from commonlaw.inference.support_search import ComparedSupport
 
-STAGES = {"noise", "library", "mesh", "error of the law", "coefficients"}
+STAGES = {"noise", "library", "mesh", "model error", "coefficients"}
 
 
 def found(trials, truth, **settings):
@@ -75,7 +76,7 @@ def test_falling_balls_are_found_from_noisy_heights(drag):
     assert drag.standard_errors[:, drag.support].shape == (2, 2)
     chosen = [each for each in drag.alternatives if each.chosen]
     assert [each.terms for each in chosen] == [("1", "v")]
-    assert drag.alternatives[0].measures["evidence lost"] == 0
+    assert drag.alternatives[0].measures["2 log B"] == 0
     assert sum(each.measures["probability"] for each in drag.alternatives) == pytest.approx(1, abs=0.05)
     assert "largest evidence" in str(drag.history)
 
@@ -104,7 +105,7 @@ def test_an_oscillator_is_found_without_and_with_noise(noise):
     found(oscillator(noise=noise), datasets.nonlinear_oscillator.truth())
 
 
-def test_coarse_samples_of_a_fast_law_are_not_taken_for_an_error_of_the_law():
+def test_coarse_samples_of_a_fast_law_are_not_taken_for_a_model_error():
     measured = datasets.lorenz(samples=300, rate=25.0, trials=1)
     law = found(measured, datasets.lorenz.truth(), library="poly:2")
     assert law.history[2].choice != "1 step from sample to sample"
@@ -236,7 +237,7 @@ def test_given_noise_is_used(drops, drag):
     )
 
 
-def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
+def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals():
     times, generator = np.linspace(0, 4, 200), np.random.default_rng(0)
 
     def field(t, z):
@@ -252,11 +253,11 @@ def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
     assert [name for name, used in zip(within.terms.names, within.support[0], strict=True) if used] == [
         "1", "v*abs(v)", "sin(5 t)",
     ]  # fmt: skip
-    steps = {law: next(step for step in law.history if step.stage == "error of the law") for law in (within, without)}
+    steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
     assert steps[within].choice == "none"
     assert within.outcomes == ()
     (progress,) = without.outcomes
-    assert progress.kind == "not obeyed"
+    assert progress.kind == "model error"
     assert steps[without].choice.removeprefix("a random walk, ") in progress.text
     assert any(each.chosen for each in without.alternatives)
     assert "single trial" not in progress.text
@@ -266,21 +267,28 @@ def test_a_law_that_is_not_in_the_library_has_an_error_and_wide_intervals():
     assert np.all((without.inclusion_probabilities >= 0) & (without.inclusion_probabilities <= 1))
 
 
-def test_probabilities_are_found_however_much_better_a_rival_is():
+def compared(supports, values, chosen=0):
+    return [
+        ComparedSupport(support, value, i == chosen)
+        for i, (support, value) in enumerate(zip(supports, values, strict=True))
+    ]
+
+
+def test_probabilities_are_found_however_much_better_one_is():
     supports = [np.array([True, False]), np.array([True, True]), np.array([False, False])]
-    listed = [(supports[0], 0.0), (supports[1], -5000.0), (supports[2], np.inf)]
-    np.testing.assert_allclose(accuracy.probabilities(listed), [0, 1, 0], atol=1e-300)
-    np.testing.assert_allclose(accuracy.inclusion([listed]), [[1, 1]])
-    even = [(supports[0], 0.0), (supports[1], 2 * np.log(3))]
-    np.testing.assert_allclose(accuracy.inclusion([even]), [[1, 0.25]])
+    listed = compared(supports, [5000.0, 0.0, np.inf])
+    np.testing.assert_allclose(provenance.probabilities(listed), [0, 1, 0], atol=1e-300)
+    np.testing.assert_allclose(provenance.inclusion_probabilities([listed]), [[1, 1]])
+    even = compared(supports[:2], [0.0, 2 * np.log(3)])
+    np.testing.assert_allclose(provenance.inclusion_probabilities([even]), [[1, 0.25]])
 
 
 def test_the_chosen_support_is_listed_however_many_have_more_evidence(drag):
     supports = [np.arange(len(drag.terms)) == k for k in (1, 2, 3, 4, 5, 0)] * 3
-    listed = [(support, i - 17.0) for i, support in enumerate(supports)]
-    found = record.alternatives(drag, [listed])
+    found = provenance.alternatives(drag, [compared(supports, range(18), chosen=17)])
     assert [each.chosen for each in found] == [False] * 12 + [True]
     assert found[-1].terms == ("1",)
+    assert found[-1].measures["2 log B"] == 17
 
 
 # Other ways

@@ -10,9 +10,11 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import accuracy
+from commonlaw.inference import covariance
 
 NOISE = 0.3
+OWN = {"partial_pooling": False}
+KINDS = ("likelihood", "bootstrap")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def own(law, values):
 
 
 def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
-    law = cl.refine(by_rates, prey, noise={"x": NOISE, "y": NOISE}, outliers=np.inf, pool=False)
+    law = cl.refine(by_rates, prey, noise={"x": NOISE, "y": NOISE}, huber_threshold=np.inf, **OWN)
     name = prey.objects[0]
     expected, errors = shooting(prey.of(name), own(by_rates, by_rates.coefficients_of(name)))
     np.testing.assert_allclose(own(law, law.coefficients_of(name)), expected, atol=0.02 * errors.min())
@@ -73,19 +75,22 @@ def test_refined_coefficients_are_those_of_discovery_of_the_same_terms(prey, by_
     assert np.all(np.abs(gaps) < 0.02 * found.standard_errors[:, found.support])
 
 
-def test_errors_by_drawing_stretches_anew_agree_with_those_of_the_likelihood(prey, by_rates):
-    likely, drawn = (cl.refine(by_rates, prey, pool=False, errors=errors) for errors in ("likelihood", "bootstrap"))
+def test_errors_by_drawing_blocks_anew_agree_with_those_of_the_likelihood(prey, by_rates):
+    likely, drawn = (
+        cl.refine(by_rates, prey, partial_pooling=False, covariance=errors) for errors in ("likelihood", "bootstrap")
+    )
     ratios = (drawn.standard_errors / likely.standard_errors)[:, likely.support]
     assert 0.9 < np.exp(np.mean(np.log(ratios))) < 1.1
     assert np.all((ratios > 0.6) & (ratios < 1.6))
     np.testing.assert_array_equal(likely.coefficients, drawn.coefficients)
 
 
-def test_errors_by_drawing_stretches_anew_need_no_true_noise(prey, by_rates):
+def test_errors_by_drawing_blocks_anew_need_no_true_noise(prey, by_rates):
     wrong, true = ({"x": factor * NOISE, "y": factor * NOISE} for factor in (4, 1))
-    true = cl.refine(by_rates, prey, noise=true, pool=False)
+    true = cl.refine(by_rates, prey, noise=true, partial_pooling=False)
     likely, drawn = (
-        cl.refine(by_rates, prey, noise=wrong, errors=errors, pool=False) for errors in ("likelihood", "bootstrap")
+        cl.refine(by_rates, prey, noise=wrong, covariance=errors, partial_pooling=False)
+        for errors in ("likelihood", "bootstrap")
     )
 
     def ratio(law):
@@ -95,17 +100,24 @@ def test_errors_by_drawing_stretches_anew_need_no_true_noise(prey, by_rates):
     assert ratio(drawn) == pytest.approx(1, rel=0.15)
 
 
-def test_stretches_drawn_anew_may_tell_nothing_of_a_term():
+def test_blocks_drawn_anew_may_tell_nothing_of_a_term():
     rows = np.random.default_rng(0).standard_normal((60, 3))
     rows[:, 1] = 0
     rows[7, 1] = 1
-    covariance = accuracy.bootstrapped([rows], np.array([0, 1]))
-    assert np.isfinite(covariance).all()
+    found = covariance.bootstrapped([rows], np.array([0, 1]))
+    assert np.isfinite(found).all()
     # As by White's sandwich, of blocks of two rows
     library, target = rows[:, :2], rows[:, 2]
     pulls = (library[:, 0] * (target - library @ np.linalg.lstsq(library, target, rcond=None)[0])).reshape(30, 2)
     expected = np.sum(pulls.sum(axis=1) ** 2) / np.sum(library[:, 0] ** 2) ** 2
-    assert covariance[0, 0] == pytest.approx(expected, rel=0.25)
+    assert found[0, 0] == pytest.approx(expected, rel=0.25)
+
+
+def test_another_seed_draws_other_blocks(prey, by_rates):
+    laws = [cl.refine(by_rates, prey, covariance="bootstrap", seed=seed, **OWN) for seed in (0, 0, 1)]
+    first, again, other = (law.covariance for law in laws)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_known_coefficients_stay_and_other_objects_are_left_out():
@@ -125,7 +137,10 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
         cl.refine(replace(by_rates, order=0), prey)
     with pytest.raises(CommonlawError, match="unknown object of this law"):
         cl.refine(by_rates.select(by_rates.objects[:1]), prey)
-    for setting, message in (({"errors": "guess"}, "unknown kind of errors"), ({"outliers": 0.0}, "above zero")):
+    for setting, message in (
+        ({"covariance": "guess"}, "unknown kind of covariance"),
+        ({"huber_threshold": 0.0}, "above zero"),
+    ):
         with pytest.raises(CommonlawError, match=message):
             cl.refine(by_rates, prey, **setting)
     with pytest.raises(CommonlawError, match="the law has x, y, the trials have x; name"):

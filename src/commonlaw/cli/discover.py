@@ -25,7 +25,7 @@ _LAW, _OUTPUT = "Law", "Output"
 
 _MORE_TERMS = 2
 
-_MEASURES = ("held-out error", "standard error", "BIC", "stability", "evidence lost", "probability")
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability")
 """What is shown of a candidate, as far as it is there."""
 
 

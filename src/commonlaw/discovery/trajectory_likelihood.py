@@ -6,12 +6,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import OUTLIERS, PATH, find_law, known_noise
+from commonlaw.inference import HUBER_THRESHOLD, PATH, finish, known_noise, search_supports, with_supports
 from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
@@ -52,7 +51,7 @@ class TrajectoryLikelihood(AbstractMethod):
     takes_streams: ClassVar[bool] = False
 
     noise: Mapping[str, float] | None = None
-    huber_threshold: float = OUTLIERS
+    huber_threshold: float = HUBER_THRESHOLD
     covariance: Literal["likelihood", "bootstrap"] = "likelihood"
     partial_pooling: bool = True
     solver: AbstractSolver | str | None = None
@@ -83,20 +82,24 @@ class TrajectoryLikelihood(AbstractMethod):
         rates = suitable_differentiation(trials, structure.order)
         provenance = Provenance(rates)
         frame = Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance)
-
-        def by_derivatives() -> Bools:
-            return np.asarray(DerivativeRegression().find(trials, structure, progress).support & np.isnan(known[0]))
-
-        return find_law(
+        found = search_supports(
             trials,
             frame,
             known,
-            by_rates=by_derivatives,
             solver=parsed(self.solver, parse_solver) or PATH,
             noise=noise,
-            outliers=self.huber_threshold,
-            errors=self.covariance,
+            huber_threshold=self.huber_threshold,
+            progress=progress,
+        )
+        if found.has_model_error:
+            progress("the measurements depart from every law of this library: choosing terms by trials held out")
+            other = DerivativeRegression().find(trials, structure, progress)
+            found = with_supports(found, other.support & np.isnan(known[0]))
+        return finish(
+            found,
+            covariance=self.covariance,
             universal=universal,
-            pool=self.partial_pooling,
+            partial_pooling=self.partial_pooling,
+            seed=self.seed,
             progress=progress,
         )

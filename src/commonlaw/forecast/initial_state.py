@@ -9,7 +9,16 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
-from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, fit, interpolate, meshes
+from commonlaw.likelihood import (
+    HUBER_THRESHOLD,
+    Dynamics,
+    Estimate,
+    ObservationModel,
+    TrajectoryModel,
+    fit,
+    interpolate,
+    meshes,
+)
 from commonlaw.trials import Trial
 
 MIN_SAMPLES = 5
@@ -22,9 +31,6 @@ _TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
 """Of the law, relative to the noise. At the first one states may stray from the law as far as measurements do, so that
 a curve through these is a good guess; at the last they are a solution of it: what is tolerated adds up, over all steps
 of a thousand samples, to a fiftieth of the noise."""
-
-_OUTLIERS = 4.0
-"""Standard deviations beyond which a measurement pulls no harder: of normal noise, one in 16 000 is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,7 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     guess = np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
-    measurement = ObservationModel(noise, _OUTLIERS)
+    measurement = ObservationModel(noise, HUBER_THRESHOLD)
     model = TrajectoryModel(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
     own = law.coefficients_of(trial.object)
     found = fit(

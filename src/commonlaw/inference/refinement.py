@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError, unknown
-from commonlaw.inference.accuracy import Errors, covariances
-from commonlaw.inference.objects import Objects, known_noise, prepare
-from commonlaw.inference.pipeline import OUTLIERS
-from commonlaw.inference.record import coefficients_step, error_step, noise_step
-from commonlaw.inference.resolution import on_finer_mesh
-from commonlaw.inference.search import ERRORS, FINAL, OBEYED, Found, with_supports
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.covariance import CovarianceKind, check_covariance_kind
+from commonlaw.inference.law_search import fitted_law
+from commonlaw.inference.mesh_refinement import until_resolved
+from commonlaw.inference.provenance import coefficients_step, model_error_step, noise_step
+from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
+from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.law import Law
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
 
@@ -21,9 +23,11 @@ def refine(
     trials: Trials,
     *,
     noise: Mapping[str, float] | None = None,
-    outliers: float = OUTLIERS,
-    errors: Errors = "likelihood",
-    pool: bool = True,
+    huber_threshold: float = HUBER_THRESHOLD,
+    covariance: CovarianceKind = "likelihood",
+    partial_pooling: bool = True,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
 ) -> Law:
     """Fit a law's coefficients, and the states of each trial, to what was measured: maximum likelihood.
 
@@ -38,12 +42,17 @@ def refine(
         Of objects of the law.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated.
-    outliers
+    huber_threshold
         Standard deviations of noise beyond which a measurement counts as an outlier, infinite for none.
-    errors
-        How the covariance is found: ``"likelihood"`` or ``"bootstrap"``, see `LawDiscovery`.
-    pool
+    covariance
+        How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
+        coefficients when blocks of the trials are drawn anew.
+    partial_pooling
         Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+    seed
+        Of the bootstrap.
+    progress
+        Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
 
     Returns
     -------
@@ -67,12 +76,28 @@ def refine(
     <BLANKLINE>
     with v = x'
     """
+    check_covariance_kind(covariance)
+    law = _of_objects(law, trials)
+    known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
+    certain = law.standard_errors == 0
+    known[certain] = law.coefficients[certain]
+    levels = None if noise is None else known_noise(noise, law.states)
+    progress = on_terminal() if progress is None else progress
+    progress("estimating noise, smoothing")
+    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+    progress("fitting coefficients")
+    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
+    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
+    refined = fitted_law(law, problem, state, covariance, seed)
+    steps = (noise_step(problem), model_error_step(state), coefficients_step(problem, state))
+    provenance = replace(law.provenance, history=(*law.history, *steps))
+    return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+
+
+def _of_objects(law: Law, trials: Trials) -> Law:
+    """Return the law of the objects of these trials, which it fits."""
     if law.order == 0:
         raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")
-    if errors not in ("likelihood", "bootstrap"):
-        raise unknown("kind of errors", errors, ("likelihood", "bootstrap"))
-    if not outliers > 0:
-        raise CommonlawError(f"outliers is {outliers}: give standard deviations of noise, above zero")
     wanted, given = ((*each.schema.states, *each.schema.inputs) for each in (law, trials))
     if wanted != given:
         raise CommonlawError(
@@ -83,29 +108,4 @@ def refine(
         raise CommonlawError(
             "the objects of this law have terms of their own: refine each by itself, law.select([name])"
         )
-    known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
-    certain = law.standard_errors == 0
-    known[certain] = law.coefficients[certain]
-    levels = None if noise is None else known_noise(noise, law.states)
-    objects = prepare(trials, law.terms, law.order, known, noise=levels, bound=outliers)
-    objects, found = _resolved(trials, objects, with_supports(objects, objects.allowed, (*ERRORS, OBEYED)))
-    steps = (noise_step(trials.schema, objects, noise is not None), error_step(found))
-    refined = replace(
-        law,
-        coefficients=np.array([each.coefficients for each in found.estimates]),
-        uncertainty=replace(
-            law.uncertainty, covariance=covariances(objects, found, errors), shared_factor=None, noise=objects.noise
-        ),
-        provenance=replace(law.provenance, history=(*law.history, *steps, coefficients_step(trials, objects, found))),
-    )
-    return refined.partial_pooling(None, pool)
-
-
-def _resolved(trials: Trials, objects: Objects, found: Found) -> tuple[Objects, Found]:
-    """Fit on finer meshes until these do not matter."""
-    while found.obeyed:
-        finer = on_finer_mesh(trials, objects, found, FINAL)
-        if finer is None:
-            break
-        objects, found = finer[0], replace(found, estimates=finer[1])
-    return objects, found
+    return law

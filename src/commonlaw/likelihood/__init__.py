@@ -5,9 +5,10 @@ from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit
 from commonlaw.likelihood.linearization import Linearization, linearize, whitened
 from commonlaw.likelihood.mesh import Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
-from commonlaw.likelihood.observation_model import ObservationModel
+from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel
 
 __all__ = [
+    "HUBER_THRESHOLD",
     "Dynamics",
     "Estimate",
     "Linearization",

@@ -6,6 +6,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 
+HUBER_THRESHOLD = 4.0
+"""Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""
+
 
 @dataclass(frozen=True, eq=False)
 class ObservationModel:

@@ -1,10 +1,9 @@
 """Selection: which of the equations that a solver found is the law, and why."""
 
-from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic
+from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic, log_choices
 from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError
 from commonlaw.selection.folds import Fold, ProblemGroups, make_folds
 from commonlaw.selection.forecasts import ForecastError
-from commonlaw.selection.joint import MOST_TERMS, SAMPLES_FOR_A_TERM, Joint
 from commonlaw.selection.laws import chosen_law, fitted_law, ill_conditions
 from commonlaw.selection.rules import RULES, ScoredCandidate, Selection, choose
 from commonlaw.selection.selecting import SEGMENTS, Accuracy, select
@@ -12,16 +11,13 @@ from commonlaw.selection.stability import Stability, stability
 
 __all__ = [
     "CRITERIA",
-    "MOST_TERMS",
     "RULES",
-    "SAMPLES_FOR_A_TERM",
     "SEGMENTS",
     "Accuracy",
     "CrossValidationScore",
     "FitStatistics",
     "Fold",
     "ForecastError",
-    "Joint",
     "ProblemGroups",
     "ResidualError",
     "ScoredCandidate",
@@ -35,6 +31,7 @@ __all__ = [
     "ebic",
     "fitted_law",
     "ill_conditions",
+    "log_choices",
     "make_folds",
     "select",
     "stability",

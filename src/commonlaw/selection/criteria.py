@@ -71,11 +71,12 @@ def ebic(fit: FitStatistics) -> float:
     their gamma of one. A support that objects share is chosen once.
     """
     choices = fit.terms[:1] if fit.shared else fit.terms
-    return bic(fit) + 2 * sum(_log_binomial(fit.library, int(terms)) for terms in choices)
+    return bic(fit) + 2 * sum(log_choices(fit.library, int(terms)) for terms in choices)
 
 
 CRITERIA: Mapping[str, Callable[[FitStatistics], float]] = {"aic": aic, "aicc": aicc, "bic": bic, "ebic": ebic}
 
 
-def _log_binomial(n: int, k: int) -> float:
-    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)
+def log_choices(library: int, size: int) -> float:
+    """Return the logarithm of the number of ways to choose so many terms from a library."""
+    return lgamma(library + 1) - lgamma(size + 1) - lgamma(library - size + 1)

@@ -1,4 +1,7 @@
-"""The supports of all equations together, from systems whose columns are the terms of one equation after the other."""
+"""The supports of all equations together, by their evidence.
+
+The least-squares problems have the terms of one equation after the other as columns.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +10,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.selection.pooled import log_choices, log_evidence, price, residuals
+from commonlaw.inference.evidence import cost_of_coefficients, minus_twice_log_evidence, rss_with_each
+from commonlaw.selection import log_choices
 from commonlaw.solvers import AbstractSolver
 
 MOST_TERMS = 20
@@ -21,8 +25,27 @@ _SWEEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
-    """The likelihood of all equations of all objects.
+class ComparedSupport:
+    """A support of one equation, compared with others.
+
+    Parameters
+    ----------
+    support
+        Which terms are in the equation, shape (terms,).
+    twice_log_bayes_factor
+        Of the best of those compared against this one: the best has 0, all others more.
+    chosen
+        Whether it is the law's.
+    """
+
+    support: Bools
+    twice_log_bayes_factor: float
+    chosen: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SupportEvidence:
+    """The evidence for supports of all equations of all objects.
 
     Parameters
     ----------
@@ -55,7 +78,7 @@ class Joint:
         for _ in range(_SWEEPS):
             before = supports.copy()
             for j in range(len(supports)):
-                supports[j] = self._equation(supports, j, solver)
+                supports[j] = self._choose_equation(supports, j, solver)
             if np.array_equal(before, supports):
                 break
         return supports
@@ -63,23 +86,23 @@ class Joint:
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
         factors = np.array([problem.factor for problem in self.problems])
-        evidence = log_evidence(factors, np.flatnonzero(supports), self.measured)
+        evidence = minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
         sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
         return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
 
-    def rivals(self, supports: Bools) -> list[list[tuple[Bools, float]]]:
+    def neighbours(self, supports: Bools) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
-        Each with minus twice its log-evidence above that of the chosen one, the best first; the other equations keep
-        their supports.
+        The best first; the other equations keep their supports.
         """
         found = []
         for j, chosen in enumerate(supports):
-            scores = _Scores.of(self._alone(supports, j), self.measured)
+            equation = _EquationEvidence.of(self._alone(supports, j), self.measured)
             listed = [chosen, *_neighbours(chosen, self.allowed[j])]
-            values = np.array([scores.value(each) for each in listed])
-            pairs = zip(listed, (values - values[0]).tolist(), strict=True)
-            found.append(sorted(pairs, key=lambda pair: pair[1]))
+            values = np.array([equation.value(each) for each in listed])
+            above = (values - values.min()).tolist()
+            compared = [ComparedSupport(each, above[i], i == 0) for i, each in enumerate(listed)]
+            found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
         return found
 
     def coefficients(self, supports: Bools) -> Floats:
@@ -87,24 +110,24 @@ class Joint:
         found = [problem.least_squares(supports.ravel(), 0) for problem in self.problems]
         return np.array(found).reshape(len(self.problems), *supports.shape)
 
-    def _equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
+    def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
         problems = self._alone(supports, equation)
-        scores, allowed = _Scores.of(problems, self.measured), self.allowed[equation]
+        evidence, allowed = _EquationEvidence.of(problems, self.measured), self.allowed[equation]
         listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
-        floors = [(scores.floor(each), each) for each in listed if each.sum() <= self.most]
-        best, least = scores.best(floors, none, scores.value(none))
+        floors = [(evidence.floor(each), each) for each in listed if each.sum() <= self.most]
+        best, value = evidence.best(floors, none, evidence.value(none))
         while True:
-            better, least = scores.best(scores.neighbours(best, allowed, self.most), best, least)
+            better, value = evidence.best(evidence.neighbours(best, allowed, self.most), best, value)
             if better is best:
                 return best
             best = better
 
     def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
-        """Return the systems of one equation, with what the terms of the others explain taken out."""
+        """Return the problems of one equation, with what the terms of the others explain taken out."""
         terms = supports.shape[1]
         mine = np.arange(equation * terms, (equation + 1) * terms)
         others = np.setdiff1d(np.flatnonzero(supports), mine)
@@ -119,13 +142,13 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class _Scores:
-    """What supports of one equation are worth.
+class _EquationEvidence:
+    """The evidence for supports of one equation.
 
     Parameters
     ----------
     factors
-        Of each object's system, shape (objects, terms + 1, terms + 1).
+        Of each object's problem, shape (objects, terms + 1, terms + 1).
     measured
         How many numbers were measured.
     """
@@ -134,41 +157,42 @@ class _Scores:
     measured: int
 
     @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int) -> "_Scores":
-        """Return the scores on these systems."""
+    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int) -> "_EquationEvidence":
+        """Return the evidence on these problems."""
         return cls(np.array([problem.factor for problem in problems]), measured)
 
-    def value(self, support: Bools, least: float = np.inf) -> float:
+    def value(self, support: Bools, needed: float = np.inf) -> float:
         """Return minus twice the log-evidence of a support, with what choosing it costs.
 
-        Supports that do not come below `least` get a lower bound of theirs.
+        Supports that do not come below what is needed get a lower bound of theirs.
         """
         choices = 2 * log_choices(len(support), int(support.sum()))
-        return choices + log_evidence(self.factors, np.flatnonzero(support), self.measured, least - choices)
+        indices = np.flatnonzero(support)
+        return choices + minus_twice_log_evidence(self.factors, indices, self.measured, needed - choices)
 
     def floor(self, support: Bools) -> float:
         """Return a lower bound of the value of a support."""
         return self.value(support, -np.inf)
 
-    def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, least: float) -> tuple[Bools, float]:
-        """Return the best of a support of value `least` and of others, listed with lower bounds; and its value."""
+    def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, value: float) -> tuple[Bools, float]:
+        """Return the best of a support of given value and of others, listed with lower bounds; and its value."""
         for floor, support in sorted(listed, key=lambda pair: pair[0]):
-            if floor >= least:
+            if floor >= value:
                 break
-            value = self.value(support, least)
-            best, least = (support, value) if value < least else (best, least)
-        return best, least
+            other = self.value(support, value)
+            best, value = (support, other) if other < value else (best, value)
+        return best, value
 
     def neighbours(self, support: Bools, allowed: Bools, most: int) -> Iterator[tuple[float, Bools]]:
         """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value."""
         for staying, entering in _changes(support, allowed):
-            rests = residuals(self.factors, np.flatnonzero(staying))
+            rests = rss_with_each(self.factors, np.flatnonzero(staying))
             for index in entering:
                 changed = _with(staying, index)
                 size = int(changed.sum())
                 if size <= most:
-                    choices = 2 * log_choices(len(support), size)
-                    yield rests[index] + price(size, len(self.factors), self.measured) + choices, changed
+                    cost = cost_of_coefficients(size, len(self.factors), self.measured)
+                    yield rests[index] + cost + 2 * log_choices(len(support), size), changed
 
 
 def _neighbours(support: Bools, allowed: Bools) -> list[Bools]:
@@ -177,7 +201,7 @@ def _neighbours(support: Bools, allowed: Bools) -> list[Bools]:
 
 
 def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:
-    """Return what stays of a support when none or one term leaves, and which places may then enter; none is -1."""
+    """Return what stays of a support when none or one term leaves, and which may then enter, by index; none is -1."""
     outside = [int(index) for index in np.flatnonzero(allowed & ~support)]
     found = [(support, outside)]
     for leaving in np.flatnonzero(support):

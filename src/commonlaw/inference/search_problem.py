@@ -9,9 +9,17 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline, noise_level
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import refuse_constant_states
+from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
-from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, interpolate, meshes
-from commonlaw.selection import MOST_TERMS, SAMPLES_FOR_A_TERM
+from commonlaw.likelihood import (
+    HUBER_THRESHOLD,
+    Dynamics,
+    Estimate,
+    ObservationModel,
+    TrajectoryModel,
+    interpolate,
+    meshes,
+)
 from commonlaw.trials import Trial, Trials
 
 FLOOR = 1e-4
@@ -23,35 +31,38 @@ _DEPENDENT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Objects:
-    """The objects, ready to be searched for a law.
+class SearchProblem:
+    """What was measured on each object, ready to be searched for a law.
 
     Parameters
     ----------
-    names
-        Of the objects.
+    trials
+        What was measured.
     models
         Of the trajectories, one for each object.
     starts
         Smoothed states, and coefficients of all allowed terms by least squares on smoothed rates.
-    curves
+    smoothed
         Smoothed states (and rates) of each object's trials, each of shape (n, D).
     measured
         How many numbers were measured on each object.
     noise
         Standard deviation of each state, shape (d,).
+    noise_is_given
+        Whether it was given, not estimated.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     points
         Points of the meshes for each sampling step.
     """
 
-    names: tuple[str, ...]
+    trials: Trials
     models: tuple[TrajectoryModel, ...]
     starts: tuple[Estimate, ...]
-    curves: tuple[tuple[Floats, ...], ...]
+    smoothed: tuple[tuple[Floats, ...], ...]
     measured: tuple[int, ...]
     noise: Floats
+    noise_is_given: bool
     known: Floats
     points: int = 1
 
@@ -66,14 +77,14 @@ class Objects:
         samples = min(self.measured) / len(self.noise)
         return int(np.clip(samples // SAMPLES_FOR_A_TERM, 1, MOST_TERMS))
 
-    def finer(self, trials: Trials) -> "Objects":
-        """Return the same objects with twice as many points for each sampling step."""
+    def finer(self) -> "SearchProblem":
+        """Return the same problem with twice as many points for each sampling step."""
         points = 2 * self.points
-        groups = [trials.of(name) for name in self.names]
+        groups = [self.trials.of(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
         models = tuple(replace(model, meshes=meshes(group, points)) for model, group in pairs)
-        curves = zip(self.starts, self.curves, strict=True)
-        starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in curves)
+        pairs_of_starts = zip(self.starts, self.smoothed, strict=True)
+        starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in pairs_of_starts)
         return replace(self, models=models, starts=starts, points=points)
 
 
@@ -84,9 +95,9 @@ def prepare(
     known: Floats,
     *,
     noise: Floats | None = None,
-    bound: float = np.inf,
-) -> Objects:
-    """Return the objects of these trials, ready to be searched for a law.
+    huber_threshold: float = HUBER_THRESHOLD,
+) -> SearchProblem:
+    """Return the problem of finding a law of these trials.
 
     Parameters
     ----------
@@ -100,34 +111,40 @@ def prepare(
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     noise
         Standard deviation of each state, shape (d,), if it is known; by default it is estimated.
-    bound
+    huber_threshold
         Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
 
     Raises
     ------
     CommonlawError
-        If a trial is too short, or a term is not finite on it; the message names the trial.
+        If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
+        is not above zero.
     """
+    if not huber_threshold > 0:
+        raise CommonlawError(
+            f"huber_threshold is {huber_threshold}: give how many standard deviations of noise a measurement must be "
+            "off to be an outlier, above zero"
+        )
     groups = [trials.of(name) for name in trials.objects]
     samples = {name: np.concatenate([trial.states for trial in trials.of(name)]) for name in trials.objects}
     extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
     refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
-    noise = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)
+    levels = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)
     dynamics = Dynamics(terms, len(scale), order)
-    unit = noise
+    unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
-        unit = np.concatenate([noise, noise * rates.std(axis=0) / scale])
+        unit = np.concatenate([levels, levels * rates.std(axis=0) / scale])
     models, starts = [], []
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        models.append(TrajectoryModel(dynamics, meshes(group), ObservationModel(noise, bound), unit))
+        models.append(TrajectoryModel(dynamics, meshes(group), ObservationModel(levels, huber_threshold), unit))
         coefficients = _first(terms, group, own, fixed)
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return Objects(trials.objects, tuple(models), tuple(starts), smooth, measured, noise, known)
+    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, noise is not None, known)
 
 
 def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:

@@ -1,12 +1,10 @@
 """The evidence for terms that objects share: what their coefficients cost, given how alike they are.
 
 A coefficient that every object has is seen as drawn from a normal distribution over objects, whose mean and standard
-deviation are estimated with it (empirical Bayes; Efron and Morris 1973). Terms whose coefficients are all alike, such
-as gravity, then cost little more than one number; terms whose coefficients scatter cost one number for each object.
-For a single object the evidence is the BIC.
+deviation are estimated with it, see `commonlaw.hierarchy`. Terms whose coefficients are all alike, such as gravity,
+then cost little more than one number; terms whose coefficients scatter cost one number for each object. For a single
+object the evidence is the BIC.
 """
-
-from math import lgamma
 
 import numpy as np
 
@@ -17,45 +15,45 @@ _NEAR = 1e-12
 """Columns whose square is less than this share outside the span of others have too few digits there."""
 
 
-def log_evidence(factors: Floats, indices: Indices, measured: int, least: float = np.inf) -> float:
+def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, needed: float = np.inf) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
 
     Parameters
     ----------
     factors
-        The triangular factor of each object's system, which has one target and residuals of unit variance, shape
-        (objects, terms + 1, terms + 1).
+        The triangular factor of each object's least-squares problem, which has one target and residuals of unit
+        variance, shape (objects, terms + 1, terms + 1).
     indices
         The terms of the support.
     measured
         How many numbers were measured on all objects; a mean costs the logarithm of that, and a variance the logarithm
         of the number of objects (the BIC of the hierarchy).
-    least
+    needed
         Supports that do not come below this get a lower bound of theirs, which takes less time.
     """
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
-    floor = float(np.sum(reduced[:, size:, size] ** 2)) + price(size, len(factors), measured)
-    if not size or floor >= least:
+    floor = float(np.sum(reduced[:, size:, size] ** 2)) + cost_of_coefficients(size, len(factors), measured)
+    if not size or floor >= needed:
         return floor
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
         estimates = np.linalg.solve(columns, reduced[:, :size, size:])[..., 0]
         effects = RandomEffects(estimates, np.matmul(columns.transpose(0, 2, 1), columns))
-        evidence = floor + marginal_deviance(effects)
+        found = floor + marginal_deviance(effects)
     except np.linalg.LinAlgError:
         return np.inf
-    return evidence if np.isfinite(evidence) else np.inf
+    return found if np.isfinite(found) else np.inf
 
 
-def price(size: int, objects: int, measured: int) -> float:
-    """Return what the means and variances of so many coefficients cost, see `log_evidence`."""
+def cost_of_coefficients(size: int, objects: int, measured: int) -> float:
+    """Return what the means and variances of so many coefficients cost, see `minus_twice_log_evidence`."""
     return float(size * (np.log(measured) + np.log(objects)))
 
 
-def residuals(factors: Floats, indices: Indices) -> Floats:
-    """Return the sums of squared residuals of a support with each one of the other terms, and last with none.
+def rss_with_each(factors: Floats, indices: Indices) -> Floats:
+    """Return the residual sums of squares of a support with each one of the other terms, and last with none.
 
     Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
     zero, a lower bound.
@@ -68,8 +66,3 @@ def residuals(factors: Floats, indices: Indices) -> Floats:
     clear = after > _NEAR * before
     left = after[:, -1:] - np.divide(inner**2, after, out=np.zeros_like(inner), where=clear)
     return np.asarray(np.sum(np.where(clear, left, 0.0), axis=0))
-
-
-def log_choices(library: int, size: int) -> float:
-    """Return the logarithm of the number of ways to choose so many terms from a library (as in the EBIC)."""
-    return lgamma(library + 1) - lgamma(size + 1) - lgamma(library - size + 1)

@@ -8,8 +8,9 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.selection import Joint
-from commonlaw.selection.pooled import log_choices, log_evidence, residuals
+from commonlaw.inference.evidence import minus_twice_log_evidence, rss_with_each
+from commonlaw.inference.support_search import SupportEvidence
+from commonlaw.selection import log_choices
 from commonlaw.solvers import BestSubset, StepwiseSelection
 
 
@@ -37,7 +38,7 @@ def test_the_evidence_of_a_single_object_is_the_bic():
     for indices in ([], [0], [0, 2], [2, 1]):
         rest = target - library[:, indices] @ np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
         expected = rest @ rest + len(indices) * np.log(77)
-        assert log_evidence(factors(data), np.array(indices, dtype=int), 77) == pytest.approx(expected)
+        assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), 77) == pytest.approx(expected)
 
 
 def marginal(data, indices):
@@ -73,7 +74,7 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
             weights = 1 / (1 / precisions + variance)
             costs.append(lost([weights @ estimates[:, 0] / weights.sum()], [variance]))
         expected = rest + min(costs) + np.log(500) + np.log(6)
-        assert log_evidence(factors(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
+        assert minus_twice_log_evidence(factors(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("scatter", [[0.0, 0.8], [0.8, 0.5]])
@@ -91,7 +92,7 @@ def test_the_evidence_of_several_terms_is_near_the_best_over_means_and_variances
         ).fun
         for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5])
     )
-    found = log_evidence(factors(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
+    found = minus_twice_log_evidence(factors(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
     assert best - 1e-3 < found < best + 0.21 * 8 * 2
 
@@ -102,7 +103,7 @@ def test_alike_coefficients_cost_less_than_scattered_ones():
         own = 2.0 + scatter * np.random.default_rng(0).standard_normal((10, 1))
         data = rows(own, samples=400)
         rest, *_ = marginal(data, [0])
-        prices.append(log_evidence(factors(data), np.array([0]), 4000) - rest)
+        prices.append(minus_twice_log_evidence(factors(data), np.array([0]), 4000) - rest)
     # One mean and one variance, and what ten estimates of one number scatter
     assert prices[0] < np.log(4000) + np.log(10) + 20
     assert prices[0] + 20 < prices[1] < prices[2] - 20
@@ -112,26 +113,28 @@ def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
     indices = np.array([0, 1, 2])
-    assert log_evidence(factors(other), indices, 200) == pytest.approx(log_evidence(factors(data), indices, 200))
+    assert minus_twice_log_evidence(factors(other), indices, 200) == pytest.approx(
+        minus_twice_log_evidence(factors(data), indices, 200)
+    )
 
 
 def test_terms_that_cannot_be_told_apart_have_no_evidence():
     data = [(np.column_stack([library, 0 * library[:, 0]]), target) for library, target in rows(np.ones((3, 2)))]
-    assert log_evidence(factors(data), np.array([0, 2]), 100) == np.inf
+    assert minus_twice_log_evidence(factors(data), np.array([0, 2]), 100) == np.inf
 
 
 def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
     data = factors(rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3))))
-    whole = log_evidence(data, np.array([0, 2]), 200)
-    assert log_evidence(data, np.array([0, 2]), 200, whole + 1) == whole
-    assert log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
+    whole = minus_twice_log_evidence(data, np.array([0, 2]), 200)
+    assert minus_twice_log_evidence(data, np.array([0, 2]), 200, whole + 1) == whole
+    assert minus_twice_log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
 
 
 @pytest.mark.parametrize("indices", [[], [1], [0, 3]])
-def test_residuals_with_each_other_term_are_those_of_least_squares(indices):
+def test_sums_of_squares_with_each_other_term_are_those_of_least_squares(indices):
     data = rows([[2.0, 0.0, -1.0, 1.0], [1.0, 1.0, 0.0, 0.5]])
     data = [(np.column_stack([library, library[:, 1] + 1e-9 * library[:, 0]]), target) for library, target in data]
-    found = residuals(factors(data), np.array(indices, dtype=int))
+    found = rss_with_each(factors(data), np.array(indices, dtype=int))
 
     def rest(kept):
         return sum(np.sum((y - x[:, kept] @ np.linalg.lstsq(x[:, kept], y, rcond=None)[0]) ** 2) for x, y in data)
@@ -151,7 +154,7 @@ TRUTH = np.array([[True, False, False, True, False], [False, True, False, True, 
 
 
 def coupled(objects=4, samples=120, seed=1, noise=0.3):
-    """Two equations of five terms whose errors are correlated, as systems of unit variance."""
+    """Two equations of five terms whose errors are correlated, as least-squares problems of unit variance."""
     generator = np.random.default_rng(seed)
     covariance = noise**2 * np.array([[1.0, 0.95], [0.95, 1.0]])
     white = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -171,51 +174,53 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 @pytest.mark.parametrize("solver", [BestSubset(nodes=20), StepwiseSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
-    joint = Joint(coupled(objects), allowed, 240 * objects)
+    evidence = SupportEvidence(coupled(objects), allowed, 240 * objects)
     for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
-        np.testing.assert_array_equal(joint.choose(start, solver), TRUTH)
+        np.testing.assert_array_equal(evidence.choose(start, solver), TRUTH)
 
 
 def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
     for seed in range(4):
-        joint = Joint(coupled(1, seed=seed), allowed, 240)
-        best = min(every, key=joint.value)
-        np.testing.assert_array_equal(joint.choose(allowed, BestSubset(nodes=20)), best)
+        evidence = SupportEvidence(coupled(1, seed=seed), allowed, 240)
+        best = min(every, key=evidence.value)
+        np.testing.assert_array_equal(evidence.choose(allowed, BestSubset(nodes=20)), best)
 
 
 def test_an_equation_has_no_more_terms_than_it_may():
     for most in (1, 2):
-        chosen = Joint(coupled(), np.ones_like(TRUTH), 480, most).choose(np.ones_like(TRUTH), BestSubset(nodes=20))
+        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), 480, most).choose(
+            np.ones_like(TRUTH), BestSubset(nodes=20)
+        )
         assert chosen.sum(axis=1).tolist() == [most, most]
 
 
 def test_terms_that_are_not_allowed_are_not_chosen():
     allowed = np.ones_like(TRUTH)
     allowed[0, 3] = allowed[1] = False
-    joint = Joint(coupled(), allowed, 480)
-    chosen = joint.choose(allowed, BestSubset(nodes=20))
+    evidence = SupportEvidence(coupled(), allowed, 480)
+    chosen = evidence.choose(allowed, BestSubset(nodes=20))
     assert not (chosen & ~allowed).any()
     assert chosen[0, 0]
-    assert all(not (support & ~row).any() for row, listed in zip(allowed, joint.rivals(chosen), strict=True)
-               for support, _ in listed)  # fmt: skip
+    assert all(not (support & ~row).any() for row, listed in zip(allowed, evidence.neighbours(chosen), strict=True)
+               for support in (each.support for each in listed))  # fmt: skip
 
 
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
-    joint = Joint(parts, np.ones_like(TRUTH), 480)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 480)
     expected = (
-        log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
+        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
         + 2 * np.log(comb(5, 2))
         + 2 * np.log(comb(5, 3))
     )
-    assert joint.value(TRUTH) == pytest.approx(expected)
+    assert evidence.value(TRUTH) == pytest.approx(expected)
 
 
 def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
-    found = Joint(parts, np.ones_like(TRUTH), 240).coefficients(TRUTH)
+    found = SupportEvidence(parts, np.ones_like(TRUTH), 240).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
     for problem, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
@@ -225,21 +230,23 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
 
 
 @pytest.mark.parametrize("objects", [1, 3])
-def test_rivals_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
+def test_neighbours_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
     parts = coupled(objects, seed=1)
-    joint = Joint(parts, np.ones_like(TRUTH), 240 * objects)
-    np.testing.assert_array_equal(joint.choose(TRUTH, BestSubset()), TRUTH)
-    for equation, listed in enumerate(joint.rivals(TRUTH)):
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 240 * objects)
+    np.testing.assert_array_equal(evidence.choose(TRUTH, BestSubset()), TRUTH)
+    for equation, listed in enumerate(evidence.neighbours(TRUTH)):
         inside = TRUTH[equation].sum()
-        assert len(listed) == len({support.tobytes() for support, _ in listed}) == 1 + 5 + inside * (5 - inside)
-        for support, above in listed:
+        assert len(listed) == len({each.support.tobytes() for each in listed}) == 1 + 5 + inside * (5 - inside)
+        for each in listed:
+            support, above = each.support, each.twice_log_bayes_factor
             entered, left = (support & ~TRUTH[equation]).sum(), (TRUTH[equation] & ~support).sum()
             assert max(entered, left) <= 1
             if objects == 1:  # Where no variance over objects is chosen, other equations do not matter
                 other = TRUTH.copy()
                 other[equation] = support
-                assert above == pytest.approx(joint.value(other) - joint.value(TRUTH), abs=1e-6)
-        above = [value for _, value in listed]
+                assert above == pytest.approx(evidence.value(other) - evidence.value(TRUTH), abs=1e-6)
+        above = [each.twice_log_bayes_factor for each in listed]
         assert above == sorted(above)
         assert above[0] == 0
-        np.testing.assert_array_equal(listed[0][0], TRUTH[equation])
+        assert [each.chosen for each in listed] == [True] + [False] * (len(listed) - 1)
+        np.testing.assert_array_equal(listed[0].support, TRUTH[equation])

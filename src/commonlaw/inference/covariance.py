@@ -1,18 +1,20 @@
-"""How sure coefficients and terms are."""
+"""How sure coefficients are."""
 
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.array_types import Floats, Indices
+from commonlaw.errors import unknown
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.inference.objects import Objects
-from commonlaw.inference.search import Found
+from commonlaw.inference.search import SearchState
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import linearize, whitened
 
-Rivals = Sequence[Sequence[tuple[Bools, float]]]
-Errors = Literal["likelihood", "bootstrap"]
+CovarianceKind = Literal["likelihood", "bootstrap"]
+
+COVARIANCE_KINDS = ("likelihood", "bootstrap")
 
 _BLOCKS = 30
 """Blocks of an object's trials that are drawn: long enough to hold what errors have to do with each other."""
@@ -24,7 +26,21 @@ _UNTOLD = 1e-12
 """Directions of columns of unit norm that are smaller say nothing."""
 
 
-def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> Floats:
+def check_covariance_kind(kind: str) -> None:
+    """Refuse a kind of covariance that there is not.
+
+    Raises
+    ------
+    CommonlawError
+        If it is not one of `COVARIANCE_KINDS`; the message lists them.
+    """
+    if kind not in COVARIANCE_KINDS:
+        raise unknown("kind of covariance", kind, COVARIANCE_KINDS)
+
+
+def covariances(
+    problem: SearchProblem, state: SearchState, kind: CovarianceKind = "likelihood", seed: int = 0
+) -> Floats:
     """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
 
     Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
@@ -32,30 +48,37 @@ def covariances(objects: Objects, law: Found, errors: Errors = "likelihood") -> 
 
     Parameters
     ----------
-    objects, law
-        What was measured, and the law that was found.
-    errors
+    problem, state
+        What was measured, and what was found.
+    kind
         ``"likelihood"``: the inverse of Fisher's information, with free initial states. ``"bootstrap"``: the scatter of
-        coefficients when stretches of the trials are drawn anew, which holds for noise of other kinds too (the
-        bootstrap of innovations, Stoffer and Wall 1991, in blocks, and linearised about the law).
+        coefficients when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap
+        of innovations, Stoffer and Wall 1991, in blocks, and linearised about the law).
+    seed
+        Of the blocks that are drawn.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
     """
-    coefficients = np.array([each.coefficients for each in law.estimates])
+    coefficients = np.array([each.coefficients for each in state.estimates])
     support = np.any(coefficients != 0, axis=0)
-    found = np.zeros((len(law.estimates), support.sum(), support.sum()))
-    for o, (model, estimate) in enumerate(zip(objects.models, law.estimates, strict=True)):
-        free = (estimate.coefficients != 0) & np.isnan(objects.known[o])
+    found = np.zeros((len(state.estimates), support.sum(), support.sum()))
+    for o, (model, estimate) in enumerate(zip(problem.models, state.estimates, strict=True)):
+        free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
-        if errors == "bootstrap":
-            trials = [rows for rows, _ in whitened(model, estimate, law.finest)]
-            covariance = bootstrapped(trials, inner)
+        if kind == "bootstrap":
+            trials = [rows for rows, _ in whitened(model, estimate, state.fitted_model_error)]
+            covariance = bootstrapped(trials, inner, seed)
         else:
-            rows = linearize(model, estimate, law.finest).problem
+            rows = linearize(model, estimate, state.fitted_model_error).problem
             covariance = _inverse(rows.restrict(inner.tolist()).factor[:, :-1])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 
 
-def bootstrapped(trials: Sequence[Floats], indices: Indices) -> Floats:
+def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> Floats:
     """Return the covariance of least squares on rows whose blocks are drawn with replacement.
 
     Parameters
@@ -64,12 +87,14 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices) -> Floats:
         Rows ``[library | target]`` of each, whitened, shape (n, columns).
     indices
         The columns of the library that are used.
+    seed
+        Of the blocks that are drawn.
     """
     each = -(-_BLOCKS // len(trials))
     columns = [*indices, -1]
     blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
     factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
-    drawn = np.random.default_rng(0).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
+    drawn = np.random.default_rng(seed).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
     stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
     norms = np.linalg.norm(np.concatenate(factors), axis=0)
     norms[norms == 0] = 1.0
@@ -77,20 +102,6 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices) -> Floats:
     # What no drawn block tells is zero
     estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
-
-
-def inclusion(rivals: Rivals) -> Floats:
-    """Return the probability that a term is in its equation, among the supports listed, shape (equations, terms)."""
-    supports = ([support for support, _ in listed] for listed in rivals)
-    rows = [probabilities(listed) @ np.array(own) for listed, own in zip(rivals, supports, strict=True)]
-    return np.clip(rows, 0.0, 1.0)
-
-
-def probabilities(listed: Sequence[tuple[Bools, float]]) -> Floats:
-    """Return how probable each support is among those listed, by its evidence (Kass and Raftery 1995)."""
-    lost = np.array([above for _, above in listed])
-    weights = np.exp((lost.min() - lost) / 2)
-    return np.asarray(weights / weights.sum())
 
 
 def _inverse(factor: Floats) -> Floats:

@@ -1,0 +1,73 @@
+"""Meshes fine enough for what the states do between samples."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.search import FINAL, SearchState
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.likelihood import Estimate, NotPositiveError, fit
+
+FINEST = 4
+"""Points for each sampling step; laws that need more are not resolved by their samples."""
+
+_RESOLVED = 1.0
+"""What a finer mesh may change in twice the log-likelihood; a term is worth many times that."""
+
+
+def on_finer_mesh(
+    problem: SearchProblem, state: SearchState, model_errors: Sequence[float]
+) -> tuple[SearchProblem, SearchState] | None:
+    """Return the problem on a finer mesh, and the state with its estimates fitted there; None if that changes nothing.
+
+    Or if there is no finer mesh.
+    """
+    if problem.points >= FINEST:
+        return None
+    finer = problem.finer()
+    estimates = tuple(
+        fit(model, replace(start, coefficients=own.coefficients), state.supports, model_errors)
+        for model, start, own in zip(finer.models, finer.starts, state.estimates, strict=True)
+    )
+    if _change(problem, state.estimates, finer, estimates) < _RESOLVED:
+        return None
+    return finer, replace(state, estimates=estimates)
+
+
+def until_resolved(
+    problem: SearchProblem, state: SearchState, refit: Callable[[SearchProblem, SearchState], SearchState]
+) -> tuple[SearchProblem, SearchState]:
+    """Refit on finer meshes until these do not matter, for laws that move fast between samples.
+
+    A law with a model error needs none.
+    """
+    while not state.has_model_error:
+        finer = on_finer_mesh(problem, state, FINAL)
+        if finer is None:
+            break
+        try:
+            problem, state = finer[0], refit(*finer)
+        except NotPositiveError:
+            break
+    return problem, state
+
+
+def _change(
+    problem: SearchProblem, coarse: Sequence[Estimate], finer: SearchProblem, fine: Sequence[Estimate]
+) -> float:
+    """Return the sum of squared differences between measured states on two meshes, relative to the noise."""
+    total, stride = 0.0, finer.points // problem.points
+    for model, one, other in zip(problem.models, coarse, fine, strict=True):
+        for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
+            change = (_at_samples(finest, mesh.contiguous, stride) - states)[:, : len(problem.noise)] / problem.noise
+            total += float(np.sum(change[mesh.observed] ** 2))
+    return total
+
+
+def _at_samples(states: Floats, contiguous: Bools, stride: int) -> Floats:
+    """Return the rows of a finer mesh at the points of a coarser one, of which is given which are contiguous."""
+    indices = np.concatenate([[0], np.cumsum(np.where(contiguous, stride, 1))])
+    rows: Floats = states[indices]
+    return rows

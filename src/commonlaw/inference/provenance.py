@@ -1,0 +1,158 @@
+"""What is said of a law: the choices on the way to it, and what else was to choose from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.inference.search import SearchState
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
+from commonlaw.law import Alternative, Law, Step
+from commonlaw.outcomes import Outcome
+
+_LISTED = 12
+"""Supports of each equation that are kept as alternatives, besides the chosen one."""
+
+
+def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tuple[Alternative, ...]:
+    """Return the supports that each equation was chosen from, the best first."""
+    found = []
+    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+        likely = probabilities(listed)
+        for i, each in enumerate(listed):
+            if i < _LISTED or each.chosen:
+                names = tuple(law.terms.names[k] for k in np.flatnonzero(each.support))
+                measures = {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
+                found.append(Alternative(equation, names, measures, False, each.chosen))
+    return tuple(found)
+
+
+def inclusion_probabilities(compared: Sequence[Sequence[ComparedSupport]]) -> Floats:
+    """Return the probability that a term is in its equation, among the supports compared, shape (equations, terms)."""
+    rows = [probabilities(listed) @ np.array([each.support for each in listed]) for listed in compared]
+    return np.asarray(np.clip(rows, 0.0, 1.0))
+
+
+def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
+    """Return how probable each support is among those compared, by its evidence (Kass and Raftery 1995)."""
+    weights = np.exp(-np.array([each.twice_log_bayes_factor for each in listed]) / 2)
+    return np.asarray(weights / weights.sum())
+
+
+def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
+    """Return what a user should know of a law that these trials gave."""
+    found = []
+    if state.has_model_error:
+        single = any(len(problem.trials.of(name)) == 1 for name in problem.trials.objects)
+        weak = ", which says little of objects with a single trial" if single else ""
+        found.append(
+            Outcome(
+                "model error",
+                "",
+                "the measurements depart from every law of this library by more than their noise; terms were chosen by "
+                f"derivatives on segments held out{weak}, and the law has a model error, in each step "
+                f"{state.model_error:g} times the noise",
+                "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
+                "summary",
+            )
+        )
+    found += [
+        Outcome("empty support", side, "no candidate term explains it better than noise", "offer other terms")
+        for j, side in enumerate(law.left_hand_sides)
+        if not any(each.coefficients[j].any() for each in state.estimates)
+    ]
+    most = problem.most_terms
+    found += [
+        Outcome(
+            "few samples",
+            side,
+            f"it has {most} terms, as many as the object with the fewest samples can tell apart",
+            "measure more samples or trials, or offer fewer terms",
+        )
+        for side, support in zip(law.left_hand_sides, state.supports, strict=True)
+        if support.sum() == most < min(MOST_TERMS, problem.allowed.sum(axis=1).max())
+    ]
+    return tuple(found)
+
+
+def history(
+    law: Law,
+    problem: SearchProblem,
+    state: SearchState,
+    compared: Sequence[Sequence[ComparedSupport]],
+    resolved: bool,
+) -> tuple[Step, ...]:
+    """Return every choice that was made, in order.
+
+    Parameters
+    ----------
+    law, problem, state, compared
+        The law that is sought, what was measured, and what was found.
+    resolved
+        Whether a finer mesh changes nothing.
+    """
+    mesh = "a finer mesh changes nothing" if resolved else "the finest there is"
+    steps = [
+        noise_step(problem),
+        Step(
+            "library",
+            f"{len(law.terms)} terms" + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
+            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
+        ),
+        Step(
+            "mesh",
+            f"{problem.points} step{'s' if problem.points > 1 else ''} from sample to sample",
+            "a law with a model error needs no finer one" if state.has_model_error else mesh,
+        ),
+    ]
+    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+        chosen = next(each.support for each in listed if each.chosen)
+        names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
+        held_out = "the fewest within one standard error, on trials held out"
+        reason = held_out if state.has_model_error else _why(law, listed)
+        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
+    return (*steps, model_error_step(state), coefficients_step(problem, state))
+
+
+def noise_step(problem: SearchProblem) -> Step:
+    """Return what noise was taken."""
+    schema = problem.trials.schema
+    levels = [
+        f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
+        for name, level in zip(schema.states, problem.noise, strict=True)
+    ]
+    reason = "as given" if problem.noise_is_given else "from differences of neighbouring samples"
+    return Step("noise", ", ".join(levels), reason)
+
+
+def model_error_step(state: SearchState) -> Step:
+    """Return whether the law has a model error."""
+    if not state.has_model_error:
+        return Step("model error", "none", "the trajectories are solutions of the law, up to the noise")
+    text = f"a random walk, in each step {state.model_error:g} times the noise"
+    return Step("model error", text, "the measurements depart from the law by more than their noise")
+
+
+def coefficients_step(problem: SearchProblem, state: SearchState) -> Step:
+    """Return how the coefficients were found, and what the trajectories leave."""
+    deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
+    return Step(
+        "coefficients",
+        f"maximum likelihood of {len(problem.trials)} trajectories",
+        f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
+    )
+
+
+def _why(law: Law, listed: Sequence[ComparedSupport]) -> str:
+    """Return what speaks for the chosen support of an equation."""
+    chosen = next(each for each in listed if each.chosen)
+    second = next((each for each in listed if not each.chosen), None)
+    if second is None:
+        return "no other support was compared"
+    runner = ", ".join(law.terms.names[k] for k in np.flatnonzero(second.support)) or "no term"
+    ahead = second.twice_log_bayes_factor - chosen.twice_log_bayes_factor
+    ratio = np.exp(min(abs(ahead) / 2, 700))
+    if ahead < 0:
+        return f"largest evidence once fitted; before that, {runner} is {ratio:.3g} times more probable"
+    return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
