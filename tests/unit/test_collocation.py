@@ -1,0 +1,141 @@
+"""Meshes and defects, beside known solutions and difference quotients."""
+
+import numpy as np
+import pytest
+
+from commonlaw.likelihood import Mesh, interpolate, meshes
+from tests.unit.trajectories import DIFFICULT, difficult, dynamics, trial
+
+
+def plain(times, inputs=None):
+    """A mesh of one segment without measurements."""
+    inputs = np.empty((len(times), 0)) if inputs is None else inputs
+    return Mesh(times, np.full((len(times), 1), np.nan), inputs, np.ones(len(times) - 1, dtype=bool))
+
+
+# Meshes
+
+
+def test_long_trials_are_cut_into_even_stretches_and_no_sample_is_lost():
+    generator = np.random.default_rng(0)
+    lengths = [9001, 100, 3950, 20]
+    trials = [trial(np.arange(n) / 7.0, generator.standard_normal((n, 2)), name=str(n)) for n in lengths]
+    made = meshes(trials)
+    assert [len(each) for each in made] == [3000, 3000, 3101, 3970]
+    assert [np.flatnonzero(~each.contiguous).tolist() for each in made] == [[], [], [3000], [3949]]
+    np.testing.assert_array_equal(
+        np.concatenate([each.times for each in made]), np.concatenate([t.times for t in trials])
+    )
+    everything = np.concatenate([each.states for each in trials])
+    np.testing.assert_array_equal(np.concatenate([each.measured for each in made]), everything)
+    np.testing.assert_array_equal(np.concatenate(interpolate([each.states for each in trials])), everything)
+
+
+def test_points_between_samples_lie_on_straight_lines_and_are_not_measured():
+    times = [np.array([0.0, 1.0, 3.0]), np.array([5.0, 5.5])]
+    trials = [trial(t, 10 * t[:, np.newaxis], inputs=t[:, np.newaxis] ** 2, name=str(i)) for i, t in enumerate(times)]
+    (mesh,) = meshes(trials, points=4)
+    expected = [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 2.5, 3, 5, 5.125, 5.25, 5.375, 5.5]
+    np.testing.assert_allclose(mesh.times, expected)
+    samples = [0, 4, 8, 9, 13]
+    np.testing.assert_array_equal(np.flatnonzero(mesh.observed), samples)
+    np.testing.assert_allclose(mesh.measured[samples, 0], [0, 10, 30, 50, 55])
+    np.testing.assert_allclose(mesh.inputs[:9, 0], np.interp(mesh.times[:9], times[0], times[0] ** 2))
+    np.testing.assert_array_equal(np.flatnonzero(~mesh.contiguous), [8])
+    assert mesh.steps[8] == 0
+    assert mesh.relative_steps[8] == 1
+    np.testing.assert_allclose(mesh.relative_steps[[0, 4]], [1, 2] / np.median(mesh.steps[mesh.contiguous]) / 4)
+    np.testing.assert_allclose(interpolate([each.states for each in trials], 4)[0][:, 0], 10 * mesh.times)
+
+
+# Defects
+
+
+@pytest.mark.parametrize(
+    ("library", "coefficients", "solution", "inputs"),
+    [
+        ("terms:x,x^2", [1.0, -1.0], lambda t: 1 / (1 + np.exp(-t)), None),
+        ("terms:x*cos(t)", [1.0], lambda t: np.exp(np.sin(t)), None),
+        ("terms:x*u", [0.5], lambda t: np.exp(t**2 / 4), lambda t: t),
+        ("terms:cos(x)", [1.0], lambda t: 2 * np.arctan(np.tanh((t + 0.4) / 2)), None),
+    ],
+)
+def test_defects_of_a_solution_are_32_times_smaller_at_half_the_step(library, coefficients, solution, inputs):
+    law = dynamics(library, ("x",), inputs=() if inputs is None else ("u",))
+    largest = []
+    for n in (41, 81):
+        times = np.linspace(0.1, 2.1, n)
+        mesh = plain(times, None if inputs is None else inputs(times)[:, np.newaxis])
+        largest.append(np.abs(law.defects(mesh, solution(times)[:, np.newaxis], np.array([coefficients]))).max())
+    assert largest[0] / largest[1] == pytest.approx(32, rel=0.05)
+
+
+def test_defects_of_a_law_of_second_order_vanish_on_its_solution():
+    law = dynamics("terms:x,v", ("x", "v"), order=2)
+    largest = []
+    for n in (21, 41):
+        t = np.linspace(0, 2, n)
+        states = np.column_stack([np.exp(-t) * np.cos(2 * t), -np.exp(-t) * (np.cos(2 * t) + 2 * np.sin(2 * t))])
+        largest.append(np.abs(law.defects(plain(t), states, np.array([[-5.0, -2.0]]))).max())
+    assert largest[0] / largest[1] == pytest.approx(32, rel=0.1)
+    assert largest[1] < 1e-6
+
+
+def test_the_leading_error_of_a_step_is_as_documented():
+    h = 0.01
+    times = np.array([0, h])
+    growth = dynamics("terms:x", ("x",)).defects(plain(times), np.exp(times)[:, np.newaxis], np.ones((1, 1)))
+    assert abs(growth[0, 0]) == pytest.approx(h**5 / 720, rel=0.02)
+    driven = dynamics("terms:t^4", ("x",)).defects(plain(times), times[:, np.newaxis] ** 5 / 5, np.ones((1, 1)))
+    assert abs(driven[0, 0]) == pytest.approx(h**5 * 24 / 2880, rel=0.02)
+
+
+def test_nothing_links_two_stretches():
+    law = dynamics("poly:1", ("x",))
+    mesh = meshes([trial(np.arange(5.0), np.ones((5, 1))), trial(np.arange(4.0), np.ones((4, 1)), name="2")])[0]
+    states = np.random.default_rng(0).standard_normal((9, 1))
+    jacobians = law.jacobians(mesh, states, np.array([[0.3, -0.7]]), np.ones((1, 2), dtype=bool))
+    for each in (jacobians.defects, jacobians.start, jacobians.end, jacobians.coefficients):
+        assert not each[4].any()
+        assert each[[3, 5]].all()
+
+
+@pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
+def test_derivatives_of_defects_agree_with_difference_quotients(order, library, names):
+    law, mesh, states, coefficients, free = difficult(order, library, names)
+    jacobians = law.jacobians(mesh, states, coefficients, free)
+    np.testing.assert_allclose(jacobians.defects, law.defects(mesh, states, coefficients), rtol=1e-13, atol=1e-14)
+
+    def quotient(change):
+        high, low = (law.defects(mesh, *change(step)) for step in (1e-6, -1e-6))
+        return (high - low) / 2e-6
+
+    for i in range(len(mesh)):
+        for j in range(law.width):
+
+            def moved(step, i=i, j=j):
+                z = states.copy()
+                z[i, j] += step
+                return z, coefficients
+
+            expected = quotient(moved)
+            found = np.zeros_like(expected)
+            if i < len(mesh) - 1:
+                found[i] += jacobians.start[i, :, j]
+            if i > 0:
+                found[i - 1] += jacobians.end[i - 1, :, j]
+            np.testing.assert_allclose(found, expected, atol=2e-8)
+    for p, (equation, term) in enumerate(np.argwhere(free)):
+
+        def changed(step, equation=equation, term=term):
+            c = coefficients.copy()
+            c[equation, term] += step
+            return states, c
+
+        np.testing.assert_allclose(jacobians.coefficients[:, :, p], quotient(changed), atol=2e-8)
+
+
+def test_a_law_without_terms_stands_still():
+    law = dynamics("poly:1", ("x",))
+    defects = law.defects(plain(np.arange(4.0)), np.array([[1.0], [1.0], [3.0], [3.0]]), np.zeros((1, 2)))
+    np.testing.assert_array_equal(defects[:, 0], [0, 2, 0])

@@ -1,0 +1,80 @@
+"""What measurements are worth, and the elimination of states, beside dense algebra."""
+
+import numpy as np
+import pytest
+
+from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
+from commonlaw.likelihood.normal_equations import eliminate_states
+from tests.unit.trajectories import DIFFICULT, difficult
+
+
+def test_the_deviance_is_the_sum_of_squares_and_beyond_the_threshold_that_of_huber():
+    residuals, noise = np.array([[0.1, np.nan], [-0.2, 1.0], [3.0, -8.0]]), np.array([0.1, 2.0])
+    sizes = np.array([1.0, 2.0, 30.0, 0.5, 4.0])
+    assert ObservationModel(noise).deviance(residuals) == pytest.approx(np.sum(sizes**2))
+    expected = sum(s**2 if s <= 3 else 2 * 3 * s - 3**2 for s in sizes)
+    assert ObservationModel(noise, 3.0).deviance(residuals) == pytest.approx(expected)
+    np.testing.assert_allclose(
+        ObservationModel(noise, 3.0).weights(residuals), np.array([[1, 0], [1, 1], [0.1, 0.75]]) / noise**2
+    )
+
+
+def dense(law, mesh, states, coefficients, free, precision, weights, residuals):
+    """The Jacobian and the residuals of the whole least-squares problem; states first, then coefficients."""
+    jacobians = law.jacobians(mesh, states, coefficients, free)
+    n, width, measured = len(mesh), law.width, law.equations
+    rows = (n - 1) * width
+    of_measurements = np.zeros((n, measured, n, width))
+    for i in range(n):
+        of_measurements[i, range(measured), i, range(measured)] = -np.sqrt(weights[i])
+    of_defects = np.zeros((n - 1, width, n, width))
+    for i in range(n - 1):
+        of_defects[i, :, i], of_defects[i, :, i + 1] = jacobians.start[i], jacobians.end[i]
+    root = np.sqrt(precision).ravel()[:, np.newaxis]
+    jacobian = np.block(
+        [
+            [of_measurements.reshape(n * measured, -1), np.zeros((n * measured, int(free.sum())))],
+            [
+                root * of_defects.reshape(rows, -1),
+                root * jacobians.coefficients.reshape(rows, -1),
+            ],
+        ]
+    )
+    of_samples = np.nan_to_num(residuals) * np.sqrt(weights)
+    both = np.concatenate([of_samples.ravel(), root[:, 0] * jacobians.defects.ravel()])
+    return jacobians, jacobian, both
+
+
+@pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
+def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
+    law, mesh, states, coefficients, free = difficult(order, library, names)
+    generator = np.random.default_rng(9)
+    residuals = mesh.measured - states[:, : law.equations]
+    residuals[2, 0] = np.nan
+    weights = np.where(np.isnan(residuals), 0.0, generator.uniform(0.5, 2, residuals.shape))
+    precision = generator.uniform(1, 5, (len(mesh) - 1, law.width)) * mesh.contiguous[:, np.newaxis]
+    jacobians, jacobian, both = dense(law, mesh, states, coefficients, free, precision, weights, residuals)
+    reduced = eliminate_states(jacobians, precision, weights, residuals)
+    size = states.size
+    matrix, right = jacobian.T @ jacobian, jacobian.T @ both
+    follow = -np.linalg.solve(matrix[:size, :size], matrix[:size, size:])
+    schur = matrix[size:, size:] + matrix[size:, :size] @ follow
+    scale = np.abs(schur).max()
+    np.testing.assert_allclose(reduced.information, schur, atol=1e-9 * scale)
+    np.testing.assert_allclose(reduced.state_sensitivity.reshape(size, -1), follow, atol=1e-7 * np.abs(follow).max())
+    gradient = right[size:] + follow.T @ right[:size]
+    np.testing.assert_allclose(reduced.gradient, gradient, atol=1e-9 * np.abs(gradient).max())
+    step = np.linalg.lstsq(matrix, -right, rcond=None)[0]
+    # Whatever step the coefficients take, the states follow to where their gradient vanishes
+    moved = (reduced.state_step + reduced.state_sensitivity @ step[size:]).ravel()
+    np.testing.assert_allclose(moved, step[:size], atol=1e-6 * np.abs(step).max())
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    law, mesh, states, coefficients, free = difficult(*DIFFICULT[0])
+    states[1, 0] = np.inf
+    model = TrajectoryModel(law, (mesh,), ObservationModel(np.ones(2)), np.ones(2))
+    estimate = Estimate((states,), coefficients)
+    with pytest.raises(NotPositiveError), np.errstate(all="ignore"):
+        linearize(model, estimate, 0.1)
+    assert fit(model, estimate, free, (0.1,)).objective == np.inf
