@@ -201,10 +201,10 @@ def test_a_generator_is_drawn_from_ball_by_ball_and_drop_by_drop(make):
     ("options", "message"),
     [
         ({"noise": -1.0}, "noise is -1: give its standard deviation"),
-        ({"seed": -1}, "seed is -1: give a whole number, at least 0"),
+        ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": 1.5}, "seed is 1.5"),
-        ({"trials": 0}, "trials is 0: give a whole number, at least 1"),
-        ({"samples": 1}, "samples is 1: give a whole number, at least 2"),
+        ({"trials": 0}, "trials is 0: give a whole number of at least 1"),
+        ({"samples": 1}, "samples is 1: give a whole number of at least 2"),
         ({"rate": 0.0}, "rate is 0: it must be finite and positive"),
         ({"drag": ()}, "drag is empty"),
         ({"drag": (np.nan,)}, "drag is nan"),

@@ -79,7 +79,7 @@ def test_a_method_of_the_users_own_has_no_text(method):
     [
         ("savgl:35", "unknown differentiation 'savgl': did you mean 'savgol'"),
         ("savgol:34", "differentiation 'savgol:34': window is 34, an even number"),
-        ("savgol:35:forwrd", "polynomial is 'forwrd'; give a whole number"),
+        ("savgol:35:forwrd", "polynomial is 'forwrd': give a whole number"),
         ("tv", "write it as 'tv:STRENGTH'"),
         ("finite:2:3", r"write it as 'finite:\[ACCURACY=2\]'"),
         ("centered:forward", "'centered' is a whole method and 'forward' cannot follow"),

@@ -67,14 +67,14 @@ def test_expressions_keep_their_order_and_appear_once():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: PolynomialLibrary(-1), "whole number from 0 to 100, not -1"),
-        (lambda: PolynomialLibrary(2.5), "whole number from 0 to 100, not 2.5"),
+        (lambda: PolynomialLibrary(-1), "is -1: give a whole number from 0 to 100"),
+        (lambda: PolynomialLibrary(2.5), "is 2.5: give a whole number from 0 to 100"),
         (lambda: PolynomialLibrary(0, constant=False), "no terms"),
         (lambda: PolynomialLibrary(2, ()), "at least one; got none"),
         (lambda: PolynomialLibrary(2, ("x", "x")), "once"),
         (lambda: PolynomialLibrary(2, ("y",)).bind(XV), "unknown variable 'y'"),
         (lambda: PolynomialLibrary(30).bind(Variables(tuple("abcdefgh"))), "48903492 terms: lower the degree"),
-        (lambda: FourierLibrary(0), "from 1 to 1000, not 0"),
+        (lambda: FourierLibrary(0), "is 0: give a whole number from 1 to 1000"),
         (lambda: RationalLibrary(2, "y").bind(XV), "unknown variable 'y'"),
         (ExpressionLibrary, "at least one"),
     ],
@@ -141,7 +141,7 @@ def test_a_library_is_read_from_its_text(text, library):
     [
         ("polly:3", "unknown library 'polly': did you mean 'poly'"),
         ("poly:3:4:5:6:7", "write it as 'poly:"),
-        ("poly:x", "whole number from 0 to 100, not x"),
+        ("poly:x", "is 'x': give a whole number from 0 to 100"),
         ("fourier:1 + x", "unknown library 'x'"),
     ],
 )

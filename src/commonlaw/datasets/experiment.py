@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.validation import check_whole_number
 
 
 class NormalSource(Protocol):
@@ -53,11 +54,11 @@ class SimulatedExperiment:
     seed: Seed
 
     def __post_init__(self) -> None:
-        counted("trials", self.trials, 1)
+        check_whole_number("trials", self.trials, 1)
         if not (np.isfinite(self.noise) and self.noise >= 0):
             raise CommonlawError(f"noise is {self.noise:g}: give its standard deviation, 0 or positive")
         if not hasattr(self.seed, "standard_normal"):
-            counted("seed", self.seed, 0)
+            check_whole_number("seed", self.seed, 0)
 
     def measure(
         self, paths: Mapping[str, Path], schema: Schema, properties: Mapping[str, Mapping[str, float]] | None = None
@@ -89,20 +90,8 @@ def sample_times(samples: int, rate: float) -> Floats:
     CommonlawError
         If there are fewer than two samples, or the rate is not finite and positive.
     """
-    counted("samples", samples, 2)
+    check_whole_number("samples", samples, 2)
     return np.arange(samples) / numbers("rate", rate, positive=True)[0]
-
-
-def counted(name: str, value: object, least: int) -> None:
-    """Refuse what is not a whole number.
-
-    Raises
-    ------
-    CommonlawError
-        If the value is not a whole number, or is less than `least`.
-    """
-    if not isinstance(value, int | np.integer) or value < least:
-        raise CommonlawError(f"{name} is {value!r}: give a whole number, at least {least}")
 
 
 def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:

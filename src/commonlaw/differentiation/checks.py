@@ -4,26 +4,14 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-
-
-def check_whole(name: str, value: object, least: int) -> None:
-    """Refuse a setting that is not a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise CommonlawError(f"{name} is {value!r}; give a whole number of at least {least}")
+from commonlaw.validation import check_whole_number
 
 
 def check_window(window: int) -> None:
     """Refuse a window that is not an odd number of samples, three or more: it has to have a sample in its middle."""
-    check_whole("window", window, 3)
+    check_whole_number("window", window, 3)
     if window % 2 == 0:
-        raise CommonlawError(f"window is {window}, an even number; give an odd one, such as {window + 1}")
-
-
-def check_positive(name: str, value: float) -> None:
-    """Refuse a setting that is not a finite number above zero."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not number or not 0 < float(value) < np.inf:
-        raise CommonlawError(f"{name} is {value!r}; give a finite number above zero")
+        raise CommonlawError(f"window is {window}, an even number: give an odd one, such as {window + 1}")
 
 
 def need_samples(count: int, needed: int, method: str) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_whole, need_samples
+from commonlaw.differentiation.checks import need_samples
 from commonlaw.errors import CommonlawError
+from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class FiniteDifference(AbstractDifferentiator):
     accuracy: int = 2
 
     def __post_init__(self) -> None:
-        check_whole("accuracy", self.accuracy, 2)
+        check_whole_number("accuracy", self.accuracy, 2)
         if self.accuracy % 2:
             raise CommonlawError(f"accuracy is {self.accuracy}; give an even number: centred windows reach no odd one")
 

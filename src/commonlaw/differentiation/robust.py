@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_positive
 from commonlaw.differentiation.noise import differences
 from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
+from commonlaw.validation import check_number
 
 Flags = Bools
 Whole = NDArray[np.int64]
@@ -78,7 +78,7 @@ class RobustSpline(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         if self.strength is not None:
-            check_positive("strength", self.strength)
+            check_number("strength", self.strength, 0, above=True)
 
     def reach(self, order: int) -> int | None:
         return None

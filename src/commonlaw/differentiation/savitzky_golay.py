@@ -7,8 +7,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractSmoother
-from commonlaw.differentiation.checks import check_uniform, check_whole, check_window, fit_window
+from commonlaw.differentiation.checks import check_uniform, check_window, fit_window
 from commonlaw.errors import CommonlawError
+from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class SavitzkyGolay(AbstractSmoother):
 
     def __post_init__(self) -> None:
         check_window(self.window)
-        check_whole("polynomial", self.polynomial, 0)
+        check_whole_number("polynomial", self.polynomial, 0)
         if self.polynomial >= self.window:
             raise CommonlawError(
                 f"a polynomial of degree {self.polynomial} passes through every sample of a window of {self.window}; "

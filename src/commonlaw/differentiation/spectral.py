@@ -6,7 +6,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_positive, check_uniform, need_samples
+from commonlaw.differentiation.checks import check_uniform, need_samples
+from commonlaw.validation import check_number
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Spectral(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         if self.cutoff is not None:
-            check_positive("cutoff", self.cutoff)
+            check_number("cutoff", self.cutoff, 0, above=True)
 
     def reach(self, order: int) -> int | None:
         return None

@@ -6,9 +6,10 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_positive, need_samples
+from commonlaw.differentiation.checks import need_samples
 from commonlaw.differentiation.curvature import INNER, log_determinant, slope_bands, solve
 from commonlaw.errors import CommonlawError
+from commonlaw.validation import check_number
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class SmoothingSpline(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         if self.strength is not None:
-            check_positive("strength", self.strength)
+            check_number("strength", self.strength, 0, above=True)
 
     def reach(self, order: int) -> int | None:
         return None

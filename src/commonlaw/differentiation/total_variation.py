@@ -6,8 +6,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_positive, need_samples
+from commonlaw.differentiation.checks import need_samples
 from commonlaw.differentiation.curvature import INNER, slope_bands, solve
+from commonlaw.validation import check_number
 
 _SWEEPS = 300
 _SETTLED = 1e-3
@@ -42,7 +43,7 @@ class TotalVariation(AbstractDifferentiator):
     strength: float
 
     def __post_init__(self) -> None:
-        check_positive("strength", self.strength)
+        check_number("strength", self.strength, 0, above=True)
 
     def reach(self, order: int) -> int | None:
         return None

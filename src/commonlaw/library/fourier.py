@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonlaw.errors import CommonlawError
 from commonlaw.library.algebra import AbstractLibrary
 from commonlaw.library.terms import Terms
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.library.variables import Variables, checked_names
+from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,7 @@ class FourierLibrary(AbstractLibrary):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variables", checked_names(self.variables))
-        if not isinstance(self.frequencies, int) or not 1 <= self.frequencies <= 1000:
-            raise CommonlawError(
-                f"the frequencies of a Fourier library must be a whole number from 1 to 1000, not {self.frequencies}"
-            )
+        check_whole_number("the number of frequencies of a Fourier library", self.frequencies, 1, 1000)
 
     def bind(self, variables: Variables) -> Terms:
         """Return the sines and cosines.

@@ -11,6 +11,7 @@ from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.terms import Terms
 from commonlaw.library.variables import Variables, checked_names
+from commonlaw.validation import check_whole_number
 
 _MOST_TERMS = 100_000
 
@@ -62,8 +63,7 @@ class PolynomialLibrary(AbstractLibrary):
 
 def check_degree(degree: int) -> None:
     """Refuse what is not a degree from 0 to 100."""
-    if not isinstance(degree, int) or not 0 <= degree <= HIGHEST_POWER:
-        raise CommonlawError(f"the degree of a library must be a whole number from 0 to {HIGHEST_POWER}, not {degree}")
+    check_whole_number("the degree of a library", degree, 0, HIGHEST_POWER)
 
 
 def monomials(columns: Sequence[int], size: int, degree: int, interactions: bool = True) -> list[tuple[int, ...]]:

@@ -93,3 +93,9 @@ def each_support_once(path: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Return a path without the candidates that have the support of the one before."""
     changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
     return (path[0], *changed)
+
+
+def check_shared(shared: object) -> None:
+    """Refuse what is neither True nor False."""
+    if not isinstance(shared, bool):
+        raise CommonlawError(f"shared is {shared!r}: give True for one support of all objects, or False")

@@ -7,12 +7,12 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.base import AbstractSolver, check_shared
 from commonlaw.solvers.candidate import Candidate
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
-from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
+from commonlaw.validation import check_whole_number
 
 _MANY = 60
 """Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
@@ -54,9 +54,9 @@ class BestSubset(AbstractSolver):
     hyperparameter_name = "terms"
 
     def __post_init__(self) -> None:
-        check_setting("terms", self.terms, 1, whole=True, optional=True)
-        check_setting("largest", self.largest, 0, whole=True)
-        check_setting("nodes", self.nodes, 1, whole=True)
+        check_whole_number("terms", self.terms, 1, optional=True)
+        check_whole_number("largest", self.largest, 0)
+        check_whole_number("nodes", self.nodes, 1)
         check_shared(self.shared)
 
     @property

@@ -7,10 +7,10 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, each_support_once, groups
+from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, groups
 from commonlaw.solvers.candidate import Candidate, least_squares
-from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.standardized_problem import StandardizedProblem
+from commonlaw.validation import check_number, check_whole_number
 
 _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 
@@ -46,9 +46,9 @@ class Lasso(AbstractSolver):
     hyperparameter_name = "penalty"
 
     def __post_init__(self) -> None:
-        check_setting("penalty", self.penalty, 0, optional=True)
-        check_setting("max_iterations", self.max_iterations, 1, whole=True)
-        check_setting("tolerance", self.tolerance, 0, above=True)
+        check_number("penalty", self.penalty, 0, optional=True)
+        check_whole_number("max_iterations", self.max_iterations, 1)
+        check_number("tolerance", self.tolerance, 0, above=True)
         check_shared(self.shared)
 
     @property

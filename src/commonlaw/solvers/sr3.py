@@ -7,9 +7,9 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, each_support_once, threshold_path
+from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, threshold_path
 from commonlaw.solvers.candidate import Candidate, least_squares
-from commonlaw.solvers.settings import check_setting, check_shared
+from commonlaw.validation import check_number, check_whole_number
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class SR3(AbstractSolver):
     hyperparameter_name = "threshold"
 
     def __post_init__(self) -> None:
-        check_setting("threshold", self.threshold, 0, optional=True)
-        check_setting("nu", self.nu, 0, above=True)
-        check_setting("max_iterations", self.max_iterations, 1, whole=True)
+        check_number("threshold", self.threshold, 0, optional=True)
+        check_number("nu", self.nu, 0, above=True)
+        check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
 
     @property

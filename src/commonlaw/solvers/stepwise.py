@@ -9,11 +9,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.base import AbstractSolver, check_shared
 from commonlaw.solvers.candidate import Candidate
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
-from commonlaw.solvers.settings import check_setting, check_shared
 from commonlaw.solvers.standardized_problem import StandardizedProblem
+from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class StepwiseSelection(AbstractSolver):
     hyperparameter_name = "terms"
 
     def __post_init__(self) -> None:
-        check_setting("terms", self.terms, 1, whole=True, optional=True)
+        check_whole_number("terms", self.terms, 1, optional=True)
         check_shared(self.shared)
         if self.direction not in ("forward", "backward"):
             raise unknown("direction", self.direction, ("forward", "backward"))

@@ -8,10 +8,10 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.base import AbstractSolver, groups, threshold_path
+from commonlaw.solvers.base import AbstractSolver, check_shared, groups, threshold_path
 from commonlaw.solvers.candidate import Candidate
 from commonlaw.solvers.importance import L1, AbstractImportance
-from commonlaw.solvers.settings import check_setting, check_shared
+from commonlaw.validation import check_number, check_whole_number
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class STLSQ(AbstractSolver):
     hyperparameter_name = "threshold"
 
     def __post_init__(self) -> None:
-        check_setting("threshold", self.threshold, 0, optional=True)
-        check_setting("ridge", self.ridge, 0)
-        check_setting("max_iterations", self.max_iterations, 1, whole=True)
+        check_number("threshold", self.threshold, 0, optional=True)
+        check_number("ridge", self.ridge, 0)
+        check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
         if not self.shared and self.importance != L1():
             raise CommonlawError(

@@ -1,0 +1,60 @@
+"""Checks of the numbers that a user gives as arguments."""
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+
+
+def check_whole_number(
+    name: str, value: object, least: int, most: int | None = None, *, optional: bool = False
+) -> None:
+    """Refuse an argument that is no whole number from `least` to `most`; None of `most` is no bound.
+
+    Parameters
+    ----------
+    name, value
+        The argument.
+    least, most
+        The smallest and the largest value that fit.
+    optional
+        Whether None fits.
+
+    Raises
+    ------
+    CommonlawError
+        If the argument does not fit; the message names it.
+    """
+    if value is None and optional:
+        return
+    upper = np.inf if most is None else most
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= upper:
+        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise CommonlawError(f"{name} is {value!r}: give a whole number {bounds}")
+
+
+def check_number(name: str, value: object, least: float, *, above: bool = False, optional: bool = False) -> None:
+    """Refuse an argument that is no finite number of at least `least`.
+
+    Parameters
+    ----------
+    name, value
+        The argument.
+    least
+        The smallest value that fits.
+    above
+        Whether `least` itself does not fit.
+    optional
+        Whether None fits.
+
+    Raises
+    ------
+    CommonlawError
+        If the argument does not fit; the message names it.
+    """
+    if value is None and optional:
+        return
+    size = np.nan
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        size = float(value)
+    if not np.isfinite(size) or size < least or (above and size == least):
+        raise CommonlawError(f"{name} is {value!r}: give a finite number {'above' if above else 'of at least'} {least}")
