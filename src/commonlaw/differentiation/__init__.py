@@ -78,14 +78,14 @@ def default_differentiation(order: int, samples: float = float("inf")) -> Abstra
 def parse_differentiation(text: str) -> AbstractDifferentiator:
     """Make the differentiator that a text such as ``savgol:35:3`` names.
 
-    The names are those of `METHODS`, each with its settings in order. The name of a smoother gives a
+    The names are those of `METHODS`, each with its parameters in order. The name of a smoother gives a
     `SmoothedDifference`; the difference may follow (``savgol:35:3:forward``, ``median:5:finite:4``) and is the centred
     one otherwise.
 
     Raises
     ------
     CommonlawError
-        If a name is not known, a setting does not fit, or something follows a method that is not a smoother.
+        If a name is not known, a parameter does not fit, or something follows a method that is not a smoother.
 
     Examples
     --------
@@ -124,5 +124,5 @@ def format_differentiation(differentiator: AbstractDifferentiator) -> str | None
 
 
 def _text(method: AbstractDifferentiator | AbstractSmoother) -> str | None:
-    """Return name and settings of one method, or None if it has no name."""
+    """Return name and parameters of one method, or None if it has no name."""
     return next((format_spec(name, method) for name, maker in METHODS.items() if type(method) is maker), None)

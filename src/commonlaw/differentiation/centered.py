@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, Rates
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates, repeated
 from commonlaw.differentiation.checks import need_samples
 
 _END = np.array([-11 / 6, 3, -3 / 2, 1 / 3])
@@ -39,10 +39,7 @@ class CenteredDifference(AbstractDifferentiator):
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 4, "centred differences")
-        derivatives = [states]
-        for _ in range(order):
-            derivatives.append(_rate(times, derivatives[-1]))
-        return Rates(states, tuple(derivatives[1:]))
+        return repeated(_rate, times, states, order)
 
 
 def _rate(times: Floats, states: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""What the methods ask of their settings and of a trial's samples."""
+"""What the methods ask of their parameters and of a trial's samples."""
 
 import numpy as np
 

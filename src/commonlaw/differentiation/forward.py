@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, Rates
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates, repeated
 from commonlaw.differentiation.checks import need_samples
 
 
@@ -31,10 +31,7 @@ class ForwardDifference(AbstractDifferentiator):
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "forward differences")
-        derivatives = [states]
-        for _ in range(order):
-            derivatives.append(_rate(times, derivatives[-1]))
-        return Rates(states, tuple(derivatives[1:]))
+        return repeated(_rate, times, states, order)
 
 
 def _rate(times: Floats, states: Floats) -> Floats:

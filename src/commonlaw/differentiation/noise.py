@@ -19,9 +19,9 @@ _FAR = 4.0
 """Standard deviations beyond which a difference has an outlier in it."""
 _SWEEPS = 20
 
-_MEDIAN = NormalDist().inv_cdf(0.75)
-"""Of the size of a standard normal variable."""
-_MEDIAN_ERROR = 1 / (4 * _MEDIAN * NormalDist().pdf(_MEDIAN))
+MEDIAN_SIZE = NormalDist().inv_cdf(0.75)
+"""The median size of a standard normal variable."""
+_MEDIAN_ERROR = 1 / (4 * MEDIAN_SIZE * NormalDist().pdf(MEDIAN_SIZE))
 """Relative standard error of that median in one sample."""
 
 
@@ -114,12 +114,12 @@ def _scale(differences: Floats, order: int) -> float:
     from scipy.ndimage import maximum_filter1d
 
     sizes, near = np.abs(differences), 2 * ((order + 1) // 2) + 1
-    doubt = _MEDIAN_ERROR * sqrt(_covariance(order, order) / len(sizes))
+    margin = 2 * _MEDIAN_ERROR * sqrt(_covariance(order, order) / len(sizes))
     kept = np.ones(len(sizes), dtype=np.bool_)
     for _ in range(_SWEEPS):
         # Coarse rounding of a slow state makes most differences zero, and the median with them
-        scale = np.median(sizes[kept]) / _MEDIAN or sqrt(np.mean(sizes[kept] ** 2))
-        far = kept & (sizes > _FAR * (1 + 2 * doubt) * scale)
+        scale = np.median(sizes[kept]) / MEDIAN_SIZE or sqrt(np.mean(sizes[kept] ** 2))
+        far = kept & (sizes > _FAR * (1 + margin) * scale)
         # The middle weight is the largest, so that an outlier is at the middle of the largest difference around it
         peaks = far & (sizes == maximum_filter1d(sizes * kept, near))
         clean = kept & ~maximum_filter1d(peaks, near)

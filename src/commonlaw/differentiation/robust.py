@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.noise import differences
+from commonlaw.differentiation.noise import MEDIAN_SIZE, differences
 from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_number
@@ -36,11 +36,8 @@ _ROW = 3
 """Most outliers next to each other; more are a turn of the state."""
 _NEAR = 15
 """Samples that are a residual's neighbourhood."""
-_R = 1.5
 _STRENGTHS, _PULLS = 3, 15
 """Rounds of choosing the strength, and of pulling values to the curve at each."""
-_MEDIAN = 0.6744897501960817
-"""Of the size of a standard normal variable."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +151,7 @@ def _without_spikes(times: Floats, values: Floats) -> Whole:
         every, order, _ = _differences(times[kept], values[kept])
         sizes = every[order]
         peak = int(np.argmax(sizes))
-        if sizes[peak] <= 2 * _STRANGE * np.median(sizes) / _MEDIAN:
+        if sizes[peak] <= 2 * _STRANGE * np.median(sizes) / MEDIAN_SIZE:
             break
         rest = np.delete(kept, peak + order // 2)
         around = slice(max(peak - order, 0), peak + order)
@@ -180,7 +177,7 @@ def _strangeness(times: Floats, values: Floats) -> Floats:
     for order, each in sizes.items():
         median = np.median(each)
         if 0 < median <= least / _FALLING:
-            around = np.pad(each * _MEDIAN / median, (order, order))
+            around = np.pad(each * MEDIAN_SIZE / median, (order, order))
             strangeness = np.maximum(strangeness, maximum_filter1d(around, order + 1)[(order + 1) // 2 :][: len(times)])
     if hidden:
         strangeness[:quietest] = strangeness[-quietest:] = 0
@@ -218,7 +215,7 @@ def _scales(sizes: Floats, ordinary: Floats) -> Floats:
 
     near, half = median_filter(sizes, _NEAR), _NEAR // 2
     near[:half], near[-half:] = near[half], near[-half - 1]
-    scales: Floats = np.maximum(np.median(ordinary), near) / _MEDIAN
+    scales: Floats = np.maximum(np.median(ordinary), near) / MEDIAN_SIZE
     return scales
 
 

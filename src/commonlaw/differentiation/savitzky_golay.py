@@ -1,7 +1,6 @@
 """Savitzky-Golay smoothing."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -32,7 +31,7 @@ class SavitzkyGolay(AbstractSmoother):
     Raises
     ------
     CommonlawError
-        If a setting does not fit, a trial is shorter than the window, or its sampling is not uniform.
+        If a parameter does not fit, a trial is shorter than the window, or its sampling is not uniform.
     """
 
     window: int = 35
@@ -52,20 +51,8 @@ class SavitzkyGolay(AbstractSmoother):
         return self.window // 2
 
     def smooth(self, times: Floats, states: Floats) -> Floats:
-        from scipy.ndimage import correlate1d
+        from scipy.signal import savgol_filter
 
         fit_window(len(times), self.window)
         check_uniform(times, 0.5, "Savitzky-Golay smoothing")
-        fitted, half = _projection(self.window, self.polynomial), self.window // 2
-        smoothed: Floats = correlate1d(states, fitted[half], axis=0)
-        smoothed[:half] = fitted[:half] @ states[: self.window]
-        smoothed[len(states) - half :] = fitted[half + 1 :] @ states[-self.window :]
-        return smoothed
-
-
-@lru_cache(maxsize=32)
-def _projection(window: int, polynomial: int) -> Floats:
-    """Return what takes the samples of a window to the polynomial fitted to them, shape (window, window)."""
-    columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, window), polynomial)
-    basis = np.linalg.qr(columns)[0]
-    return np.asarray(basis @ basis.T)
+        return np.asarray(savgol_filter(states, self.window, self.polynomial, axis=0, mode="interp"))

@@ -11,7 +11,7 @@ from commonlaw.differentiation.curvature import INNER, slope_bands, solve
 from commonlaw.validation import check_number
 
 _SWEEPS = 300
-_SETTLED = 1e-3
+_TOLERANCE = 1e-3
 _ROUNDING = 1e-6
 
 
@@ -61,22 +61,22 @@ class TotalVariation(AbstractDifferentiator):
 
     def _smooth(self, times: Floats, states: Floats) -> Floats:
         steps = np.diff(times) / (times[-1] - times[0])
-        mean, spread = states.mean(axis=0), states.std(axis=0)
-        scale = np.where(spread > 0, spread, 1)
+        mean, deviation = states.mean(axis=0), states.std(axis=0)
+        scale = np.where(deviation > 0, deviation, 1)
         scaled = ((states - mean) / scale).T
         weight = self.strength * len(times)
-        smoothed: Floats = mean + scale * np.stack([_settled(steps, column, weight) for column in scaled], axis=1)
+        smoothed: Floats = mean + scale * np.stack([_converged(steps, column, weight) for column in scaled], axis=1)
         return smoothed
 
 
-def _settled(steps: Floats, state: Floats, weight: float) -> Floats:
-    """Sweep until no slope changes by more than a thousandth of the state's spread over the trial's duration."""
+def _converged(steps: Floats, state: Floats, weight: float) -> Floats:
+    """Sweep until no slope changes by more than a thousandth of the state's deviation over the trial's duration."""
     bands = slope_bands(steps)
     smoothed, slopes = state, np.diff(state) / steps
     for _ in range(_SWEEPS):
         bands[3, INNER] = -np.hypot(np.diff(slopes), _ROUNDING) / weight
         smoothed, _ = solve(bands, state)
         before, slopes = slopes, np.diff(smoothed) / steps
-        if np.abs(slopes - before).max() < _SETTLED:
+        if np.abs(slopes - before).max() < _TOLERANCE:
             break
     return smoothed

@@ -41,7 +41,7 @@ class Terms:
         return Plan.of(self.terms)
 
     def index(self, name: str) -> int:
-        """Return the place of the term of that name.
+        """Return the index of the term of that name.
 
         Spaces do not count, and a product or power may be written with stars: ``x^2 v`` is also ``x**2*v``.
 
@@ -58,7 +58,7 @@ class Terms:
         return folded.index(_folded(name))
 
     def take(self, indices: Sequence[int]) -> "Terms":
-        """Return the terms at these places."""
+        """Return the terms at these indices."""
         return Terms(self.variables, tuple(self.terms[i] for i in indices))
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:

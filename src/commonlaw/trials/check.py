@@ -153,9 +153,9 @@ def _values(trial: Trial, names: tuple[str, ...], stop: int) -> list[str]:
         if len(values) > 1 and np.all(values == values[0]):
             found.append(f"{name} is constant, {values[0]:g} in every sample")
         kept = measured < stop
-        place = _jump(trial.times[measured[kept]], values[kept])
-        if place is not None:
-            jump, (before, after) = values[place + 1] - values[place], measured[place : place + 2] + 1
+        index = _jump(trial.times[measured[kept]], values[kept])
+        if index is not None:
+            jump, (before, after) = values[index + 1] - values[index], measured[index : index + 2] + 1
             found.append(f"{name} jumps by {jump:.3g} from sample {before} to sample {after}")
     return found
 
@@ -165,7 +165,7 @@ def _jump(times: Floats, values: Floats) -> int | None:
 
     A jump is a second difference (of slopes, for uneven steps) further from the median of its neighbours, which follow
     a steep but smooth course, than 10 robust standard deviations of all second differences; where most of these are
-    nought, the smallest change between samples stands in for the deviation.
+    zero, the smallest change between samples stands in for the deviation.
     """
     if len(values) < _SHORT:
         return None

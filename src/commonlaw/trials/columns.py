@@ -37,8 +37,8 @@ class Table:
         Arrays by column name, see `Column`.
     units
         Unit by column name, from the headers.
-    place
-        From the index of a row to its place for the reader: ``row 17 (line 18)``.
+    locate
+        From the index of a row to its location for the reader: ``row 17 (line 18)``.
     loose
         Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet.
     decimal_comma
@@ -54,7 +54,7 @@ class Table:
     source: str
     columns: Mapping[str, Column]
     units: Mapping[str, str]
-    place: Callable[[int], str]
+    locate: Callable[[int], str]
     loose: frozenset[str] = frozenset()
     decimal_comma: bool = False
     roles: Mapping[str, str | list[str]] = field(default_factory=dict)
@@ -181,7 +181,7 @@ class Table:
         )
 
     def _where(self, name: str, row: int) -> str:
-        return f"{self.source}: column {name!r}, {self.place(row)}"
+        return f"{self.source}: column {name!r}, {self.locate(row)}"
 
 
 def filled_table(
@@ -190,7 +190,7 @@ def filled_table(
     columns: Sequence[Column],
     *,
     loose: Sequence[int] = (),
-    place: Callable[[int], str] = lambda row: f"row {row + 1}",
+    locate: Callable[[int], str] = lambda row: f"row {row + 1}",
 ) -> Table:
     """Return the table of these columns without the rows and the nameless columns in which nothing stands.
 
@@ -206,7 +206,7 @@ def filled_table(
     rows = np.flatnonzero(~blank)
     arrays = {name: columns[i][rows] if blank.any() else columns[i] for name, i in zip(names, used, strict=True)}
     loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
-    return Table(source, arrays, units, lambda row: place(int(rows[row])), loosely)
+    return Table(source, arrays, units, lambda row: locate(int(rows[row])), loosely)
 
 
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:

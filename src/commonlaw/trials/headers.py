@@ -99,17 +99,17 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     CommonlawError
         If two headers are the same or a header is empty.
     """
-    blank = [place for place, header in enumerate(headers, 1) if not header.strip()]
+    blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError(f"{source}: column {blank[0]} has no header; give it one, or delete the column")
     parts = [split_header(header) for header in headers]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else header.strip() for (name, _), header in zip(parts, headers, strict=True)]
-    places: dict[str, int] = {}
-    for place, name in enumerate(names, 1):
-        if places.setdefault(name, place) != place:
+    numbers: dict[str, int] = {}
+    for number, name in enumerate(names, 1):
+        if numbers.setdefault(name, number) != number:
             raise CommonlawError(
-                f"{source}: the header {name!r} is there twice, in columns {places[name]} and {place}; "
+                f"{source}: the header {name!r} is there twice, in columns {numbers[name]} and {number}; "
                 "give each column a name of its own"
             )
     return tuple(names), {name: unit for name, (_, unit) in zip(names, parts, strict=True) if unit}

@@ -57,8 +57,8 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
             here, there = first[owners[clash[0]]], rows[clash[0]]
             raise CommonlawError(
                 f"{table.source}: property {name!r} of {objects[codes[here]]} is {_value(cells[here], words)!r} in "
-                f"{table.place(int(here))} and {_value(cells[there], words)!r} in {table.place(int(there))}; an object "
-                "has one value of a property: correct a row, or give the column another role"
+                f"{table.locate(int(here))} and {_value(cells[there], words)!r} in {table.locate(int(there))}; an "
+                "object has one value of a property: correct a row, or give the column another role"
             )
         for owner in np.unique(owners):
             values.setdefault(objects[owner], {})[name] = _value(cells[first[owner]], words)
@@ -135,14 +135,14 @@ def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, 
     missing = np.flatnonzero(codes < 0)
     if len(missing):
         raise CommonlawError(
-            f"{table.source}: column {name!r}, {table.place(int(missing[0]))}: the {what} is missing "
+            f"{table.source}: column {name!r}, {table.locate(int(missing[0]))}: the {what} is missing "
             f"({len(missing)} rows have none); fill it in every row"
         )
     return codes, [str(each) for each in labels]
 
 
 def _cells(table: Table, name: str) -> tuple[Floats, list[object] | None]:
-    """Return a column as numbers, NaN where empty; or as places in a list of words."""
+    """Return a column as numbers, NaN where empty; or as indices into a list of words."""
     if table.is_numeric(name):
         return table.numbers(name, missing=True), None
     codes, words = table.encoded(name)

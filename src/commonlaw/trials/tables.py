@@ -25,7 +25,7 @@ from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3
-"""Places that a note lists."""
+"""Locations that a note lists."""
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
@@ -88,7 +88,9 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
         {**table.units, **known.units}, roles.get("units"), [*table.columns, *known.names], [*names, *known.names]
     )
     schema = Schema(columns.states, columns.inputs, objects_in or "object", trials_in or "trial", time, units)
-    located = replace(table, place=lambda row: f"{table.place(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}")
+    located = replace(
+        table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
+    )
     values = np.column_stack([located.numbers(name, missing=name in columns.states) for name in names])
     made, empty, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
     return Rows(TrialData(made, schema, known.values, (*table.notes, *columns.notes, *known.notes, *notes)), empty)
@@ -185,7 +187,7 @@ def _cut(
             late.append(where)
         _refuse_twice(table, values[rows, 0], rows, where)
         if not measured[rows].all():
-            gaps.append(f"{where}: {_shown([table.place(int(row)) for row in rows[~measured[rows]]])}")
+            gaps.append(f"{where}: {_shown([table.locate(int(row)) for row in rows[~measured[rows]]])}")
         cells = values[rows[measured[rows]]]
         if len(cells):
             made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
@@ -196,16 +198,16 @@ def _cut(
     return tuple(made), tuple(empty), notes
 
 
-def _shown(places: Sequence[str]) -> str:
-    """Return how many places there are, and the first of them."""
-    return f"{len(places)} ({', '.join(places[:_SHOWN])}{', ...' if len(places) > _SHOWN else ''})"
+def _shown(locations: Sequence[str]) -> str:
+    """Return how many locations there are, and the first of them."""
+    return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
 
 
 def _refuse_twice(table: Table, times: Floats, rows: Codes, where: str) -> None:
     """Refuse a trial in which a time, in the sorted `times` of these rows, is there twice."""
     twice = np.flatnonzero(times[1:] == times[:-1])
     if len(twice):
-        here, there = (table.place(int(row)) for row in rows[twice[0] : twice[0] + 2])
+        here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])
         raise CommonlawError(
             f"{table.source}: {where}: the time {times[twice[0]]:g} is there twice, in {here} and in {there}; remove a "
             "row, or name the columns that tell trials and objects apart with trial=... and object=..."

@@ -67,7 +67,7 @@ def text_table(source: str, content: bytes) -> Table:
         header,
         [frame[i].to_numpy()[kept] for i in range(len(header))],
         loose=range(len(header)),
-        place=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
+        locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
     )
     if delimiter != ";" or not _DECIMAL_COMMA.search(body):
         return table
@@ -127,7 +127,7 @@ def _line_numbers(source: str, body: bytes, delimiter: str, width: int, before: 
 
 
 def _full_rows(body: bytes, delimiter: str, width: int) -> int:
-    """Return the number of rows if each has a cell for each column, else nought."""
+    """Return the number of rows if each has a cell for each column, else zero."""
     text = np.frombuffer(body, dtype=np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), [len(text)] * (not body.endswith(b"\n")))
     separators = np.searchsorted(np.flatnonzero(text == ord(delimiter)), ends)

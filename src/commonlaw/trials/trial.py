@@ -122,9 +122,9 @@ class Trial:
             wrong = np.isinf(values) if what == "state" else ~np.isfinite(values)
             if wrong.any():
                 bad = np.argwhere(wrong)
-                place = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
+                where = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
                 raise CommonlawError(
-                    f"{self.label}: {what} is {values[tuple(bad[0])]} in {place}; remove or repair the sample"
+                    f"{self.label}: {what} is {values[tuple(bad[0])]} in {where}; remove or repair the sample"
                 )
         empty = np.flatnonzero(np.isnan(self.states).all(axis=1) & (self.states.shape[1] > 0))
         if len(empty):

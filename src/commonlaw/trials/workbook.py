@@ -38,14 +38,14 @@ def _sheets(source: str, sheets: dict[str, list[list[Any]]]) -> Table:
     """Return the table of sheets below each other; several sheets without a column ``object`` are an object each."""
     many = len(sheets) > 1
     header = max((rows[0] for rows in sheets.values()), key=len)
-    places, cells, names = [], [], []
+    locations, cells, names = [], [], []
     for name, rows in sheets.items():
         for number, row in enumerate(rows[1:], 1):
             full = [None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row))
             if any(cell is not None for cell in full):
                 cells.append(full)
                 names.append(name)
-                places.append(f"row {number}" + f" of sheet {name!r}" * many)
+                locations.append(f"row {number}" + f" of sheet {name!r}" * many)
     columns, loose = [], []
     for i in range(len(header)):
         column, is_mixed = column_of([row[i] for row in cells])
@@ -54,4 +54,4 @@ def _sheets(source: str, sheets: dict[str, list[list[Any]]]) -> Table:
     titles = [str(cell) for cell in header]
     if many and "object" not in {title.strip().casefold() for title in titles}:
         titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]
-    return filled_table(source, titles, columns, loose=loose, place=places.__getitem__)
+    return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__)
