@@ -50,7 +50,10 @@ from .library import (
     PolynomialLibrary as PolynomialLibrary,
     RationalLibrary as RationalLibrary,
 )
-from .outcomes import Outcome as Outcome
+from .outcomes import (
+    Outcome as Outcome,
+    OutcomeKind as OutcomeKind,
+)
 from .solvers import (
     SR3 as SR3,
     STLSQ as STLSQ,

@@ -1,6 +1,30 @@
 """What can come out of a computation besides its numbers, said in words."""
 
 from dataclasses import dataclass
+from enum import StrEnum
+
+
+class OutcomeKind(StrEnum):
+    """Every kind of outcome there is; each is also its text, as messages and saved laws have it."""
+
+    CHOSEN = "chosen"
+    """The terms of an equation were chosen from candidates; the text says why these."""
+    DIVERGED = "diverged"
+    """A trajectory ran away."""
+    EMPTY_SUPPORT = "empty support"
+    """An equation has no term."""
+    FEW_SAMPLES = "few samples"
+    """An equation has as many terms as the samples can tell apart."""
+    ILL_CONDITIONED = "ill-conditioned"
+    """Terms nearly depend on each other on the samples."""
+    MODEL_ERROR = "model error"
+    """The measurements depart from every law of the library by more than their noise."""
+    NOT_CONVERGED = "not converged"
+    """A solver stopped before it was done."""
+    NOT_INTEGRATED = "not integrated"
+    """An integrator could not follow a trajectory that another one may finish."""
+    ONE_OBJECT = "one object"
+    """What objects are to share was found from one of them."""
 
 
 @dataclass(frozen=True)
@@ -10,8 +34,7 @@ class Outcome:
     Parameters
     ----------
     kind
-        Its name: ``"empty support"``, ``"diverged"``, ``"few samples"``, ``"ill-conditioned"``, ``"not converged"``,
-        ``"model error"``, ``"one object"``.
+        Its name.
     where
         The equation, object or trial that it concerns; empty when it concerns the whole.
     text
@@ -20,7 +43,7 @@ class Outcome:
         What to do about it.
     """
 
-    kind: str
+    kind: OutcomeKind
     where: str
     text: str
     remedy: str

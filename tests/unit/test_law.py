@@ -9,7 +9,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
-from commonlaw.outcomes import Outcome
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
 
 HEIGHT = Schema(("x",), object="ball", trial="drop", units={"x": "m", "t": "s"})
@@ -158,7 +158,7 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
         np.random.default_rng(0).standard_normal((1, 1, 8)),
         provenance=Provenance(
             differentiation=None if rule is None else parse_differentiation(rule),
-            outcomes=(Outcome("one object", "heavy", "only one", "add more"),),
+            outcomes=(Outcome(OutcomeKind.ONE_OBJECT, "heavy", "only one", "add more"),),
         ),
     )
     law.save(tmp_path / "law.json")

@@ -58,6 +58,7 @@ def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
     [
         {"outcomes": 3},
         {"outcomes": ["diverged"]},
+        {"outcomes": [{"kind": "unheard of", "where": "", "text": "", "remedy": ""}]},
         {"alternatives": [{"measures": 1}]},
         {"covariance": 1.0},
         {"noise": ["x"]},

@@ -9,7 +9,7 @@ from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
 from commonlaw.law import Alternative, Law, Step
-from commonlaw.outcomes import Outcome
+from commonlaw.outcomes import Outcome, OutcomeKind
 
 _LISTED = 12
 """Supports of each equation that are kept as alternatives, besides the chosen one."""
@@ -48,7 +48,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
         weak = ", which says little of objects with a single trial" if single else ""
         found.append(
             Outcome(
-                "model error",
+                OutcomeKind.MODEL_ERROR,
                 "",
                 "the measurements depart from every law of this library by more than their noise; terms were chosen by "
                 f"derivatives on segments held out{weak}, and the law has a model error, in each step "
@@ -58,14 +58,14 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
             )
         )
     found += [
-        Outcome("empty support", side, "no candidate term explains it better than noise", "offer other terms")
+        Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
         if not any(each.coefficients[j].any() for each in state.estimates)
     ]
     most = problem.most_terms
     found += [
         Outcome(
-            "few samples",
+            OutcomeKind.FEW_SAMPLES,
             side,
             f"it has {most} terms, as many as the object with the fewest samples can tell apart",
             "measure more samples or trials, or offer fewer terms",

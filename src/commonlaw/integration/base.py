@@ -8,16 +8,13 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.integration.initial_value_problem import InitialValueProblem
 from commonlaw.integration.trajectory import Trajectory
-from commonlaw.outcomes import Outcome
+from commonlaw.outcomes import Outcome, OutcomeKind
 
 Function = Callable[[float, Floats], Floats]
 
 MAX_STEPS = 100_000
 FAR = 1e10
 """A state this many times larger than the initial states and their change over the first sample counts as infinite."""
-
-NOT_INTEGRATED = "not integrated"
-"""The kind of outcome of a problem that another integrator may finish."""
 
 
 class AbstractIntegrator(ABC):
@@ -43,4 +40,5 @@ def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
 
 def not_integrated(time: float, why: str, where: str) -> Outcome:
     """Return the outcome of a trajectory that did not run away, and that the integrator could not follow on."""
-    return Outcome(NOT_INTEGRATED, where, f"at t = {time:.6g}: {why}", "integrate with the method 'auto' or 'scipy'")
+    text, remedy = f"at t = {time:.6g}: {why}", "integrate with the method 'auto' or 'scipy'"
+    return Outcome(OutcomeKind.NOT_INTEGRATED, where, text, remedy)

@@ -8,12 +8,13 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.integration.base import NOT_INTEGRATED, AbstractIntegrator
+from commonlaw.integration.base import AbstractIntegrator
 from commonlaw.integration.event import Event
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions, check_start
 from commonlaw.integration.iteration import Iteration
 from commonlaw.integration.trajectory import Trajectory
 from commonlaw.integration.vector_field import VectorField
+from commonlaw.outcomes import OutcomeKind
 
 METHODS = ("auto", "heyoka", "scipy")
 
@@ -137,7 +138,7 @@ class _Choice:
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         found = self.first.integrate(problem)
         outcome, reason = found.outcome, self.reason
-        if self.second is not None and outcome is not None and outcome.kind == NOT_INTEGRATED:
+        if self.second is not None and outcome is not None and outcome.kind is OutcomeKind.NOT_INTEGRATED:
             found, reason = self.second().integrate(problem), f"heyoka stopped, {outcome.text}"
         return replace(found, method=f"{found.method} ({reason})") if reason else found
 

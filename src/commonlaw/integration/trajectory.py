@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration.event import Occurrences
-from commonlaw.outcomes import Outcome
+from commonlaw.outcomes import Outcome, OutcomeKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Trajectory:
 def diverged(time: float, why: str, where: str) -> Outcome:
     """Return the outcome of a trajectory that ran away."""
     return Outcome(
-        "diverged",
+        OutcomeKind.DIVERGED,
         where,
         f"the forecast ran away at t = {time:.6g} ({why})",
         "forecast a shorter time, or choose a sparser law",

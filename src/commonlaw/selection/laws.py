@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.law import Alternative, Law
-from commonlaw.outcomes import Outcome
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.selection.rules import Selection
 from commonlaw.solvers import STLSQ, AbstractSolver, Candidate
 
@@ -22,7 +22,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     outcomes, alternatives = [], []
     for equation, selection in zip(law.left_hand_sides, selections, strict=True):
         outcomes.append(
-            Outcome("chosen", equation, selection.reason, "name a solver with its setting to choose yourself")
+            Outcome(OutcomeKind.CHOSEN, equation, selection.reason, "name a solver with its setting to choose yourself")
         )
         for i, each in enumerate(selection.table):
             used = np.flatnonzero(each.candidate.support.any(axis=0))
@@ -54,19 +54,22 @@ def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver)
     """Yield what a user should know about what a solver found."""
     if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
         yield Outcome(
-            "one object",
+            OutcomeKind.ONE_OBJECT,
             law.objects[0],
             "with a single object the terms that all objects share are those of this one",
             "add objects to let them vote on the terms",
         )
     if not all(each.converged for each in candidates):
         yield Outcome(
-            "not converged", "", "the solver stopped before it was done", "give it more max_iterations or nodes"
+            OutcomeKind.NOT_CONVERGED,
+            "",
+            "the solver stopped before it was done",
+            "give it more max_iterations or nodes",
         )
     for j, (equation, candidate) in enumerate(zip(law.left_hand_sides, candidates, strict=True)):
         if not law.support[j].any():
             yield Outcome(
-                "empty support",
+                OutcomeKind.EMPTY_SUPPORT,
                 equation,
                 f"the solver's setting removed every term; the largest value it was last compared with is "
                 f"{candidate.largest:.4g}",
@@ -81,7 +84,7 @@ def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterato
             condition = problem.condition(support)
             if condition > _ILL_CONDITIONED:
                 yield Outcome(
-                    "ill-conditioned",
+                    OutcomeKind.ILL_CONDITIONED,
                     f"{equation} of {name}",
                     f"its terms nearly depend on each other on these samples (condition number {condition:.1e})",
                     "raise the threshold, leave terms out, or measure over a wider range",
