@@ -64,7 +64,13 @@ class Expression(AbstractTerm):
         return with_names(self.code, [quoted(name) for name in names])
 
     def latex(self, names: Sequence[str]) -> str:
-        r"""Return ``\left|{v}\right|``, as SymPy orders and writes it."""
+        r"""Return ``\left|{v}\right|``, as SymPy orders and writes it.
+
+        Raises
+        ------
+        CommonlawError
+            If SymPy is not installed.
+        """
         sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
 
         symbols = [sympy.Symbol(f"v{i}", real=True) for i in range(len(names))]
@@ -77,7 +83,8 @@ class Expression(AbstractTerm):
         Raises
         ------
         CommonlawError
-            If the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number beyond all bounds.
+            If SymPy is not installed, or the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number
+            beyond all bounds.
         """
         sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
 

@@ -18,6 +18,11 @@ class ExpressionLibrary(AbstractLibrary):
     *expressions
         What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``.
 
+    Raises
+    ------
+    CommonlawError
+        If there is none.
+
     Examples
     --------
     >>> ExpressionLibrary("1", "v*abs(v)").bind(Variables(("x", "v"))).names

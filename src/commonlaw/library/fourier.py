@@ -21,6 +21,11 @@ class FourierLibrary(AbstractLibrary):
     variables
         Names of the variables; without them all states (and rates) and inputs, but not time.
 
+    Raises
+    ------
+    CommonlawError
+        If there are not 1 to 1000 frequencies, or a variable is named twice.
+
     Examples
     --------
     >>> FourierLibrary(2).bind(Variables(("x",))).names

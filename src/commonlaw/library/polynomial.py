@@ -31,6 +31,11 @@ class PolynomialLibrary(AbstractLibrary):
     interactions
         Whether products of different variables are in.
 
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, no term is left, or a variable is named twice.
+
     Examples
     --------
     >>> PolynomialLibrary(2).bind(Variables(("x", "v"))).names

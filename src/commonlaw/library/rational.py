@@ -25,6 +25,11 @@ class RationalLibrary(AbstractLibrary):
     variables
         Names of the variables of the numerators; without them all states (and rates) and inputs, but not time.
 
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, or a variable is named twice.
+
     Examples
     --------
     >>> RationalLibrary(1, "1 + x^2").bind(Variables(("x",))).names

@@ -57,4 +57,9 @@ class AbstractTerm(ABC):
         """Return the term as a SymPy expression in the given symbols, one for each variable.
 
         The symbols should be real: only then is the derivative of ``abs(x)`` the sign of x.
+
+        Raises
+        ------
+        CommonlawError
+            If SymPy is not installed.
         """

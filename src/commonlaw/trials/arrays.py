@@ -29,7 +29,13 @@ def trials_from_arrays(
     units: Mapping[str, str] | None = None,
     properties: str | os.PathLike[str] | PropertyTable | Any = None,
 ) -> TrialData:
-    """Return the trials in arrays, see `Trials.from_arrays`."""
+    """Return the trials in arrays, see `Trials.from_arrays`.
+
+    Raises
+    ------
+    CommonlawError
+        If the arrays do not fit together, or hold what cannot be used.
+    """
     single = _is_one(times)
     runs: list[Any] = [times] if single else list(times)
     count = len(runs)

@@ -49,6 +49,11 @@ class Table:
         What was noticed on reading.
     parsed
         Columns of text that have been read as numbers so far, and None for those that cannot be.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no row.
     """
 
     source: str

@@ -29,13 +29,25 @@ _SHOWN = 3
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
-    """Return the trials in a file, see `Trials.read`."""
+    """Return the trials in a file, see `Trials.read`.
+
+    Raises
+    ------
+    CommonlawError
+        If the file or a column is not there, or a value cannot be used.
+    """
     table = read_table(path, sheet)
     return _collected(read_rows(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)})))
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> TrialData:
-    """Return the trials in a frame, see `Trials.from_frame`."""
+    """Return the trials in a frame, see `Trials.from_frame`.
+
+    Raises
+    ------
+    CommonlawError
+        If a column is not there, or a value cannot be used.
+    """
     return _collected(read_rows(frame_table(frame), "object", _checked(roles)))
 
 
@@ -69,7 +81,13 @@ def _checked(roles: Roles) -> Roles:
 
 
 def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
-    """Return the trials in a table, which may end within a trial, whose columns have these roles."""
+    """Return the trials in a table, which may end within a trial, whose columns have these roles.
+
+    Raises
+    ------
+    CommonlawError
+        If a column is not there or has two roles, or a value cannot be used; the message names column and row.
+    """
     objects_in, trials_in = _role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",))
     time = _role(table, roles, "time", ("t", "time"))
     if time is None:

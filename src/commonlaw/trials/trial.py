@@ -30,6 +30,11 @@ class Schema:
     units
         Unit of a column by its name, in any form that pint reads (``"m"``, ``"m/s^2"``); columns without one
         are left out.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no state, or a name stands for two columns.
     """
 
     states: tuple[str, ...]
@@ -148,7 +153,13 @@ class TrialData(NamedTuple):
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:
-    """Refuse a trial in which a state with gaps has too few measured values to say anything."""
+    """Refuse a trial in which a state with gaps has too few measured values to say anything.
+
+    Raises
+    ------
+    CommonlawError
+        If there is such a state; the message names it.
+    """
     for name, column in zip(states, trial.states.T, strict=True):
         count = int(np.sum(~np.isnan(column)))
         if count < min(_LEAST, len(trial)):

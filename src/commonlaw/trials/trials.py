@@ -279,7 +279,7 @@ class Trials:
         Raises
         ------
         CommonlawError
-            If pint does not know a unit, or the file cannot be written.
+            If pyarrow is not installed, pint does not know a unit, or the file cannot be written.
         """
         to_parquet(self._data, path)
 
@@ -307,7 +307,13 @@ class Trials:
         return self.keep(kept)
 
     def split(self, **conditions: object) -> tuple["Trials", "Trials"]:
-        """Return the trials that `select` keeps with these conditions, and all others."""
+        """Return the trials that `select` keeps with these conditions, and all others.
+
+        Raises
+        ------
+        CommonlawError
+            If a name is not known, nothing fits, or everything does.
+        """
         chosen = self.select(**conditions)
         inside = {id(each) for each in chosen}
         rest = [each for each in self.trials if id(each) not in inside]
