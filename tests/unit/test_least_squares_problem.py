@@ -39,7 +39,9 @@ def test_residual_and_subtraction_agree_with_the_rows(rows):
     library, targets = rows
     problem, coefficients = LeastSquaresProblem.of(library, targets), np.arange(12.0).reshape(2, 6)
     left = targets - library @ coefficients.T
-    np.testing.assert_allclose(problem.residual(coefficients), np.sum(left**2, axis=0), rtol=1e-10)
+    np.testing.assert_allclose(
+        [problem.rss(own, j) for j, own in enumerate(coefficients)], np.sum(left**2, axis=0), rtol=1e-10
+    )
     everything = np.ones(6, dtype=bool)
     np.testing.assert_allclose(
         problem.subtract(coefficients).least_squares(everything, 0),

@@ -90,9 +90,7 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
         density = multivariate_normal(mean, covariance).logpdf(np.zeros(len(mean)))
         # The density of defects becomes that of the states at the ends of their steps
         expected = -2 * (density + turned) - len(mean) * np.log(2 * np.pi)
-        found = (
-            linearization.problem.residual((coefficients + change).reshape(1, -1))[0] + linearization.log_determinant
-        )
+        found = linearization.problem.rss((coefficients + change).ravel(), 0) + linearization.log_determinant
         assert found == pytest.approx(expected, rel=1e-8)
 
 

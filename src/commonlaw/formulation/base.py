@@ -92,6 +92,11 @@ class AbstractSampledForm(AbstractFormulation):
         """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in time.
 
         They are the problems of `rows`, but no more than a few thousand of them are held at a time.
+
+        Raises
+        ------
+        CommonlawError
+            As `rows`.
         """
         self._check(trial, terms)
         first, last = self.span(trial)

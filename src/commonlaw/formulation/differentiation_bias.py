@@ -39,8 +39,8 @@ def differentiation_bias(
     CommonlawError
         If a trial cannot be differentiated; the message names it.
     """
-    gaps = [_round_trip(form, terms, trial, target, coefficients) for trial in trials]
-    return float(np.mean(np.concatenate(gaps) ** 2))
+    errors = [_round_trip(form, terms, trial, target, coefficients) for trial in trials]
+    return float(np.mean(np.concatenate(errors) ** 2))
 
 
 def _round_trip(form: StrongForm, terms: Terms, trial: Trial, target: int, coefficients: Floats) -> Floats:

@@ -174,10 +174,14 @@ class LeastSquaresProblem:
         matrix, _ = self._scaled(support)
         return float(np.linalg.cond(matrix)) if matrix.shape[1] else 1.0
 
-    def residual(self, coefficients: Floats) -> Floats:
-        """Return the sums of squared residuals, shape (targets,), for coefficients of shape (targets, terms)."""
-        left = self.factor[:, : self.terms] @ coefficients.T - self.factor[:, self.terms :]
-        return np.asarray(np.sum(left**2, axis=0))
+    def rss(self, coefficients: Floats, target: int) -> float:
+        """Return the sum of squared residuals of one equation for its coefficients, shape (terms,)."""
+        residuals = self.factor[:, : self.terms] @ coefficients - self.factor[:, self.terms + target]
+        return float(residuals @ residuals)
+
+    def tss(self, target: int) -> float:
+        """Return the total sum of squares of one target."""
+        return self.rss(np.zeros(self.terms), target)
 
     def subtract(self, coefficients: Floats) -> "LeastSquaresProblem":
         """Return the problem whose targets are what these coefficients, shape (targets, terms), leave unexplained."""

@@ -35,6 +35,11 @@ class StrongForm(AbstractSampledForm):
     trim
         Rows left out at each end of a trial. A smoothing window is one-sided there, and its rates are several
         times less accurate than inside.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     differentiation: AbstractDifferentiator

@@ -66,6 +66,11 @@ class WeakForm(AbstractFormulation):
     equation
         The equation whose covariance whitens the rows. None takes the mean of all: rows of several equations share one
         library, and so one weighting.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     order: int = 1

@@ -7,7 +7,6 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.selection.folds import Fold
-from commonlaw.selection.sums_of_squares import rss, tss
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +45,9 @@ class CrossValidationScore:
         Folds differ far more from each other than two candidates on one fold; the difference is taken fold by fold.
         """
         with np.errstate(invalid="ignore"):
-            gaps = self.errors - best.errors
-        gaps[np.isnan(gaps)] = 0.0  # Both diverged on that fold
-        return float(self.shares @ gaps), self._error_of(gaps)
+            differences = self.errors - best.errors
+        differences[np.isnan(differences)] = 0.0  # Both diverged on that fold
+        return float(self.shares @ differences), self._error_of(differences)
 
     def _error_of(self, values: Floats) -> float:
         if not np.all(np.isfinite(values)):
@@ -80,6 +79,6 @@ class ResidualError:
 
     def _error(self, fold: Fold, support: Bools) -> float:
         coefficients = fold.rest.least_squares(support, self.target)
-        whole = tss(fold.held, self.target) + tss(fold.rest, self.target)
+        whole = fold.held.tss(self.target) + fold.rest.tss(self.target)
         scale = whole / (fold.held.rows + fold.rest.rows)
-        return rss(fold.held, self.target, coefficients) / fold.held.rows / (scale or 1.0)
+        return fold.held.rss(coefficients, self.target) / fold.held.rows / (scale or 1.0)

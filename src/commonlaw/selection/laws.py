@@ -29,7 +29,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
             names = tuple(law.terms.names[k] for k in used)
             chosen = i == selection.index
             alternatives.append(
-                Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.settings)
+                Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.hyperparameters)
             )
     return replace(
         law,

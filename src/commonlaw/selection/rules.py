@@ -12,8 +12,10 @@ from commonlaw.selection.criteria import CRITERIA, FitStatistics
 from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError
 from commonlaw.selection.folds import ProblemGroups, make_folds
 from commonlaw.selection.stability import Stability
-from commonlaw.selection.sums_of_squares import ROUNDING, rss, tss
 from commonlaw.solvers import Candidate
+
+_ROUNDING = 1e-20
+"""Share of a target's sum of squares below which a residual is rounding: ten digits of the target agree."""
 
 _LABELS = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "ebic": "EBIC"}
 
@@ -35,15 +37,15 @@ class ScoredCandidate:
         Its errors on held-out data.
     stability
         How often the least certain of its terms is chosen again on resampled data; NaN if that was not asked for.
-    settings
-        The hyperparameters at which it comes along the solver's path, ascending.
+    hyperparameters
+        The values of the solver's hyperparameter at which it comes along the solver's path, ascending.
     """
 
     candidate: Candidate
     criteria: Mapping[str, float]
     held_out: CrossValidationScore
     stability: float
-    settings: tuple[float, ...] = ()
+    hyperparameters: tuple[float, ...] = ()
 
     @property
     def terms(self) -> int:
@@ -145,28 +147,23 @@ def choose(
         raise CommonlawError("there is no candidate to choose from: give the path of a solver")
     measure = score or ResidualError(make_folds(groups, folds), target)
     scored = sorted(
-        ((each, measure(each.support)) for each in _distinct(candidates)),
-        key=lambda pair: (int(pair[0].support.sum()), pair[1].mean),
+        ((each, values, measure(each.support)) for each, values in _distinct(candidates)),
+        key=lambda row: (int(row[0].support.sum()), row[2].mean),
     )
     problems = [merge(segment for trial in trials for segment in trial) for trials in groups]
-    sizes = np.array([tss(problem, target) / problem.rows for problem in problems])
-    best = min(scored, key=lambda pair: pair[1].mean)[0]
-    bias = ROUNDING * sizes + (0.0 if differentiation_bias is None else differentiation_bias(best.coefficients))
+    sizes = np.array([problem.tss(target) / problem.rows for problem in problems])
+    best = min(scored, key=lambda row: row[2].mean)[0]
+    bias = _ROUNDING * sizes + (0.0 if differentiation_bias is None else differentiation_bias(best.coefficients))
     effective = np.array([problem.rows for problem in problems], dtype=float) if rows is None else rows
-    criteria = _criteria([each for each, _ in scored], problems, target, int(allowed.sum()), effective, bias)
-    settings = _settings(candidates)
+    criteria = _criteria([each for each, _, _ in scored], problems, target, int(allowed.sum()), effective, bias)
     table = [
         ScoredCandidate(
-            each,
-            values,
-            errors,
-            np.nan if stability is None else stability.certainty(each.support),
-            settings[each.support.tobytes()],
+            each, own, errors, np.nan if stability is None else stability.certainty(each.support), hyperparameters
         )
-        for (each, errors), values in zip(scored, criteria, strict=True)
+        for (each, hyperparameters, errors), own in zip(scored, criteria, strict=True)
     ]
     share = float(np.mean(bias / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `ResidualError`
-    return Selection(tuple(table), *_by_rule(table, rule, share if score is None else ROUNDING))
+    return Selection(tuple(table), *_by_rule(table, rule, share if score is None else _ROUNDING))
 
 
 def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[int, str, str]:
@@ -185,14 +182,8 @@ def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[
     text = f"its held-out error is {each.held_out.mean:.3g}"
     if each is best:
         return index, rule, f"{text}, and that of every smaller candidate is larger by more than {_slack(rule)}"
-    return (
-        index,
-        rule,
-        (
-            f"{text}, the smallest is {best.held_out.mean:.3g} with {best.terms} terms, and no smaller candidate "
-            f"is within {_slack(rule)} of that"
-        ),
-    )
+    smallest = f"the smallest is {best.held_out.mean:.3g} with {best.terms} terms"
+    return index, rule, f"{text}, {smallest}, and no smaller candidate is within {_slack(rule)} of that"
 
 
 def _slack(rule: str) -> str:
@@ -222,23 +213,18 @@ def _criteria(
 def _variances(candidate: Candidate, problems: Sequence[LeastSquaresProblem], target: int) -> Floats:
     """Return the mean squared residual of each object after least squares on the support, shape (objects,)."""
     pairs = zip(problems, candidate.support, strict=True)
-    return np.array([rss(s, target, s.least_squares(own, target)) / s.rows for s, own in pairs])
+    return np.array([each.rss(each.least_squares(own, target), target) / each.rows for each, own in pairs])
 
 
-def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return one candidate of each support, a proven one if there is one."""
-    found: dict[bytes, Candidate] = {}
+def _distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, tuple[float, ...]]]:
+    """Return one candidate of each support, a proven one if there is one, and the hyperparameters that give it."""
+    found: dict[bytes, list[Candidate]] = {}
     for each in candidates:
-        key = each.support.tobytes()
-        if key not in found or (each.proven and not found[key].proven):
-            found[key] = each
-    return list(found.values())
-
-
-def _settings(candidates: Sequence[Candidate]) -> dict[bytes, tuple[float, ...]]:
-    """Return the hyperparameters at which each support comes, ascending."""
-    found: dict[bytes, list[float]] = {}
-    for each in candidates:
-        own = found.setdefault(each.support.tobytes(), [])
-        own.extend([each.hyperparameter] if np.isfinite(each.hyperparameter) else [])
-    return {key: tuple(sorted(settings)) for key, settings in found.items()}
+        found.setdefault(each.support.tobytes(), []).append(each)
+    return [
+        (
+            max(same, key=lambda each: each.proven),
+            tuple(sorted(each.hyperparameter for each in same if np.isfinite(each.hyperparameter))),
+        )
+        for same in found.values()
+    ]

@@ -28,7 +28,7 @@ SEGMENTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """What the rows of each object are worth, judged by some of its trials.
+    """What the rows of each object are worth, estimated from some of its trials.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def select(
     rule
         See `choose`.
     n_resamples
-        How many resamples judge the stability of the candidates; none by default.
+        How many resamples tell the stability of the candidates; none by default.
     seed
         Of the resamples.
     scores

@@ -92,6 +92,13 @@ SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {
 def parse_solver(text: str) -> AbstractSolver:
     """Make a solver from text: ``stlsq:0.04``, ``best-subset:3``, ``group-stlsq:0.2:quantile:0.25``.
 
+    Raises
+    ------
+    CommonlawError
+        If there is no such solver, or its arguments do not fit.
+
+    Examples
+    --------
     >>> parse_solver("group-stlsq:1.5")
     STLSQ(threshold=1.5, shared=True, importance=L1(), ridge=0.0, max_iterations=10, normalize=False)
     """

@@ -96,6 +96,12 @@ def each_support_once(path: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def check_shared(shared: object) -> None:
-    """Refuse what is neither True nor False."""
+    """Refuse what is neither True nor False.
+
+    Raises
+    ------
+    CommonlawError
+        If it is neither.
+    """
     if not isinstance(shared, bool):
         raise CommonlawError(f"shared is {shared!r}: give True for one support of all objects, or False")

@@ -44,6 +44,11 @@ class BestSubset(AbstractSolver):
         At most so many nodes of the search tree are visited for each number of terms (2000 take about a second for 56
         terms and 10 objects); then the best terms found so far are returned. Beyond 60 terms, where a node is more
         work, there are fewer, so that what is returned is the best of greedy selection and of exchanges of terms.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     terms: int | None = None

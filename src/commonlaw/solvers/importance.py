@@ -61,6 +61,11 @@ class Quantile(AbstractImportance):
     ----------
     level
         Between 0 and 1.
+
+    Raises
+    ------
+    CommonlawError
+        If it is not.
     """
 
     level: float = 0.25
@@ -82,6 +87,11 @@ class Count(AbstractImportance):
     ----------
     magnitude
         A coefficient of at least this magnitude is one vote for its term.
+
+    Raises
+    ------
+    CommonlawError
+        If the magnitude is not positive.
     """
 
     magnitude: float = 0.1

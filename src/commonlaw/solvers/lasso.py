@@ -36,6 +36,11 @@ class Lasso(AbstractSolver):
         At most so many steps for each penalty.
     tolerance
         Largest step, relative to the largest coefficient, at which the minimum counts as reached.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     penalty: float | None = None

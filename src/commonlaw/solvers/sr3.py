@@ -35,6 +35,11 @@ class SR3(AbstractSolver):
         At most so many turns; coefficients that still change then are an outcome of the fit.
     normalize
         Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     threshold: float | None = None

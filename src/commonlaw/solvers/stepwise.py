@@ -35,6 +35,11 @@ class StepwiseSelection(AbstractSolver):
         ``"forward"`` from no terms, or ``"backward"`` from all of them.
     shared
         Whether all objects have the same terms, or each object its own.
+
+    Raises
+    ------
+    CommonlawError
+        If an argument does not fit.
     """
 
     terms: int | None = None
