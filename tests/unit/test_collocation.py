@@ -1,10 +1,14 @@
 """Meshes and defects, beside known solutions and difference quotients."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from commonlaw.integration import VectorField
 from commonlaw.likelihood import Mesh, interpolate, meshes
-from tests.unit.trajectories import DIFFICULT, difficult, dynamics, trial
+from commonlaw.likelihood.collocation import defects, jacobians
+from tests.unit.trajectories import DIFFICULT, difficult, terms_of, trial
 
 
 def plain(times, inputs=None):
@@ -61,22 +65,23 @@ def test_points_between_samples_lie_on_straight_lines_and_are_not_measured():
     ],
 )
 def test_defects_of_a_solution_are_32_times_smaller_at_half_the_step(library, coefficients, solution, inputs):
-    law = dynamics(library, ("x",), inputs=() if inputs is None else ("u",))
+    terms = terms_of(library, ("x",), () if inputs is None else ("u",))
+    field = VectorField(terms, np.array([coefficients]))
     largest = []
     for n in (41, 81):
         times = np.linspace(0.1, 2.1, n)
         mesh = plain(times, None if inputs is None else inputs(times)[:, np.newaxis])
-        largest.append(np.abs(law.defects(mesh, solution(times)[:, np.newaxis], np.array([coefficients]))).max())
+        largest.append(np.abs(defects(field, mesh, solution(times)[:, np.newaxis])).max())
     assert largest[0] / largest[1] == pytest.approx(32, rel=0.05)
 
 
 def test_defects_of_a_law_of_second_order_vanish_on_its_solution():
-    law = dynamics("terms:x,v", ("x", "v"), order=2)
+    field = VectorField(terms_of("terms:x,v", ("x", "v")), np.array([[-5.0, -2.0]]), 2)
     largest = []
     for n in (21, 41):
         t = np.linspace(0, 2, n)
         states = np.column_stack([np.exp(-t) * np.cos(2 * t), -np.exp(-t) * (np.cos(2 * t) + 2 * np.sin(2 * t))])
-        largest.append(np.abs(law.defects(plain(t), states, np.array([[-5.0, -2.0]]))).max())
+        largest.append(np.abs(defects(field, plain(t), states)).max())
     assert largest[0] / largest[1] == pytest.approx(32, rel=0.1)
     assert largest[1] < 1e-6
 
@@ -84,58 +89,59 @@ def test_defects_of_a_law_of_second_order_vanish_on_its_solution():
 def test_the_leading_error_of_a_step_is_as_documented():
     h = 0.01
     times = np.array([0, h])
-    growth = dynamics("terms:x", ("x",)).defects(plain(times), np.exp(times)[:, np.newaxis], np.ones((1, 1)))
+    growing, driven = (VectorField(terms_of(each, ("x",)), np.ones((1, 1))) for each in ("terms:x", "terms:t^4"))
+    growth = defects(growing, plain(times), np.exp(times)[:, np.newaxis])
     assert abs(growth[0, 0]) == pytest.approx(h**5 / 720, rel=0.02)
-    driven = dynamics("terms:t^4", ("x",)).defects(plain(times), times[:, np.newaxis] ** 5 / 5, np.ones((1, 1)))
-    assert abs(driven[0, 0]) == pytest.approx(h**5 * 24 / 2880, rel=0.02)
+    growth = defects(driven, plain(times), times[:, np.newaxis] ** 5 / 5)
+    assert abs(growth[0, 0]) == pytest.approx(h**5 * 24 / 2880, rel=0.02)
 
 
 def test_nothing_links_two_stretches():
-    law = dynamics("poly:1", ("x",))
+    field = VectorField(terms_of("poly:1", ("x",)), np.array([[0.3, -0.7]]), free=np.ones((1, 2), dtype=bool))
     mesh = meshes([trial(np.arange(5.0), np.ones((5, 1))), trial(np.arange(4.0), np.ones((4, 1)), name="2")])[0]
     states = np.random.default_rng(0).standard_normal((9, 1))
-    jacobians = law.jacobians(mesh, states, np.array([[0.3, -0.7]]), np.ones((1, 2), dtype=bool))
-    for each in (jacobians.defects, jacobians.start, jacobians.end, jacobians.coefficients):
+    found = jacobians(field, mesh, states)
+    for each in (found.defects, found.start, found.end, found.coefficients):
         assert not each[4].any()
         assert each[[3, 5]].all()
 
 
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
 def test_derivatives_of_defects_agree_with_difference_quotients(order, library, names):
-    law, mesh, states, coefficients, free = difficult(order, library, names)
-    jacobians = law.jacobians(mesh, states, coefficients, free)
-    np.testing.assert_allclose(jacobians.defects, law.defects(mesh, states, coefficients), rtol=1e-13, atol=1e-14)
+    field, mesh, states = difficult(order, library, names)
+    linear = jacobians(field, mesh, states)
+    np.testing.assert_allclose(linear.defects, defects(field, mesh, states), rtol=1e-13, atol=1e-14)
 
     def quotient(change):
-        high, low = (law.defects(mesh, *change(step)) for step in (1e-6, -1e-6))
+        high, low = (defects(*change(step)) for step in (1e-6, -1e-6))
         return (high - low) / 2e-6
 
     for i in range(len(mesh)):
-        for j in range(law.width):
+        for j in range(field.width):
 
             def moved(step, i=i, j=j):
                 z = states.copy()
                 z[i, j] += step
-                return z, coefficients
+                return field, mesh, z
 
             expected = quotient(moved)
             found = np.zeros_like(expected)
             if i < len(mesh) - 1:
-                found[i] += jacobians.start[i, :, j]
+                found[i] += linear.start[i, :, j]
             if i > 0:
-                found[i - 1] += jacobians.end[i - 1, :, j]
+                found[i - 1] += linear.end[i - 1, :, j]
             np.testing.assert_allclose(found, expected, atol=2e-8)
-    for p, (equation, term) in enumerate(np.argwhere(free)):
+    for p, (equation, term) in enumerate(np.argwhere(field.free)):
 
         def changed(step, equation=equation, term=term):
-            c = coefficients.copy()
+            c = field.coefficients.copy()
             c[equation, term] += step
-            return states, c
+            return replace(field, coefficients=c), mesh, states
 
-        np.testing.assert_allclose(jacobians.coefficients[:, :, p], quotient(changed), atol=2e-8)
+        np.testing.assert_allclose(linear.coefficients[:, :, p], quotient(changed), atol=2e-8)
 
 
 def test_a_law_without_terms_stands_still():
-    law = dynamics("poly:1", ("x",))
-    defects = law.defects(plain(np.arange(4.0)), np.array([[1.0], [1.0], [3.0], [3.0]]), np.zeros((1, 2)))
-    np.testing.assert_array_equal(defects[:, 0], [0, 2, 0])
+    field = VectorField(terms_of("poly:1", ("x",)), np.zeros((1, 2)))
+    found = defects(field, plain(np.arange(4.0)), np.array([[1.0], [1.0], [3.0], [3.0]]))
+    np.testing.assert_array_equal(found[:, 0], [0, 2, 0])

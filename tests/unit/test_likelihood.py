@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from benchmarks.variational import cramer_rao, solve
 from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, fit, meshes
-from tests.unit.trajectories import NOISE, SUPPORT, TIMES, TRUE, dynamics, information, of_prey, prey, trial
+from tests.unit.trajectories import NOISE, SUPPORT, TIMES, TRUE, information, of_prey, prey, terms_of, trial
 
 DOWN = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
 """Model errors, further down than need be, so that what is left of them does not blur comparisons."""
@@ -63,7 +63,8 @@ def test_heights_of_falling_balls_fit_as_by_shooting():
     start = np.concatenate([*(run.states[0] for run in runs), [-9.8, -0.4]])
     expected, cost = shot(lambda z, c: [z[1], c[0] + c[1] * z[1]], [times] * 2, measured, noise, (1, 1), start)
     model = TrajectoryModel(
-        dynamics("terms:1,x,v", ("x", "v"), 2),
+        terms_of("terms:1,x,v", ("x", "v")),
+        2,
         meshes([trial(times, each, name=str(i)) for i, each in enumerate(measured)]),
         ObservationModel(noise),
         np.array([0.05, 0.1]),

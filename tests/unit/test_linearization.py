@@ -1,13 +1,16 @@
 """The linearised likelihood beside normal densities and variational equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from benchmarks.variational import cramer_rao, solve
 from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, fit, linearize, meshes
+from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.normal_equations import eliminate_states
-from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, dynamics, information, of_prey, prey, trial
+from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, information, of_prey, prey, terms_of, trial
 
 
 @pytest.mark.parametrize(
@@ -37,13 +40,13 @@ from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, dynamics, inf
 def test_the_information_is_that_of_fisher(variables, equations, coefficients, library, start, times, noise):
     order = len(variables) // len(equations)
     run = solve(variables, equations, np.array(coefficients, float), np.array(start, float), times)
-    law = dynamics(library, variables, order)
-    values = np.zeros((len(equations), len(law.terms)))
-    pairs = [(j, law.terms.index(term)) for j, equation in enumerate(equations) for term in equation]
+    terms = terms_of(library, variables)
+    values = np.zeros((len(equations), len(terms)))
+    pairs = [(j, terms.index(term)) for j, equation in enumerate(equations) for term in equation]
     values[tuple(np.transpose(pairs))] = coefficients
     unit = np.tile(np.array(noise), order)
     model = TrajectoryModel(
-        law, meshes([trial(times, run.states[:, : len(noise)])]), ObservationModel(np.array(noise)), unit
+        terms, order, meshes([trial(times, run.states[:, : len(noise)])]), ObservationModel(np.array(noise)), unit
     )
     found = information(model, Estimate((run.states,), values), values != 0, 1e-4)
     listed = [tuple(pair) for pair in np.argwhere(values)]
@@ -53,39 +56,39 @@ def test_the_information_is_that_of_fisher(variables, equations, coefficients, l
 
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
 def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linearised_model(order, library, names):
-    law, mesh, states, coefficients, _ = difficult(order, library, names)
+    field, mesh, states = difficult(order, library, names)
+    coefficients, equations, width = field.coefficients, len(field.coefficients), field.width
     mesh.measured[2, 0] = np.nan
-    noise = np.linspace(0.5, 0.8, law.equations)
-    unit = np.concatenate([noise, 0.9 * noise])[: law.width]
+    noise = np.linspace(0.5, 0.8, equations)
+    unit = np.concatenate([noise, 0.9 * noise])[:width]
     huber_threshold, model_error, step = 2.0, 0.7, np.median(mesh.steps[mesh.contiguous])
-    model = TrajectoryModel(law, (mesh,), ObservationModel(noise, huber_threshold), unit)
+    model = TrajectoryModel(field.terms, order, (mesh,), ObservationModel(noise, huber_threshold), unit)
     linearization = linearize(model, Estimate((states,), coefficients), model_error)
 
     # What was measured says where states are; what was not is somewhere within a hundred times the noise
-    residuals = mesh.measured - states[:, : law.equations]
+    residuals = mesh.measured - states[:, :equations]
     scaled = np.abs(residuals) / noise
     deviations = np.zeros_like(states)
     variances = np.tile(np.tile((100 * noise) ** 2, order), (len(mesh), 1))
-    variances[:, law.equations :] *= (0.03 / step) ** 2
+    variances[:, equations:] *= (0.03 / step) ** 2
     seen = np.isfinite(residuals)
-    deviations[:, : law.equations][seen] = residuals[seen]
-    variances[:, : law.equations][seen] = (np.maximum(scaled / huber_threshold, 1) * noise**2)[seen]
-    free = np.ones_like(coefficients, dtype=bool)
-    jacobians = law.jacobians(mesh, states, coefficients, free)
+    deviations[:, :equations][seen] = residuals[seen]
+    variances[:, :equations][seen] = (np.maximum(scaled / huber_threshold, 1) * noise**2)[seen]
+    linear = jacobians(replace(field, free=np.ones_like(coefficients, dtype=bool)), mesh, states)
     linked = np.flatnonzero(mesh.contiguous)
-    matrix = np.zeros((len(linked), law.width, len(mesh), law.width))
+    matrix = np.zeros((len(linked), width, len(mesh), width))
     for row, i in enumerate(linked):
-        matrix[row, :, i], matrix[row, :, i + 1] = jacobians.start[i], jacobians.end[i]
-    matrix = matrix.reshape(len(linked) * law.width, -1)
-    allowed = np.repeat((mesh.steps[linked] / step)[:, np.newaxis], law.width, 1) * (model_error * unit) ** 2
+        matrix[row, :, i], matrix[row, :, i + 1] = linear.start[i], linear.end[i]
+    matrix = matrix.reshape(len(linked) * width, -1)
+    allowed = np.repeat((mesh.steps[linked] / step)[:, np.newaxis], width, 1) * (model_error * unit) ** 2
     covariance = matrix @ np.diag(variances.ravel()) @ matrix.T + np.diag(allowed.ravel())
-    turned = sum(np.log(abs(np.linalg.det(jacobians.end[i]))) for i in linked)
+    turned = sum(np.log(abs(np.linalg.det(linear.end[i]))) for i in linked)
     for seed in range(3):
         change = np.random.default_rng(seed).standard_normal(coefficients.shape)
         mean = (
-            jacobians.defects[linked].ravel()
+            linear.defects[linked].ravel()
             + matrix @ deviations.ravel()
-            + jacobians.coefficients[linked].reshape(len(covariance), -1) @ change.ravel()
+            + linear.coefficients[linked].reshape(len(covariance), -1) @ change.ravel()
         )
         density = multivariate_normal(mean, covariance).logpdf(np.zeros(len(mean)))
         # The density of defects becomes that of the states at the ends of their steps
@@ -101,12 +104,10 @@ def test_the_linearization_about_the_best_fit_has_its_minimum_and_curvature_ther
     rows = linearize(model, found, 0.1).problem
     held = 0.0
     for mesh, states in zip(model.meshes, found.states, strict=True):
-        jacobians, residuals = (
-            model.dynamics.jacobians(mesh, states, found.coefficients, SUPPORT),
-            model.residuals(mesh, states),
-        )
+        linear = jacobians(model.field(found.coefficients, SUPPORT), mesh, states)
+        residuals = model.residuals(mesh, states)
         weights = model.observation.weights(residuals)
-        held = held + eliminate_states(jacobians, model.precision(mesh, 0.1), weights, residuals).information
+        held = held + eliminate_states(linear, model.precision(mesh, 0.1), weights, residuals).information
     errors = np.sqrt(np.diag(np.linalg.inv(held)))
     again = rows.least_squares(SUPPORT.ravel(), 0).reshape(SUPPORT.shape)
     np.testing.assert_allclose((again - found.coefficients)[SUPPORT] / errors, 0, atol=0.05)

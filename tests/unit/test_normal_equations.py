@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
+from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.normal_equations import eliminate_states
 from tests.unit.trajectories import DIFFICULT, difficult
 
@@ -19,42 +20,42 @@ def test_the_deviance_is_the_sum_of_squares_and_beyond_the_threshold_that_of_hub
     )
 
 
-def dense(law, mesh, states, coefficients, free, precision, weights, residuals):
+def dense(field, mesh, states, precision, weights, residuals):
     """The Jacobian and the residuals of the whole least-squares problem; states first, then coefficients."""
-    jacobians = law.jacobians(mesh, states, coefficients, free)
-    n, width, measured = len(mesh), law.width, law.equations
+    linear, free = jacobians(field, mesh, states), field.free
+    n, width, measured = len(mesh), field.width, len(field.coefficients)
     rows = (n - 1) * width
     of_measurements = np.zeros((n, measured, n, width))
     for i in range(n):
         of_measurements[i, range(measured), i, range(measured)] = -np.sqrt(weights[i])
     of_defects = np.zeros((n - 1, width, n, width))
     for i in range(n - 1):
-        of_defects[i, :, i], of_defects[i, :, i + 1] = jacobians.start[i], jacobians.end[i]
+        of_defects[i, :, i], of_defects[i, :, i + 1] = linear.start[i], linear.end[i]
     root = np.sqrt(precision).ravel()[:, np.newaxis]
     jacobian = np.block(
         [
             [of_measurements.reshape(n * measured, -1), np.zeros((n * measured, int(free.sum())))],
             [
                 root * of_defects.reshape(rows, -1),
-                root * jacobians.coefficients.reshape(rows, -1),
+                root * linear.coefficients.reshape(rows, -1),
             ],
         ]
     )
     of_samples = np.nan_to_num(residuals) * np.sqrt(weights)
-    both = np.concatenate([of_samples.ravel(), root[:, 0] * jacobians.defects.ravel()])
-    return jacobians, jacobian, both
+    both = np.concatenate([of_samples.ravel(), root[:, 0] * linear.defects.ravel()])
+    return linear, jacobian, both
 
 
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
 def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
-    law, mesh, states, coefficients, free = difficult(order, library, names)
+    field, mesh, states = difficult(order, library, names)
     generator = np.random.default_rng(9)
-    residuals = mesh.measured - states[:, : law.equations]
+    residuals = mesh.measured - states[:, : len(field.coefficients)]
     residuals[2, 0] = np.nan
     weights = np.where(np.isnan(residuals), 0.0, generator.uniform(0.5, 2, residuals.shape))
-    precision = generator.uniform(1, 5, (len(mesh) - 1, law.width)) * mesh.contiguous[:, np.newaxis]
-    jacobians, jacobian, both = dense(law, mesh, states, coefficients, free, precision, weights, residuals)
-    reduced = eliminate_states(jacobians, precision, weights, residuals)
+    precision = generator.uniform(1, 5, (len(mesh) - 1, field.width)) * mesh.contiguous[:, np.newaxis]
+    linear, jacobian, both = dense(field, mesh, states, precision, weights, residuals)
+    reduced = eliminate_states(linear, precision, weights, residuals)
     size = states.size
     matrix, right = jacobian.T @ jacobian, jacobian.T @ both
     follow = -np.linalg.solve(matrix[:size, :size], matrix[:size, size:])
@@ -71,10 +72,10 @@ def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
 
 
 def test_numbers_that_are_not_finite_are_refused():
-    law, mesh, states, coefficients, free = difficult(*DIFFICULT[0])
+    field, mesh, states = difficult(*DIFFICULT[0])
     states[1, 0] = np.inf
-    model = TrajectoryModel(law, (mesh,), ObservationModel(np.ones(2)), np.ones(2))
-    estimate = Estimate((states,), coefficients)
+    model = TrajectoryModel(field.terms, 1, (mesh,), ObservationModel(np.ones(2)), np.ones(2))
+    estimate = Estimate((states,), field.coefficients)
     with pytest.raises(NotPositiveError), np.errstate(all="ignore"):
         linearize(model, estimate, 0.1)
-    assert fit(model, estimate, free, (0.1,)).objective == np.inf
+    assert fit(model, estimate, field.free, (0.1,)).objective == np.inf

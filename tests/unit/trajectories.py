@@ -3,13 +3,14 @@
 import numpy as np
 
 from benchmarks.variational import solve
+from commonlaw.integration import VectorField
 from commonlaw.library import Variables, parse_library
-from commonlaw.likelihood import Dynamics, Estimate, ObservationModel, TrajectoryModel, interpolate, linearize, meshes
+from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, interpolate, linearize, meshes
 from commonlaw.trials import Trial
 
 
-def dynamics(library, states, order=1, inputs=()):
-    return Dynamics(parse_library(library).bind(Variables(tuple(states), tuple(inputs))), len(states) // order, order)
+def terms_of(library, states, inputs=()):
+    return parse_library(library).bind(Variables(tuple(states), tuple(inputs)))
 
 
 def trial(times, states, inputs=None, name="1"):
@@ -24,20 +25,21 @@ DIFFICULT = [
 
 
 def difficult(order, library, names):
-    """Dynamics, an irregular mesh of two segments, states, coefficients and which of them are free."""
+    """A vector field, some of whose coefficients are free, an irregular mesh of two segments, and states."""
     generator = np.random.default_rng(order)
-    law = dynamics(library, names, order, inputs=("u",))
+    terms, equations = terms_of(library, names, ("u",)), len(names) // order
     trials = []
     for n in (4, 3):
         times = np.cumsum(generator.uniform(0.1, 0.4, n))
         trials.append(
-            trial(times, generator.standard_normal((n, law.equations)), generator.standard_normal((n, 1)), str(n))
+            trial(times, generator.standard_normal((n, equations)), generator.standard_normal((n, 1)), str(n))
         )
     (mesh,) = meshes(trials, points=2)
-    coefficients = generator.standard_normal((law.equations, len(law.terms)))
+    coefficients = generator.standard_normal((equations, len(terms)))
     coefficients[generator.random(coefficients.shape) < 0.3] = 0
     free = generator.random(coefficients.shape) < 0.4
-    return law, mesh, generator.standard_normal((len(mesh), law.width)), coefficients, free
+    states = generator.standard_normal((len(mesh), len(names)))
+    return VectorField(terms, coefficients, order, free=free), mesh, states
 
 
 VARIABLES, PREY = ("x", "y"), (("x", "x y"), ("y", "x y"))
@@ -56,14 +58,15 @@ def prey(seed=1, starts=((1.2, 0.9), (0.8, 1.5))):
 
 def of_prey(measured, times=TIMES, huber_threshold=np.inf, points=1):
     """The model of prey and predators, and where to begin."""
-    law = dynamics("terms:x,y,x*y", VARIABLES)
     filled = [
         np.column_stack([np.interp(times, times[np.isfinite(c)], c[np.isfinite(c)]) for c in each.T])
         for each in measured
     ]
     (mesh,) = meshes([trial(times, each, name=str(i)) for i, each in enumerate(filled)], points)
     mesh.measured[np.isfinite(mesh.measured[:, 0])] = np.concatenate(measured)
-    model = TrajectoryModel(law, (mesh,), ObservationModel(NOISE, huber_threshold), NOISE)
+    model = TrajectoryModel(
+        terms_of("terms:x,y,x*y", VARIABLES), 1, (mesh,), ObservationModel(NOISE, huber_threshold), NOISE
+    )
     return model, Estimate(tuple(interpolate(filled, points)), np.where(SUPPORT, [[1.1, 0, -0.8], [0, -1, 0.5]], 0.0))
 
 

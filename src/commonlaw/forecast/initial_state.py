@@ -11,7 +11,6 @@ from commonlaw.integration import Trajectory
 from commonlaw.law import Law
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
-    Dynamics,
     Estimate,
     ObservationModel,
     TrajectoryModel,
@@ -119,7 +118,7 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     measurement = ObservationModel(noise, HUBER_THRESHOLD)
-    model = TrajectoryModel(Dynamics(law.terms, len(noise), law.order), meshes([trial], _POINTS), measurement, unit)
+    model = TrajectoryModel(law.terms, law.order, meshes([trial], _POINTS), measurement, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
         model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES

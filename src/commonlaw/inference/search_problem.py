@@ -13,7 +13,6 @@ from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
-    Dynamics,
     Estimate,
     ObservationModel,
     TrajectoryModel,
@@ -132,14 +131,13 @@ def prepare(
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
     levels = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)
-    dynamics = Dynamics(terms, len(scale), order)
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * rates.std(axis=0) / scale])
     models, starts = [], []
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        models.append(TrajectoryModel(dynamics, meshes(group), ObservationModel(levels, huber_threshold), unit))
+        models.append(TrajectoryModel(terms, order, meshes(group), ObservationModel(levels, huber_threshold), unit))
         coefficients = _first(terms, group, own, fixed)
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)

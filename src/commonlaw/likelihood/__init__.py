@@ -1,6 +1,5 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
-from commonlaw.likelihood.collocation import Dynamics
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit
 from commonlaw.likelihood.linearization import Linearization, linearize, whitened
 from commonlaw.likelihood.mesh import Mesh, interpolate, meshes
@@ -9,7 +8,6 @@ from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationM
 
 __all__ = [
     "HUBER_THRESHOLD",
-    "Dynamics",
     "Estimate",
     "Linearization",
     "Mesh",

@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.likelihood.collocation import Dynamics
+from commonlaw.integration import VectorField
+from commonlaw.library import Terms
+from commonlaw.likelihood.collocation import defects, jacobians
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError, SchurComplement, eliminate_states
 from commonlaw.likelihood.observation_model import ObservationModel
@@ -31,8 +33,10 @@ class TrajectoryModel:
 
     Parameters
     ----------
-    dynamics
-        The family of laws.
+    terms
+        Over the states (and their rates), inputs and time.
+    order
+        Of the law, 1 or 2; states are z = x, or z = (x, x').
     meshes
         Where states are sought, and what was measured.
     observation
@@ -42,10 +46,25 @@ class TrajectoryModel:
         it for their rates.
     """
 
-    dynamics: Dynamics
+    terms: Terms
+    order: int
     meshes: Sequence[Mesh]
     observation: ObservationModel
     unit: Floats
+
+    @property
+    def equations(self) -> int:
+        """Number of measured states d, one equation each."""
+        return len(self.observation.noise)
+
+    @property
+    def width(self) -> int:
+        """Number of states, D."""
+        return self.equations * self.order
+
+    def field(self, coefficients: Floats, free: Bools | None = None) -> VectorField:
+        """Return the law of these coefficients, shape (equations, terms), of which some are free."""
+        return VectorField(self.terms, coefficients, self.order, free=free)
 
     def precision(self, mesh: Mesh, model_error: float) -> Floats:
         """Return the precision of each defect, shape (n - 1, D): the model error is a random walk in time."""
@@ -53,7 +72,7 @@ class TrajectoryModel:
 
     def residuals(self, mesh: Mesh, states: Floats) -> Floats:
         """Return measured less sought states, shape (n, d); NaN where nothing was measured."""
-        return mesh.measured - states[:, : self.dynamics.equations]
+        return mesh.measured - states[:, : self.equations]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +132,11 @@ def fit(
 def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -> Estimate:
     """Return the estimate with its deviance and objective for a model error."""
     deviance = objective = 0.0
+    field = model.field(estimate.coefficients)
     with np.errstate(all="ignore"):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             deviance += model.observation.deviance(model.residuals(mesh, states))
-            defects = model.dynamics.defects(mesh, states, estimate.coefficients)
-            objective += float(np.sum(defects**2 * model.precision(mesh, model_error)))
+            objective += float(np.sum(defects(field, mesh, states) ** 2 * model.precision(mesh, model_error)))
     objective += deviance
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
@@ -126,12 +145,13 @@ def _without_states(
     model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
 ) -> list[SchurComplement]:
     found = []
+    field = model.field(estimate.coefficients, support)
     with np.errstate(all="ignore"):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
-            jacobians = model.dynamics.jacobians(mesh, states, estimate.coefficients, support)
             residuals = model.residuals(mesh, states)
             weights = model.observation.weights(residuals)
-            found.append(eliminate_states(jacobians, model.precision(mesh, model_error), weights, residuals))
+            precision = model.precision(mesh, model_error)
+            found.append(eliminate_states(jacobians(field, mesh, states), precision, weights, residuals))
     return found
 
 

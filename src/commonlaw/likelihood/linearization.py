@@ -12,7 +12,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.likelihood.collocation import Jacobians
+from commonlaw.likelihood.collocation import Jacobians, jacobians
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -89,14 +89,14 @@ def _whitened(
     from scipy.linalg import lapack
 
     with np.errstate(all="ignore"):
-        jacobians = model.dynamics.jacobians(mesh, states, coefficients, np.ones_like(coefficients, dtype=bool))
+        linear = jacobians(model.field(coefficients, np.ones_like(coefficients, dtype=bool)), mesh, states)
     variances, offsets = _measured(model, mesh, states)
-    defects = jacobians.defects + np.matmul(jacobians.start, offsets[:-1, :, np.newaxis])[:, :, 0]
-    defects += np.matmul(jacobians.end, offsets[1:, :, np.newaxis])[:, :, 0]
-    library = jacobians.coefficients.reshape(-1, coefficients.size)
+    defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
+    defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
+    library = linear.coefficients.reshape(-1, coefficients.size)
     rows = np.column_stack([library, library @ coefficients.ravel() - defects.ravel()])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
-    bands = _covariance(jacobians, variances, allowed, mesh)
+    bands = _covariance(linear, variances, allowed, mesh)
     if not (np.isfinite(bands).all() and np.isfinite(rows).all()):
         raise NotPositiveError
     factor, failed = lapack.dpbtrf(bands, lower=1)
@@ -104,14 +104,14 @@ def _whitened(
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
     # From the density of defects to that of the states at the end of each step
-    turned = np.linalg.slogdet(jacobians.end[mesh.contiguous])[1]
+    turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
     log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned))
-    return np.asfortranarray(white[np.repeat(mesh.contiguous, model.dynamics.width)]), log_determinant
+    return np.asfortranarray(white[np.repeat(mesh.contiguous, model.width)]), log_determinant
 
 
 def _measured(model: TrajectoryModel, mesh: Mesh, states: Floats) -> tuple[Floats, Floats]:
     """Return the variance of every state at every point, and where its centre is from the estimate, shape (n, D)."""
-    equations, width = model.dynamics.equations, model.dynamics.width
+    equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
     weights = model.observation.weights(residuals)
     noise = model.observation.noise
@@ -126,14 +126,14 @@ def _measured(model: TrajectoryModel, mesh: Mesh, states: Floats) -> tuple[Float
     return variances, offsets
 
 
-def _covariance(jacobians: Jacobians, variances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
+def _covariance(linear: Jacobians, variances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
     """Return the covariance of the defects by its lower bands, in LAPACK's layout, shape (2 D, steps D)."""
-    steps, width = jacobians.defects.shape
-    start = jacobians.start * variances[:-1, np.newaxis]
-    end = jacobians.end * variances[1:, np.newaxis]
-    diagonal = np.matmul(start, jacobians.start.transpose(0, 2, 1)) + np.matmul(end, jacobians.end.transpose(0, 2, 1))
+    steps, width = linear.defects.shape
+    start = linear.start * variances[:-1, np.newaxis]
+    end = linear.end * variances[1:, np.newaxis]
+    diagonal = np.matmul(start, linear.start.transpose(0, 2, 1)) + np.matmul(end, linear.end.transpose(0, 2, 1))
     diagonal[:, range(width), range(width)] += np.where(mesh.contiguous[:, np.newaxis], allowed, 1.0)
-    beside = np.matmul(jacobians.start[1:], end[:-1].transpose(0, 2, 1))
+    beside = np.matmul(linear.start[1:], end[:-1].transpose(0, 2, 1))
     bands = np.zeros((2 * width, steps * width))
     for i in range(width):
         for j in range(width):

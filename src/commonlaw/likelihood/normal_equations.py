@@ -43,12 +43,12 @@ class SchurComplement:
     state_sensitivity: Floats
 
 
-def eliminate_states(jacobians: Jacobians, precision: Floats, weights: Floats, residuals: Floats) -> SchurComplement:
+def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, residuals: Floats) -> SchurComplement:
     """Return the normal equations of one mesh without the states.
 
     Parameters
     ----------
-    jacobians
+    linear
         Defects and their derivatives.
     precision
         Of each defect, its inverse variance, shape (n - 1, D).
@@ -64,15 +64,15 @@ def eliminate_states(jacobians: Jacobians, precision: Floats, weights: Floats, r
     """
     from scipy.linalg import cho_solve_banded
 
-    points, width = len(weights), jacobians.defects.shape[1]
-    start, end = jacobians.start.transpose(0, 2, 1), jacobians.end.transpose(0, 2, 1)
-    weighted = jacobians.defects * precision
-    bands = _bands(jacobians, precision, weights)
+    points, width = len(weights), linear.defects.shape[1]
+    start, end = linear.start.transpose(0, 2, 1), linear.end.transpose(0, 2, 1)
+    weighted = linear.defects * precision
+    bands = _bands(linear, precision, weights)
     gradient = np.zeros((points, width))
     gradient[:, : weights.shape[1]] = np.where(weights > 0, -residuals * weights, 0.0)
     gradient[:-1] += np.matmul(start, weighted[:, :, np.newaxis])[:, :, 0]
     gradient[1:] += np.matmul(end, weighted[:, :, np.newaxis])[:, :, 0]
-    own = jacobians.coefficients
+    own = linear.coefficients
     count = own.shape[2]
     scaled = own * precision[:, :, np.newaxis]
     border = np.zeros((points, width, count))
@@ -96,17 +96,17 @@ def eliminate_states(jacobians: Jacobians, precision: Floats, weights: Floats, r
     )
 
 
-def _bands(jacobians: Jacobians, precision: Floats, weights: Floats) -> Floats:
+def _bands(linear: Jacobians, precision: Floats, weights: Floats) -> Floats:
     """Return the matrix of the states by its upper bands, in LAPACK's layout, shape (2 D, n D)."""
     points, width = len(weights), precision.shape[1]
-    start = jacobians.start.transpose(0, 2, 1) * precision[:, np.newaxis]
-    end = jacobians.end.transpose(0, 2, 1) * precision[:, np.newaxis]
+    start = linear.start.transpose(0, 2, 1) * precision[:, np.newaxis]
+    end = linear.end.transpose(0, 2, 1) * precision[:, np.newaxis]
     diagonal = np.zeros((points, width, width))
     measured = range(weights.shape[1])
     diagonal[:, measured, measured] = weights
-    diagonal[:-1] += np.matmul(start, jacobians.start)
-    diagonal[1:] += np.matmul(end, jacobians.end)
-    beside = np.matmul(start, jacobians.end)
+    diagonal[:-1] += np.matmul(start, linear.start)
+    diagonal[1:] += np.matmul(end, linear.end)
+    beside = np.matmul(start, linear.end)
     bands = np.zeros((2 * width, points * width))
     for i in range(width):
         for j in range(width):
