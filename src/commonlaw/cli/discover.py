@@ -36,7 +36,6 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", 
     "--order",
     type=click.IntRange(0, 2),
     default=1,
-    show_default=True,
     help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
 )
 @option(
@@ -226,11 +225,7 @@ def _document(
         "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
         "history": [asdict(step) for step in law.history],
         "truth": None if truth is None else json.loads(truth.to_json()),
-        "forecast": {
-            "of": checked,
-            "score": forecast.score(),
-            "errors": forecast.errors().to_dict(orient="records"),
-        },
+        "forecast": {"of": checked, "score": forecast.score(), "errors": forecast.errors().to_dict(orient="records")},
         "notes": list(training.notes),
         "outcomes": [str(outcome) for outcome in (*law.outcomes, *forecast.outcomes)],
     }

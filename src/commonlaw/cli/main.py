@@ -24,7 +24,7 @@ class _Commands(click.Group):
         return command
 
 
-@click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(package_name="commonlaw")
 def commonlaw() -> None:
     """Find the law that repeated, noisy experiments on several objects have in common.

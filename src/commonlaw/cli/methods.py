@@ -40,7 +40,6 @@ _LIKELIHOOD_OPTIONS = (
         "--huber-threshold",
         type=float,
         default=4.0,
-        show_default=True,
         help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
     ),
     option(
@@ -48,7 +47,6 @@ _LIKELIHOOD_OPTIONS = (
         "--covariance",
         type=click.Choice(["likelihood", "bootstrap"]),
         default="likelihood",
-        show_default=True,
         help="How standard errors are found: from the curvature of the likelihood, "
         "or by drawing blocks of the trials anew.",
     ),
@@ -56,7 +54,6 @@ _LIKELIHOOD_OPTIONS = (
         _LIKELIHOOD,
         "--partial-pooling/--no-partial-pooling",
         default=True,
-        show_default=True,
         help="Whether coefficients are drawn to their mean over objects as far as these are alike.",
     ),
     option(
@@ -64,7 +61,6 @@ _LIKELIHOOD_OPTIONS = (
         "--seed",
         type=click.IntRange(0),
         default=0,
-        show_default=True,
         help="Of whatever is drawn at random. Goes with every method.",
     ),
 )
@@ -85,7 +81,6 @@ _REGRESSION_OPTIONS = (
         "--rule",
         metavar="RULE",
         default="one-standard-error",
-        show_default=True,
         help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, "
         "bic, ebic.",
     ),
@@ -94,7 +89,6 @@ _REGRESSION_OPTIONS = (
         "--scoring",
         type=click.Choice(["residuals", "forecasts"]),
         default="residuals",
-        show_default=True,
         help="What candidates are compared by on trials held out.",
     ),
     option(
@@ -103,17 +97,10 @@ _REGRESSION_OPTIONS = (
         "n_resamples",
         type=click.IntRange(0),
         default=20,
-        show_default=True,
         help="Bootstrap resamples that tell how stable the candidates are.",
     ),
     option(
-        _REGRESSION,
-        "--jobs",
-        "n_jobs",
-        type=int,
-        default=1,
-        show_default=True,
-        help="Processes that share the trials; -1 for one a core.",
+        _REGRESSION, "--jobs", "n_jobs", type=int, default=1, help="Processes that share the trials; -1 for one a core."
     ),
     option(
         _DERIVATIVE,
@@ -128,7 +115,6 @@ _REGRESSION_OPTIONS = (
         "--library-states",
         type=click.Choice(["smoothed", "measured"]),
         default="smoothed",
-        show_default=True,
         help="States that terms are evaluated on.",
     ),
     option(
@@ -136,7 +122,6 @@ _REGRESSION_OPTIONS = (
         "--trim",
         type=click.IntRange(0),
         default=0,
-        show_default=True,
         help="Rows left out at each end of a trial, where smoothing is least accurate.",
     ),
     option(
