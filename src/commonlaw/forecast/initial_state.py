@@ -26,7 +26,7 @@ MIN_SAMPLES = 5
 _POINTS = 4
 """Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
 
-_TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
+_MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
 """Of the law, relative to the noise. At the first one states may stray from the law as far as measurements do, so that
 a curve through these is a good guess; at the last they are a solution of it: what is tolerated adds up, over all steps
 of a thousand samples, to a fiftieth of the noise."""
@@ -121,7 +121,7 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     model = TrajectoryModel(law.terms, law.order, meshes([trial], _POINTS), measurement, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
-        model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _TOLERANCES
+        model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _MODEL_ERRORS
     )
     if not np.isfinite(found.objective):
         raise CommonlawError(

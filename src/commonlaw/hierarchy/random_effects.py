@@ -160,6 +160,11 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     variances
         Of each parameter over objects, shape (parameters,): zero for one that all have in common, infinite for one that
         is each object's own, NaN where the objects are to tell.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If a covariance is singular.
     """
     units = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units

@@ -151,7 +151,13 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
-    """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
+    """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
     return _linearized(problem, state.estimates, state.model_error).evidence.neighbours(state.supports)
 
 
