@@ -40,16 +40,10 @@ def _load(
         Drag coefficient of each ball, 1/s; negative slows the ball down, 0 is free fall.
     gravity
         m/s^2, negative is down.
-    trials
-        Drops of each ball.
-    samples
-        Heights measured in each drop.
-    rate
-        Measurements in a second.
-    height
-        At the start, m.
-    noise
-        Standard deviation of the white noise on the heights, m.
+    trials, samples, rate
+        Drops of each ball, heights measured in each drop, and measurements in a second.
+    height, noise
+        At the start, and the standard deviation of the white noise on all heights, m.
     seed
         A whole number; or a NumPy generator of random numbers, which is drawn from ball by ball, drop by drop.
     quadratic

@@ -35,12 +35,8 @@ def _load(
     ----------
     sigma, rho, beta
         Coefficients of each system; a single number serves all systems, and single numbers make one system.
-    trials
-        Runs of each system.
-    samples
-        Number of samples in each run.
-    rate
-        Samples in a unit of time.
+    trials, samples, rate
+        Runs of each system, samples in each run, and samples in a unit of time.
     noise
         Standard deviation of the white noise on every state.
     seed

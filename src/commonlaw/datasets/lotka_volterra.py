@@ -39,12 +39,8 @@ def _load(
     ----------
     growth, predation, decline, reproduction
         Positive rates of each pair of prey x and predators y; a single number serves all pairs.
-    trials
-        Runs of each pair.
-    samples
-        Number of samples in each run.
-    rate
-        Samples in a unit of time.
+    trials, samples, rate
+        Runs of each pair, samples in each run, and samples in a unit of time.
     noise
         Standard deviation of the white noise on both numbers of animals.
     seed

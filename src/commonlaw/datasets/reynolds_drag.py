@@ -49,24 +49,16 @@ def _load(
 
     Parameters
     ----------
-    radius
-        Of each ball, m.
-    mass
-        Of each ball, kg.
+    radius, mass
+        Of each ball, m and kg.
     viscosity
         Kinematic viscosity of the air or another fluid, m^2/s. `PRINTED_VISCOSITY` gives what the paper printed.
     gravity
         m/s^2, negative is down.
-    trials
-        Drops of each ball.
-    samples
-        Heights measured in each drop.
-    rate
-        Measurements in a second.
-    height
-        At the start, m.
-    noise
-        Standard deviation of the white noise on the heights, m.
+    trials, samples, rate
+        Drops of each ball, heights measured in each drop, and measurements in a second.
+    height, noise
+        At the start, and the standard deviation of the white noise on all heights, m.
     seed
         A whole number; or a NumPy generator of random numbers, which is drawn from ball by ball, drop by drop.
     density

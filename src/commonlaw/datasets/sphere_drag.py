@@ -107,10 +107,8 @@ def drag_force(
         Against the fluid, m/s, not negative.
     diameter
         m, positive.
-    density
-        Of the fluid, kg/m^3, positive.
-    viscosity
-        Kinematic viscosity of the fluid, m^2/s, positive.
+    density, viscosity
+        Of the fluid, kg/m^3 and m^2/s (the kinematic viscosity), positive.
 
     Raises
     ------
@@ -138,16 +136,12 @@ def terminal_velocity(
 
     Parameters
     ----------
-    mass
-        kg, positive.
-    diameter
-        m, positive.
+    mass, diameter
+        kg and m, positive.
     gravity
         Its size, m/s^2, positive.
-    density
-        Of the fluid, kg/m^3, positive.
-    viscosity
-        Kinematic viscosity of the fluid, m^2/s, positive.
+    density, viscosity
+        Of the fluid, kg/m^3 and m^2/s (the kinematic viscosity), positive.
 
     Raises
     ------
