@@ -63,7 +63,7 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
     family = experiment.family
     coefficients = []
     for name in trials.objects:
-        rates = [smoothing.differentiate(trial.times, trial.states, family.order) for trial in trials.of(name)]
+        rates = [smoothing.differentiate(trial.times, trial.states, family.order) for trial in trials.of_object(name)]
         values = np.concatenate([np.hstack([each.states, *each.derivatives[:-1]]) for each in rates])
         targets = np.concatenate([each.derivatives[-1] for each in rates])
         own: list[float] = []

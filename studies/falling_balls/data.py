@@ -50,7 +50,7 @@ def data(inquiry: Inquiry) -> Section:
     balls = {
         name: {
             **{key: float(value) for key, value in drops.properties[name].items()},
-            "max_speed": max(float(speeds(trial).max()) for trial in drops.of(name)),
+            "max_speed": max(float(speeds(trial).max()) for trial in drops.of_object(name)),
         }
         for name in drops.objects
     }

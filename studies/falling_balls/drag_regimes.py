@@ -104,7 +104,7 @@ def _reynolds_numbers(drops: Trials, viscosity: float) -> Numbers:
     return {
         name: [
             reynolds_number(speeds(trial), 2 * float(drops.properties[name]["radius"]), viscosity)
-            for trial in drops.of(name)
+            for trial in drops.of_object(name)
         ]
         for name in drops.objects
     }

@@ -98,7 +98,7 @@ def _search(seed: int) -> Grid:
         for each in range(seed, seed + FINDING_SEEDS):
             for noise, trials in simulated(clean, FINDING_NOISES, each).items():
                 for drops in FINDING_TRIALS:
-                    some = trials.keep([trial for trial in trials if int(trial.name) <= drops])
+                    some = trials.with_trials([trial for trial in trials if int(trial.name) <= drops])
                     law = discover(some, order=2, library=FINDING_LIBRARY, method=method)
                     right.setdefault((noise, drops, coefficient), []).append(set(average(law)))
     return {

@@ -30,7 +30,7 @@ def simulated(clean: Trials, noises: Sequence[float], seed: int) -> dict[float, 
         for noise in noises:
             states = trial.states + noise * generator.standard_normal(trial.states.shape)
             noisy[noise].append(Trial(trial.object, trial.name, trial.times, states, trial.inputs))
-    return {noise: clean.keep(trials) for noise, trials in noisy.items()}
+    return {noise: clean.with_trials(trials) for noise, trials in noisy.items()}
 
 
 def learned(drops: Mapping[float, Trials], thresholds: Mapping[str, float]) -> dict[str, dict[float, Law]]:

@@ -41,7 +41,8 @@ def test_the_group_models_of_all_balls_come_out_to_the_printed_decimals(drops, d
 def test_the_largest_speeds_come_out_to_a_centimetre_a_second(drops):
     form = cl.StrongForm(cl.SmoothedDifference(cl.SavitzkyGolay(35, 3)), order=2)
     fastest = {
-        name: max(np.abs(form.rates(trial).derivatives[0]).max() for trial in drops.of(name)) for name in drops.objects
+        name: max(np.abs(form.rates(trial).derivatives[0]).max() for trial in drops.of_object(name))
+        for name in drops.objects
     }
     printed = printed_table("ball_properties")
     assert len(printed) == 10
@@ -98,7 +99,7 @@ def simulated(data_set, objects):
         for noise in NOISES:
             states = trial.states + noise * generator.randn(49)[:, np.newaxis]
             noisy[noise].append(cl.Trial(trial.object, trial.name, trial.times, states))
-    return {noise: clean.keep(trials) for noise, trials in noisy.items()}
+    return {noise: clean.with_trials(trials) for noise, trials in noisy.items()}
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def frame(section: Section, name: str):
 
 
 def changed(drops: Trials, change: Callable[[Trial], Trial]) -> Inquiry:
-    return Inquiry(drops.keep([change(trial) for trial in drops]), "", 100)
+    return Inquiry(drops.with_trials([change(trial) for trial in drops]), "", 100)
 
 
 def test_the_verdicts_hold(sections):

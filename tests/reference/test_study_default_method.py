@@ -167,7 +167,7 @@ def test_linear_drag_suits_the_whiffle_balls_better_than_quadratic_as_a_likeliho
     """Both have as many terms, so that the misfits alone decide."""
     found = results["choices"]["whiffle balls"]
     gain = sum(
-        misfit(drops.of(ball), found["noise"][0], 2) - misfit(drops.of(ball), found["noise"][0], 1)
+        misfit(drops.of_object(ball), found["noise"][0], 2) - misfit(drops.of_object(ball), found["noise"][0], 1)
         for ball in BALL_GROUPS["whiffle balls"]
     )
     lost = {form: each["evidence_lost"] for form, each in found["laws"].items()}

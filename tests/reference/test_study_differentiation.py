@@ -118,8 +118,8 @@ def test_the_noise_of_every_drop_is_a_few_centimetres(section, fall):
 
 def test_one_height_that_went_wrong_makes_the_paper_s_estimate_too_large(drops, fall):
     (trial,) = drops.select(object="Volleyball", trial="1")
-    shorter = noise_of_drops(drops.keep([trial.cut(len(trial) - 1)]), fall)["1"]["Volleyball"]
-    whole = noise_of_drops(drops.keep([trial]), fall)["1"]["Volleyball"]
+    shorter = noise_of_drops(drops.with_trials([trial.cut(len(trial) - 1)]), fall)["1"]["Volleyball"]
+    whole = noise_of_drops(drops.with_trials([trial]), fall)["1"]["Volleyball"]
     assert shorter["paper_method"] < 0.7 * whole["paper_method"]
     assert shorter["robust"] == pytest.approx(whole["robust"], rel=0.3)
 

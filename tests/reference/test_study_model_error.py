@@ -98,7 +98,7 @@ def test_the_models_of_raised_drops_give_the_same_long_forecasts(drops, section)
         raised = cl.Trial(ball, "2", trial.times, trial.states + height - trial.states[0])
         for model, setting in LONG_MODELS.items():
             found = section.results["long_forecasts"][ball][model]
-            law = single_law(drops.keep([raised]), setting["threshold"], setting["library"])
+            law = single_law(drops.with_trials([raised]), setting["threshold"], setting["library"])
             far = law.simulate([0, 15], [height, speed(trial)[0]])[ball]
             if found["diverged_after"] is None:
                 assert far.states[-1, 0] == pytest.approx(found["height_at_15_s"], abs=0.01)

@@ -85,7 +85,7 @@ def test_the_held_out_error_is_that_of_fitting_one_drop_and_testing_the_other(in
     form = cl.StrongForm(cl.SmoothedDifference(cl.SavitzkyGolay(35, 3)), order=2)
     errors = []
     for ball in inquiry.drops.objects:
-        rates = [form.rates(trial).derivatives for trial in inquiry.drops.of(ball)]
+        rates = [form.rates(trial).derivatives for trial in inquiry.drops.of_object(ball)]
         columns = [np.column_stack([np.ones(len(speeds)), speeds[:, 0]]) for speeds, _ in rates]
         targets = [accelerations[:, 0] for _, accelerations in rates]
         scale = np.mean(np.concatenate(targets) ** 2)

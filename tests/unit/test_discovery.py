@@ -51,7 +51,9 @@ def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
     form = cl.StrongForm(law.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (np.concatenate(parts) for parts in zip(*map(form.samples, drops.of(name)), strict=True))
+        values, targets = (
+            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
+        )
         expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
         np.testing.assert_allclose(law.coefficients_of(name)[0][law.support[0]], expected, rtol=1e-10)
 
@@ -66,7 +68,9 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
     assert (law.to_frame()["1"] == -9.8).all()
     form = cl.StrongForm(law.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (np.concatenate(parts) for parts in zip(*map(form.samples, drops.of(name)), strict=True))
+        values, targets = (
+            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
+        )
         drag = values[:, 1] @ (targets[:, 0] + 9.8) / (values[:, 1] @ values[:, 1])
         assert law.to_frame().loc[name, "v"] == pytest.approx(drag, rel=1e-10)
 
@@ -200,7 +204,7 @@ def test_structures_that_do_not_fit_are_refused_with_place_and_remedy(drops, set
 @pytest.mark.parametrize("method", [cl.TrajectoryLikelihood(), cl.WeakRegression(), cl.DiscreteTimeRegression()])
 def test_a_method_refuses_an_order_or_a_stream_that_it_does_not_take(drops, tmp_path, method):
     drops.to_parquet(tmp_path / "drops.parquet")
-    stream, name = cl.TrialStream.of_parquet(tmp_path / "drops.parquet"), type(method).__name__
+    stream, name = cl.TrialStream.from_parquet(tmp_path / "drops.parquet"), type(method).__name__
     order = 1 if 0 in method.orders else 0
     with pytest.raises(cl.CommonlawError, match=f"order={order} does not go with {name}: use method="):
         cl.discover(drops, order=order, method=method)
@@ -253,14 +257,14 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
     trial = populations[0]
     times = trial.times.copy()
     times[20:] += 0.5
-    uneven = populations.keep([cl.Trial(trial.object, trial.name, times, trial.states)])
+    uneven = populations.with_trials([cl.Trial(trial.object, trial.name, times, trial.states)])
     with pytest.raises(cl.CommonlawError, match=r"fast, trial 1: the step from sample 20 to sample 21 is 1.5"):
         cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"))
 
 
 def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
     drops.to_parquet(tmp_path / "drops.parquet")
-    stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
     streamed = cl.discover(stream, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     np.testing.assert_array_equal(
         streamed.coefficients,
@@ -312,7 +316,7 @@ def test_known_terms_are_not_chosen_again(drops):
 
 def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):
     drops.to_parquet(tmp_path / "drops.parquet")
-    stream = cl.TrialStream.of_parquet(tmp_path / "drops.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
     settings = {"order": 2, "method": regression()}
     np.testing.assert_array_equal(
         cl.discover(stream, **settings).coefficients, cl.discover(drops, **settings).coefficients

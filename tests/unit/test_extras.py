@@ -80,7 +80,7 @@ def a_page(_folder):
 FEATURES = {
     "reading Parquet": ("pyarrow", lambda folder: cl.Trials.read(folder / "a.parquet")),
     "writing Parquet": ("pyarrow", lambda folder: cl.Trials.from_arrays([0], [1]).to_parquet(folder / "b.parquet")),
-    "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.of_parquet(folder / "a.parquet")),
+    "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.from_parquet(folder / "a.parquet")),
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
     "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
     "an expression in LaTeX": ("sympy", an_expression_in_latex),

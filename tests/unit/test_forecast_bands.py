@@ -57,7 +57,7 @@ def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise(
 @pytest.mark.parametrize("method", ["scipy", "auto"])
 def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_states(method):
     trials = datasets.lotka_volterra(noise=0.0)[[0, 3]]
-    trials = trials.keep([trial.cut(80) for trial in trials])
+    trials = trials.with_trials([trial.cut(80) for trial in trials])
     law = unsure(datasets.lotka_volterra.truth(), 0.005, 0.05).select(trials.objects)
     forecast = law.predict(trials, return_std=True, method=method)
     rng = np.random.default_rng(1)

@@ -109,7 +109,7 @@ def test_a_fitted_start_keeps_a_chaotic_forecast_near_the_truth_for_longer():
     law, kept = replace(truth, uncertainty=replace(truth.uncertainty, noise=0.05 * size)), {None: [], 30: []}
     for seed in range(8):
         for trial in clean:
-            trials = clean.keep([noisy(trial, 0.05 * size, seed)])
+            trials = clean.with_trials([noisy(trial, 0.05 * size, seed)])
             for start, lengths in kept.items():
                 states = law.predict(trials, start=start).trajectories[0].states
                 far = np.linalg.norm((states - trial.states) / size, axis=1) > 0.2
@@ -123,7 +123,7 @@ def test_fitted_first_rates_of_falling_balls_are_nearer_to_the_truth():
     law = measured(datasets.linear_drag.truth(drag=[-0.3, -2.0]), [0.05], default_differentiation(2))
     errors = {1: [], 15: []}
     for seed in range(10):
-        trials = drops.keep([noisy(trial, 0.05, 10 * seed + i) for i, trial in enumerate(drops)])
+        trials = drops.with_trials([noisy(trial, 0.05, 10 * seed + i) for i, trial in enumerate(drops)])
         for start, found in errors.items():
             found.append([each.states[0, 1] for each in law.predict(trials, start=start).trajectories])
     default, fitted = (np.sqrt(np.mean(np.square(each), axis=0)) for each in errors.values())
@@ -142,7 +142,7 @@ def test_a_law_of_second_order_that_knows_its_noise_starts_from_what_rates_are_e
         replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials),
     ):
         assert start_of(plain)[0] == first
-    short = trials.keep([trial.cut(4) for trial in trials])
+    short = trials.with_trials([trial.cut(4) for trial in trials])
     fast = replace(law, provenance=replace(law.provenance, differentiation=parse_differentiation("forward")))
     assert start_of(fast.predict(short))[0] == first
     times = np.arange(40) / 20
@@ -160,7 +160,7 @@ def test_the_truth_is_within_the_stated_bands_as_often_as_they_say():
     clean = datasets.lotka_volterra(noise=0.0)[[0]]
     law = measured(datasets.lotka_volterra.truth().select(clean.objects), [0.2, 0.1])
     law = replace(law, uncertainty=replace(law.uncertainty, covariance=np.zeros((1, 4, 4))))
-    trials = clean.keep([replace(noisy(clean[0], law.noise, seed), name=str(seed)) for seed in range(60)])
+    trials = clean.with_trials([replace(noisy(clean[0], law.noise, seed), name=str(seed)) for seed in range(60)])
     forecast = law.predict(trials, start=10, return_std=True)
     gaps = np.array([each.states - clean[0].states for each in forecast.trajectories])
     for level, tolerance in ((0.95, 0.05), (0.5, 0.12)):
@@ -176,7 +176,7 @@ def test_an_outlier_among_the_first_samples_pulls_no_harder_than_four_standard_d
     starts = []
     for far in (0.0, 0.1, 5.0):
         states[4] += far
-        starts.append(start_of(law.predict(trials.keep([replace(trials[0], states=states)]), start=15)))
+        starts.append(start_of(law.predict(trials.with_trials([replace(trials[0], states=states)]), start=15)))
     np.testing.assert_allclose(starts[1], starts[2], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(starts[0], starts[2], atol=0.05)
 

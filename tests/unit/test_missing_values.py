@@ -70,7 +70,7 @@ def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
         Trials.from_arrays(frame["t"], frame[["x", "y"]])
     frame.assign(object="a", trial=1).to_parquet(tmp_path / "a.parquet")
     with pytest.raises(cl.CommonlawError, match="a, trial 1: y was measured in 4 of 8"):
-        list(TrialStream.of_parquet(tmp_path / "a.parquet", **ROLES))
+        list(TrialStream.from_parquet(tmp_path / "a.parquet", **ROLES))
     with pytest.raises(cl.CommonlawError, match="object, trial 1: no state was measured in any row; leave the trial"):
         Trials.from_frame(frame.assign(x=np.nan, y=np.nan), states=["x", "y"])
 
@@ -96,7 +96,7 @@ def test_streams_keep_gaps_and_leave_empty_rows_out_wherever_batches_end(tmp_pat
     frame.to_parquet(tmp_path / "a.parquet")
     monkeypatch.setattr(stream, "_ROWS", rows)
     whole = Trials.from_frame(frame, **ROLES)
-    for one, other in zip(TrialStream.of_parquet(tmp_path / "a.parquet", **ROLES), whole, strict=True):
+    for one, other in zip(TrialStream.from_parquet(tmp_path / "a.parquet", **ROLES), whole, strict=True):
         assert one.label == other.label
         np.testing.assert_array_equal(one.times, other.times)
         np.testing.assert_array_equal(one.states, other.states)

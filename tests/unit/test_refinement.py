@@ -61,7 +61,7 @@ def own(law, values):
 def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
     law = cl.refine(by_rates, prey, noise={"x": NOISE, "y": NOISE}, huber_threshold=np.inf, **OWN)
     name = prey.objects[0]
-    expected, errors = shooting(prey.of(name), own(by_rates, by_rates.coefficients_of(name)))
+    expected, errors = shooting(prey.of_object(name), own(by_rates, by_rates.coefficients_of(name)))
     np.testing.assert_allclose(own(law, law.coefficients_of(name)), expected, atol=0.02 * errors.min())
     np.testing.assert_allclose(own(law, law.standard_errors[0]), errors, rtol=0.05)
     np.testing.assert_array_equal(law.support, by_rates.support)

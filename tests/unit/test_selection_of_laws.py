@@ -21,7 +21,7 @@ class Problem:
         self.form = StrongForm(parse_differentiation(differentiation), order, "smoothed", trim)
         self.terms = PolynomialLibrary(3).bind(self.form.variables(trials.schema))
         self.allowed = np.ones(len(self.terms), dtype=bool)
-        self.of = [trials.of(name) for name in trials.objects]
+        self.of = [trials.of_object(name) for name in trials.objects]
         self.parts = [[self.form.problems(trial, self.terms, 4) for trial in own] for own in self.of]
         self.problems = [merge(block for trial in own for block in trial) for own in self.parts]
 

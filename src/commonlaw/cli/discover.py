@@ -126,7 +126,7 @@ def _key(name: str) -> str | tuple[str, str]:
 def _known(law: "Law", trials: "Trials | None") -> "Trials | None":
     """Return the trials whose objects the law knows."""
     kept = [trial for trial in trials or () if trial.object in law.objects]
-    return trials.keep(kept) if trials is not None and kept else None
+    return trials.with_trials(kept) if trials is not None and kept else None
 
 
 def _truth(source: Source) -> "Law | None":

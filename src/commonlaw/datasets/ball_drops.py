@@ -68,7 +68,7 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
-    drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of(name))
+    drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of_object(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
     trials = Trials(drops, Schema(("x",), units=units), _properties(balls.read_text()))
     return trials.clip_irregular() if clip else trials

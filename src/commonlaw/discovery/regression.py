@@ -157,7 +157,7 @@ def _forecast_scores(
     trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
 ) -> list[ForecastError]:
     """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
-    if not isinstance(trials, Trials) or any(len(trials.of(name)) > MOST_GROUPS for name in trials.objects):
+    if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MOST_GROUPS for name in trials.objects):
         raise CommonlawError(
             f"scoring='forecasts' needs trials in memory, at most {MOST_GROUPS} of an object; use scoring='residuals'"
         )

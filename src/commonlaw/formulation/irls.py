@@ -48,7 +48,7 @@ def reweight(
     if used.shape != shape:
         raise CommonlawError(f"a support of shape {used.shape} does not fit; give one of shape {shape}")
     found = {
-        name: _coefficients([form.tested(trial, terms) for trial in trials.of(name)], used, sweeps)
+        name: _coefficients([form.tested(trial, terms) for trial in trials.of_object(name)], used, sweeps)
         for name in trials.objects
     }
     return replace(form, coefficients=found), found

@@ -44,7 +44,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
     """Return what a user should know of a law that these trials gave."""
     found = []
     if state.has_model_error:
-        single = any(len(problem.trials.of(name)) == 1 for name in problem.trials.objects)
+        single = any(len(problem.trials.of_object(name)) == 1 for name in problem.trials.objects)
         weak = ", which says little of objects with a single trial" if single else ""
         found.append(
             Outcome(

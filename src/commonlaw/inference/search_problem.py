@@ -79,7 +79,7 @@ class SearchProblem:
     def finer(self) -> "SearchProblem":
         """Return the same problem with twice as many points for each sampling step."""
         points = 2 * self.points
-        groups = [self.trials.of(name) for name in self.trials.objects]
+        groups = [self.trials.of_object(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
         models = tuple(replace(model, meshes=meshes(group, points)) for model, group in pairs)
         pairs_of_starts = zip(self.starts, self.smoothed, strict=True)
@@ -124,8 +124,8 @@ def prepare(
             f"huber_threshold is {huber_threshold}: give how many standard deviations of noise a measurement must be "
             "off to be an outlier, above zero"
         )
-    groups = [trials.of(name) for name in trials.objects]
-    samples = {name: np.concatenate([trial.states for trial in trials.of(name)]) for name in trials.objects}
+    groups = [trials.of_object(name) for name in trials.objects]
+    samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
     refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]

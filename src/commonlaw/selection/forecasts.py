@@ -64,8 +64,8 @@ class ForecastError:
             own = support if j == self.target else (self.law.coefficients[fold.object, j] != 0) & self.free[j]
             coefficients[j] += fold.rest.least_squares(own, j)
         law = replace(self.law.select([name]), coefficients=coefficients[np.newaxis])
-        trials = self.trials.of(name)
-        errors = law.predict(self.trials.keep([trials[i] for i in fold.trials])).errors()
+        trials = self.trials.of_object(name)
+        errors = law.predict(self.trials.with_trials([trials[i] for i in fold.trials])).errors()
         variances = np.var(np.concatenate([trial.states for trial in trials]), axis=0)
         rms = errors["rms error"].to_numpy().reshape(len(fold.trials), -1)
         return float(np.mean(rms**2 / variances))

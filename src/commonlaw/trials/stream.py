@@ -40,7 +40,7 @@ class TrialStream:
         return self.source()
 
     @classmethod
-    def of_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
+    def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
         """Return the trials of a Parquet file in which the rows of each trial follow each other, without properties.
 
         Rows without a measured state are left out, and with them trials that have no other row.

@@ -200,21 +200,21 @@ class Trials:
         chosen = np.arange(len(self))[index]
         if np.ndim(chosen) == 0:
             return self.trials[int(chosen)]
-        return self.keep([self.trials[i] for i in chosen])
+        return self.with_trials([self.trials[i] for i in chosen])
 
     def __repr__(self) -> str:
         samples = sum(map(len, self.trials))
         states = ", ".join(self.schema.states)
         return f"<Trials: {len(self)} trials of {len(self.objects)} objects, {samples} samples of {states}>"
 
-    def keep(self, trials: Sequence[Trial], note: str | None = None) -> "Trials":
+    def with_trials(self, trials: Sequence[Trial], note: str | None = None) -> "Trials":
         """Return a collection of `trials` with this one's schema, properties of their objects, and notes."""
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
         return Trials(tuple(trials), self.schema, properties, notes)
 
-    def of(self, name: str) -> tuple[Trial, ...]:
+    def of_object(self, name: str) -> tuple[Trial, ...]:
         """Return the trials of one object."""
         return tuple(trial for trial in self.trials if trial.object == name)
 
@@ -239,7 +239,7 @@ class Trials:
         takes everything behind it along.
         """
         kept, note = clip_irregular(self.trials, tolerance)
-        return self.keep(kept, note) if note else self
+        return self.with_trials(kept, note) if note else self
 
     def check(self, tolerance: float = 0.005) -> Report:
         """Return figures of every trial and what is odd about them.
@@ -304,7 +304,7 @@ class Trials:
         kept = [each for each in self.trials if all(test(each) for test in tests.values())]
         if not kept:
             raise CommonlawError(f"no trial fits {', '.join(f'{name}={conditions[name]}' for name in tests)} together")
-        return self.keep(kept)
+        return self.with_trials(kept)
 
     def split(self, **conditions: object) -> tuple["Trials", "Trials"]:
         """Return the trials that `select` keeps with these conditions, and all others.
@@ -319,7 +319,7 @@ class Trials:
         rest = [each for each in self.trials if id(each) not in inside]
         if not rest:
             raise CommonlawError("the split leaves nothing on the other side: every trial fits the conditions")
-        return chosen, self.keep(rest)
+        return chosen, self.with_trials(rest)
 
     def _check_properties(self) -> None:
         objects = set(self.objects)
