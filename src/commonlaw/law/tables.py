@@ -123,7 +123,7 @@ def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) ->
     ]
     if not rows:
         raise CommonlawError(
-            "this law was not chosen from the path of one solver; discover it with a solver that has no setting, "
+            "this law was not chosen from the path of one solver; discover it with a solver without a value, "
             "such as STLSQ()"
         )
     return pd.DataFrame(rows)

@@ -21,9 +21,8 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     coefficients = _with(law, [selection.chosen for selection in selections])
     outcomes, alternatives = [], []
     for equation, selection in zip(law.left_hand_sides, selections, strict=True):
-        outcomes.append(
-            Outcome(OutcomeKind.CHOSEN, equation, selection.reason, "name a solver with its setting to choose yourself")
-        )
+        remedy = "name a solver with a value of its hyperparameter to choose yourself"
+        outcomes.append(Outcome(OutcomeKind.CHOSEN, equation, selection.reason, remedy))
         for i, each in enumerate(selection.table):
             used = np.flatnonzero(each.candidate.support.any(axis=0))
             names = tuple(law.terms.names[k] for k in used)
