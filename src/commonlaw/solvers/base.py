@@ -8,8 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.candidate import Candidate, Problems
 
 
 class AbstractSolver(ABC):
@@ -27,11 +26,7 @@ class AbstractSolver(ABC):
 
     @abstractmethod
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         """Return the candidates of one equation at values of the hyperparameter, whatever the solver's own.
 
@@ -48,7 +43,7 @@ class AbstractSolver(ABC):
             value gives, from the most terms to the fewest.
         """
 
-    def solve(self, problems: Sequence[LeastSquaresProblem], allowed: Bools) -> tuple[Candidate, ...]:
+    def solve(self, problems: Problems, allowed: Bools) -> tuple[Candidate, ...]:
         """Return the candidate of each equation at the solver's own hyperparameter.
 
         Parameters
@@ -71,7 +66,7 @@ class AbstractSolver(ABC):
         return tuple(self.path(problems, target, own, [value])[0] for target, own in enumerate(allowed))
 
 
-def groups(problems: Sequence[LeastSquaresProblem], shared: bool) -> list[Sequence[LeastSquaresProblem]]:
+def groups(problems: Problems, shared: bool) -> list[Problems]:
     """Return the objects that have one support: all of them, or each by itself."""
     return [problems] if shared else [[problem] for problem in problems]
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, check_shared
-from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.candidate import Candidate, Problems
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
@@ -69,11 +68,7 @@ class BestSubset(AbstractSolver):
         return self.terms
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         choose = self._search_small if values is None else self._search
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)

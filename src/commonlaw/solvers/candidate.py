@@ -8,6 +8,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
 
+Problems = Sequence[LeastSquaresProblem]
+"""The least-squares problem of each object, all of the same library."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -57,7 +60,7 @@ class Candidate:
         )
 
 
-def least_squares(problems: Sequence[LeastSquaresProblem], target: int, support: Bools) -> Floats:
+def least_squares(problems: Problems, target: int, support: Bools) -> Floats:
     """Return the least-squares coefficients of one equation on a support; both have shape (objects, terms)."""
     rows = zip(problems, support, strict=True)
     return np.array([problem.least_squares(terms, target) for problem, terms in rows])

@@ -8,9 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver
-from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.candidate import Candidate, Problems
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _RANK = 1e-12
@@ -65,11 +64,7 @@ class Constrained(AbstractSolver):
         return self.solver.hyperparameter
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
 
@@ -87,7 +82,7 @@ class Constrained(AbstractSolver):
             path = tuple(each for each in path if can_be_met(each.support, *self._constraints(each.support)))
         return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in path)
 
-    def _refit(self, problems: Sequence[LeastSquaresProblem], support: Bools) -> Floats:
+    def _refit(self, problems: Problems, support: Bools) -> Floats:
         variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
         weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
         return constrained_least_squares(weighted, support, self.equation, *self._constraints(support))
@@ -111,9 +106,7 @@ class Constrained(AbstractSolver):
         return np.concatenate([matrix, self.matrix]), np.concatenate([right, self.right])
 
 
-def constrained_least_squares(
-    problems: Sequence[LeastSquaresProblem], support: Bools, target: int, matrix: Floats, right: Floats
-) -> Floats:
+def constrained_least_squares(problems: Problems, support: Bools, target: int, matrix: Floats, right: Floats) -> Floats:
     """Return the coefficients of all objects that minimise the sum of their squared residuals under constraints.
 
     By the null-space method (Golub and Van Loan, Matrix Computations, section 6.2), on columns of unit norm: a

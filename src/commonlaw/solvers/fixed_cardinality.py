@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import groups
-from commonlaw.solvers.candidate import Candidate, least_squares
+from commonlaw.solvers.candidate import Candidate, Problems, least_squares
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 
@@ -34,7 +33,7 @@ class Subset:
 def fixed_cardinality(
     choose: Callable[[StandardizedProblem, Sequence[int]], Mapping[int, Subset]],
     shared: bool,
-    problems: Sequence[LeastSquaresProblem],
+    problems: Problems,
     target: int,
     allowed: Bools,
     values: Sequence[float] | None = None,
@@ -53,11 +52,11 @@ def fixed_cardinality(
     most = int(allowed.sum())
     sizes = range(most, -1, -1) if values is None else [min(int(value), most) for value in values]
 
-    def candidates(group: Sequence[LeastSquaresProblem]) -> list[Candidate]:
+    def candidates(group: Problems) -> list[Candidate]:
         chosen = choose(StandardizedProblem.of(group, target, allowed), sizes)
         return [candidate(group, size, chosen[size]) for size in sizes]
 
-    def candidate(group: Sequence[LeastSquaresProblem], size: int, chosen: Subset) -> Candidate:
+    def candidate(group: Problems, size: int, chosen: Subset) -> Candidate:
         support = np.zeros((len(group), len(allowed)), dtype=bool)
         support[:, np.flatnonzero(allowed)[chosen.indices]] = True
         found = least_squares(group, target, support)

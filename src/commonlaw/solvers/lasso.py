@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, groups
-from commonlaw.solvers.candidate import Candidate, least_squares
+from commonlaw.solvers.candidate import Candidate, Problems, least_squares
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_number, check_whole_number
 
@@ -61,11 +60,7 @@ class Lasso(AbstractSolver):
         return self.penalty
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         wanted = [0.0, *reversed(_PENALTIES)] if values is None else values
         # Larger penalties come first: the minimum of each is where the search for the next begins
@@ -76,7 +71,7 @@ class Lasso(AbstractSolver):
         return each_support_once(path) if values is None else path
 
     def _candidates(
-        self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools, penalties: Sequence[float]
+        self, problems: Problems, target: int, allowed: Bools, penalties: Sequence[float]
     ) -> list[Candidate]:
         """Return the candidates of objects with one support at falling penalties."""
         standardized = StandardizedProblem.of(problems, target, allowed)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, threshold_path
-from commonlaw.solvers.candidate import Candidate, least_squares
+from commonlaw.solvers.candidate import Candidate, Problems, least_squares
 from commonlaw.validation import check_number, check_whole_number
 
 
@@ -61,11 +60,7 @@ class SR3(AbstractSolver):
         return self.threshold
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         relaxation = self._relaxation(problems, target, allowed)
 
@@ -79,7 +74,7 @@ class SR3(AbstractSolver):
             return tuple(candidate_at(value) for value in values)
         return each_support_once(threshold_path(candidate_at))
 
-    def _relaxation(self, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "_Relaxation":
+    def _relaxation(self, problems: Problems, target: int, allowed: Bools) -> "_Relaxation":
         norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
         scale = np.sqrt(np.mean(norms**2, axis=0))
         scale = np.where(allowed & (scale > 0), scale, 1.0)

@@ -8,9 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, check_shared
-from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.candidate import Candidate, Problems
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_whole_number
@@ -59,11 +58,7 @@ class StepwiseSelection(AbstractSolver):
         return self.terms
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         return fixed_cardinality(self._choose, self.shared, problems, target, allowed, values)
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers.base import AbstractSolver, check_shared, groups, threshold_path
-from commonlaw.solvers.candidate import Candidate
+from commonlaw.solvers.candidate import Candidate, Problems
 from commonlaw.solvers.importance import L1, AbstractImportance
 from commonlaw.validation import check_number, check_whole_number
 
@@ -71,11 +70,7 @@ class STLSQ(AbstractSolver):
         return self.threshold
 
     def path(
-        self,
-        problems: Sequence[LeastSquaresProblem],
-        target: int,
-        allowed: Bools,
-        values: Sequence[float] | None = None,
+        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
     ) -> tuple[Candidate, ...]:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
 
@@ -117,7 +112,7 @@ class _Fits:
         As in the solver.
     """
 
-    def __init__(self, problems: Sequence[LeastSquaresProblem], target: int, ridge: float) -> None:
+    def __init__(self, problems: Problems, target: int, ridge: float) -> None:
         self.problems, self.target, self.ridge = problems, target, ridge
         self.norms = np.array([problem.norms for problem in problems])
         self._known: dict[bytes, Floats] = {}
