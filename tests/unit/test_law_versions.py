@@ -45,6 +45,13 @@ def test_names_of_earlier_versions_are_replaced(version):
     np.testing.assert_array_equal(again.coefficients, law.coefficients)
 
 
+def test_bayes_factors_against_the_chosen_become_those_against_the_best():
+    raw = json.loads((SAVED / "version-2.json").read_text())
+    raw["alternatives"][1]["measures"]["evidence lost"] = -3.0
+    first, second, _ = Law.from_json(json.dumps(raw)).alternatives
+    assert (first.measures["2 log B"], second.measures["2 log B"]) == (3.0, 0.0)
+
+
 def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
     law = Law.load(SAVED / "version-1.json")
     assert law.uncertainty.covariance is law.uncertainty.noise is law.inclusion_probabilities is None

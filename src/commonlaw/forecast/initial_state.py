@@ -83,8 +83,8 @@ class FittedStart:
             return trajectory, np.full((width, width), np.nan)
         follow = -root @ (basis.T @ rows[:, :-width])
         with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-            moved = np.concatenate([by_own + by_start @ follow, by_start], axis=2)
-        return replace(trajectory, sensitivities=moved), root @ root.T
+            carried = np.concatenate([by_own + by_start @ follow, by_start], axis=2)
+        return replace(trajectory, sensitivities=carried), root @ root.T
 
 
 def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:

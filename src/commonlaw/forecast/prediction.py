@@ -64,12 +64,12 @@ def predict(
     fitted = [
         None if count == 1 else fitted_start(law, trial, count) for trial, count in zip(trials, counts, strict=True)
     ]
-    runs = [_run(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
+    problems = [_problem(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
     if covariance is None or noise is None:
-        return Forecast(trials, simulate(runs, method=method, tolerance=tolerance))
+        return Forecast(trials, simulate(problems, method=method, tolerance=tolerance))
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
-    runs = [replace(run, field=replace(run.field, free=law.support)) for run in runs]
-    found = simulate(runs, method=method, tolerance=tolerance, sensitivities=True)
+    problems = [replace(each, field=replace(each.field, free=law.support)) for each in problems]
+    found = simulate(problems, method=method, tolerance=tolerance, sensitivities=True)
     deviations = []
     for trial, trajectory, own in zip(trials, found, fitted, strict=True):
         known = covariance[law.objects.index(trial.object)]
@@ -94,7 +94,7 @@ def _count(law: Law, trial: Trial) -> int:
     return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= MIN_SAMPLES else 1
 
 
-def _run(law: Law, trial: Trial, fitted: FittedStart | None) -> InitialValueProblem:
+def _problem(law: Law, trial: Trial, fitted: FittedStart | None) -> InitialValueProblem:
     field = replace(law.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
     initial = _measured_start(law, trial) if fitted is None else fitted.initial
     return InitialValueProblem(field, initial, trial.times, trial.label)
@@ -109,10 +109,10 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
 
 def _check_start(law: Law, trial: Trial) -> None:
     """Refuse a trial whose first sample lacks a state."""
-    gaps = np.isnan(trial.states)
-    if gaps[0].any():
-        state = law.states[int(np.argmax(gaps[0]))]
-        whole = np.flatnonzero(~gaps.any(axis=1))
+    missing = np.isnan(trial.states)
+    if missing[0].any():
+        state = law.states[int(np.argmax(missing[0]))]
+        whole = np.flatnonzero(~missing.any(axis=1))
         remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
         raise CommonlawError(
             f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "

@@ -81,7 +81,7 @@ class Occurrences:
 def occurrences(
     events: Sequence[Event], found: Sequence[tuple[int, float, Floats]], width: int
 ) -> tuple[Occurrences, ...]:
-    """Return what was found, (place of the event, time, states), by event and in order of time."""
+    """Return what was found, (index of the event, time, states), by event and in order of time."""
     lists = [
         sorted(((t, y) for i, t, y in found if i == index), key=lambda each: each[0]) for index in range(len(events))
     ]
@@ -103,30 +103,30 @@ def event_terms(events: Sequence[Event], variables: Variables) -> Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Gaps:
-    """How far the expressions of events are above their levels along the states of a vector field."""
+class EventFunctions:
+    """The expressions of events minus their levels, as functions of time and state; an event is where one is zero."""
 
     events: tuple[Event, ...]
     field: VectorField
     terms: Terms
 
     def __call__(self, t: float, y: Floats) -> Floats:
-        """Return the gaps at one time, shape (events,)."""
+        """Return their values at one time and state, shape (events,)."""
         return np.asarray(self.terms.evaluate(self.field.point(t, y))[0] - self._levels)
 
     def at_start(self, t: float, y: Floats, span: float) -> Floats:
-        """Return the gaps at the start, and for one that is zero to rounding the sign that it takes just after.
+        """Return their values at the start, and for one that is zero to rounding the sign that it takes just after.
 
         Two steps of a millionth of the span are tried, so that a ball at rest on the ground counts as falling.
         """
         with np.errstate(all="ignore"):
-            gaps = self(t, y)
-            zero = np.abs(gaps) <= _ROUNDING * (np.abs(gaps + self._levels) + np.abs(self._levels))
+            values = self(t, y)
+            zero = np.abs(values) <= _ROUNDING * (np.abs(values + self._levels) + np.abs(self._levels))
             if zero.any():
                 step = 1e-6 * span
                 later = y + step * self.field(t, y + step * self.field(t, y))
-                gaps[zero] = np.sign(self(t + step, later)[zero]) * np.finfo(float).tiny
-        return gaps
+                values[zero] = np.sign(self(t + step, later)[zero]) * np.finfo(float).tiny
+        return values
 
     @property
     def _levels(self) -> Floats:

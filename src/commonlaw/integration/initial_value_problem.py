@@ -49,7 +49,13 @@ class InitialValueProblem:
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What is asked of an integration; see `simulate`."""
+    """What is asked of an integration; see `simulate`.
+
+    Raises
+    ------
+    CommonlawError
+        If the tolerance is not between 0 and 1.
+    """
 
     tolerance: float = 1e-8
     events: tuple[Event, ...] = ()
@@ -62,7 +68,13 @@ class OutputOptions:
 
 
 def check_start(initial: Floats, times: Floats, where: str) -> None:
-    """Refuse initial states and times that cannot be integrated."""
+    """Refuse initial states and times that cannot be integrated.
+
+    Raises
+    ------
+    CommonlawError
+        If the initial states or the times are not finite, or the times do not increase.
+    """
     index = f"{where}: " if where else ""
     if not np.all(np.isfinite(initial)):
         raise CommonlawError(f"{index}the initial state {initial} is not finite; give numbers")

@@ -34,7 +34,7 @@ class Iteration(AbstractIntegrator):
         vector_field, width = problem.field, len(problem.initial)
         states = np.full((len(problem.times), width), np.nan)
         states[0] = problem.initial
-        slopes, limit = self._first_slopes(problem), 0.0
+        sensitivities, limit = self._initial_sensitivities(problem), 0.0
         with np.errstate(all="ignore"):
             for k, t in enumerate(problem.times[:-1]):
                 following = vector_field(t, states[k])
@@ -44,19 +44,25 @@ class Iteration(AbstractIntegrator):
                     why = f"a state reached {peak:.3g}" if np.isfinite(peak) else "a state is not finite"
                     when = float(problem.times[k + 1])
                     return Trajectory(
-                        problem.times, states, diverged(when, why, problem.where), when, (), slopes, method="steps"
+                        problem.times,
+                        states,
+                        diverged(when, why, problem.where),
+                        when,
+                        (),
+                        sensitivities,
+                        method="steps",
                     )
-                if slopes is not None:
+                if sensitivities is not None:
                     _, (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states[k]))
-                    slopes[k + 1] = by_states @ slopes[k]
-                    slopes[k + 1, :, :-width] += by_parameters
+                    sensitivities[k + 1] = by_states @ sensitivities[k]
+                    sensitivities[k + 1, :, :-width] += by_parameters
                 states[k + 1] = following
-        return Trajectory(problem.times, states, sensitivities=slopes, method="steps")
+        return Trajectory(problem.times, states, sensitivities=sensitivities, method="steps")
 
-    def _first_slopes(self, problem: InitialValueProblem) -> Floats | None:
+    def _initial_sensitivities(self, problem: InitialValueProblem) -> Floats | None:
         if not self.options.sensitivities:
             return None
         width, parameters = len(problem.initial), len(problem.field.parameters)
-        slopes = np.full((len(problem.times), width, parameters + width), np.nan)
-        slopes[0] = np.hstack([np.zeros((width, parameters)), np.eye(width)])
-        return slopes
+        sensitivities = np.full((len(problem.times), width, parameters + width), np.nan)
+        sensitivities[0] = np.hstack([np.zeros((width, parameters)), np.eye(width)])
+        return sensitivities

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, Function, state_scale
-from commonlaw.integration.event import Gaps, event_terms, occurrences
+from commonlaw.integration.event import EventFunctions, event_terms, occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
 from commonlaw.integration.vector_field import VectorField
@@ -27,87 +27,81 @@ class LsodaIntegrator(AbstractIntegrator):
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; sensitivities solve the variational equations beside it."""
         options, vector_field, width = self.options, problem.field, len(problem.initial)
-        watch = _watch(problem, options) if options.events else None
-        equations = Equations(vector_field, vector_field.jacobian, width)
+        search = _event_search(problem, options) if options.events else None
+        rhs = RightHandSide(vector_field, vector_field.jacobian, width)
         start, absolute = problem.initial, np.zeros(width)
         if options.sensitivities:
-            equations = _variational(vector_field, width)
+            rhs = _variational(vector_field, width)
             start, absolute = _variational_start(problem, options.tolerance)
-        result = solve(
-            equations,
-            start,
-            problem.times,
-            options.tolerance,
-            absolute,
-            problem.where,
-            watch=watch,
-            dense=options.dense,
-        )
-        found = occurrences(options.events, [] if watch is None else watch.found, width)
-        slopes = result.states[:, width:].reshape(len(problem.times), width, -1) if options.sensitivities else None
-        return replace(result, states=result.states[:, :width], events=found, sensitivities=slopes)
+        times, tolerance = problem.times, options.tolerance
+        result = solve(rhs, start, times, tolerance, absolute, problem.where, search=search, dense=options.dense)
+        found = occurrences(options.events, [] if search is None else search.found, width)
+        sensitivities = None
+        if options.sensitivities:
+            sensitivities = result.states[:, width:].reshape(len(times), width, -1)
+        return replace(result, states=result.states[:, :width], events=found, sensitivities=sensitivities)
 
 
 @dataclass(frozen=True)
-class Equations:
-    """What LSODA integrates: rates, their Jacobian or nothing, and how many of the first numbers are states."""
+class RightHandSide:
+    """What LSODA integrates: derivatives, their Jacobian or nothing, and how many of the first numbers are states."""
 
-    rates: Function
+    derivatives: Function
     jacobian: Function | None
     width: int
 
 
 @dataclass
-class _Watch:
+class _EventSearch:
     """Looks for events along the steps, and keeps what it finds."""
 
-    gaps: Gaps
+    functions: EventFunctions
     time: float
     last: Floats
     found: list[tuple[int, float, Floats]] = field(default_factory=list)
 
-    def look(self, piece: DenseOutput, until: float, width: int) -> float | None:
+    def look(self, interpolant: DenseOutput, until: float, width: int) -> float | None:
         """Look at a step, given by its dense output; return when a terminal event ended the trajectory, if so."""
         met: list[tuple[int, float, Floats]] = []
         for t in np.linspace(self.time, until, _LOOKS + 1)[1:]:
-            now = self.gaps(t, piece(t)[:width])
+            now = self.functions(t, interpolant(t)[:width])
             for i in np.flatnonzero(now * np.sign(self.last) < 0):
-                if self.gaps.events[i].sign * now[i] >= 0:
-                    met.append((int(i), *self._crossing(piece, int(i), float(t), width)))
+                if self.functions.events[i].sign * now[i] >= 0:
+                    met.append((int(i), *self._crossing(interpolant, int(i), float(t), width)))
             self.last, self.time = np.where(now == 0, self.last, now), float(t)
-        stops = [t for i, t, _ in met if self.gaps.events[i].terminal]
+        stops = [t for i, t, _ in met if self.functions.events[i].terminal]
         end = min(stops, default=None)
         self.found += [each for each in met if end is None or each[1] <= end]
         return end
 
-    def _crossing(self, piece: DenseOutput, i: int, until: float, width: int) -> tuple[float, Floats]:
+    def _crossing(self, interpolant: DenseOutput, i: int, until: float, width: int) -> tuple[float, Floats]:
         before, sign = self.time, np.sign(self.last[i])
 
-        def gap(t: float) -> float:
-            value = float(self.gaps(t, piece(t)[:width])[i])
+        def value(t: float) -> float:
+            found = float(self.functions(t, interpolant(t)[:width])[i])
             # On the level itself, or off it by rounding, the side that it came from counts.
-            return sign * np.finfo(float).tiny if t == before and value * sign <= 0 else value
+            return sign * np.finfo(float).tiny if t == before and found * sign <= 0 else found
 
-        t = float(brentq(gap, before, until, xtol=4e-16 * max(abs(until), until - before), rtol=1e-15))
-        return t, piece(t)[:width].copy()
+        t = float(brentq(value, before, until, xtol=4e-16 * max(abs(until), until - before), rtol=1e-15))
+        return t, interpolant(t)[:width].copy()
 
 
 def solve(
-    equations: Equations,
+    rhs: RightHandSide,
     start: Floats,
     times: Floats,
     tolerance: float,
     absolute: Floats,
     where: str,
     *,
-    watch: _Watch | None = None,
+    search: _EventSearch | None = None,
     dense: bool = False,
 ) -> Trajectory:
     """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
 
     Parameters
     ----------
-    equations
+    rhs
         What is integrated.
     start, times
         Shapes (d,) and (n,).
@@ -116,26 +110,36 @@ def solve(
         is set here.
     where
         For the outcome.
-    watch
+    search
         Looks for events.
     dense
         Whether to keep every step.
     """
-    states, width = np.full((len(times), len(start)), np.nan), equations.width
+    states, width = np.full((len(times), len(start)), np.nan), rhs.width
     states[0] = start
     track = _Track(start[:width], [float(times[0])]) if dense else None
     if len(times) == 1:
         return Trajectory(times, states, dense=track)
     with np.errstate(all="ignore"):
-        if not np.all(np.isfinite(equations.rates(times[0], start))):
+        if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
             return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
         size = state_scale(
-            start[:width], lambda t, y: equations.rates(t, np.concatenate([y, start[width:]]))[:width], times
+            start[:width],
+            lambda t, y: rhs.derivatives(t, np.concatenate([y, start[width:]]))[:width],
+            times,
         )
         absolute[:width] = 1e-3 * tolerance * size
+        # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
+        # takes steps without end before a blow-up, and calls it a success where states have become infinite.
         solver = LSODA(
-            equations.rates, times[0], start, times[-1], rtol=tolerance, atol=absolute, jac=equations.jacobian
+            rhs.derivatives,
+            times[0],
+            start,
+            times[-1],
+            rtol=tolerance,
+            atol=absolute,
+            jac=rhs.jacobian,
         )
         reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
         for _ in range(MAX_STEPS):
@@ -143,15 +147,15 @@ def solve(
             if bad:
                 why = bad
                 break
-            if watch or dense or solver.t >= times[reached]:
-                piece = solver.dense_output()
-                stop = watch.look(piece, solver.t, width) if watch else None
+            if search or dense or solver.t >= times[reached]:
+                interpolant = solver.dense_output()
+                stop = search.look(interpolant, solver.t, width) if search else None
                 until = int(np.searchsorted(times, solver.t if stop is None else stop, side="right"))
                 if until > reached:
-                    states[reached:until] = piece(times[reached:until]).T
+                    states[reached:until] = interpolant(times[reached:until]).T
                     reached = until
                 if track is not None:
-                    track.add(piece, float(solver.t))
+                    track.add(interpolant, float(solver.t))
             if stop is not None:
                 return Trajectory(times, states, None, stop, dense=track)
             if solver.status == "finished":
@@ -166,36 +170,38 @@ class _Track:
 
     start: Floats
     knots: list[float]
-    pieces: list[DenseOutput] = field(default_factory=list)
+    interpolants: list[DenseOutput] = field(default_factory=list)
 
-    def add(self, piece: DenseOutput, until: float) -> None:
+    def add(self, interpolant: DenseOutput, until: float) -> None:
         """Keep a step."""
-        self.pieces.append(piece)
+        self.interpolants.append(interpolant)
         self.knots.append(until)
 
     def __call__(self, times: Floats) -> Floats:
         """Return the states, shape (m, d); after the last step those at its end."""
-        if not self.pieces:
+        if not self.interpolants:
             return np.tile(self.start, (len(times), 1))
-        whole = OdeSolution(self.knots, self.pieces)
+        whole = OdeSolution(self.knots, self.interpolants)
         return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
 
 
-def _watch(problem: InitialValueProblem, options: OutputOptions) -> _Watch:
-    gaps = Gaps(options.events, problem.field, event_terms(options.events, problem.field.terms.variables))
+def _event_search(problem: InitialValueProblem, options: OutputOptions) -> _EventSearch:
+    functions = EventFunctions(
+        options.events, problem.field, event_terms(options.events, problem.field.terms.variables)
+    )
     span = float(problem.times[-1] - problem.times[0])
-    return _Watch(gaps, problem.start, gaps.at_start(problem.start, problem.initial, span))
+    return _EventSearch(functions, problem.start, functions.at_start(problem.start, problem.initial, span))
 
 
-def _variational(vector_field: VectorField, width: int) -> Equations:
+def _variational(vector_field: VectorField, width: int) -> RightHandSide:
     """Return the states together with their derivatives by parameters and initial states, row by row."""
 
-    def rates(t: float, y: Floats) -> Floats:
+    def derivatives(t: float, y: Floats) -> Floats:
         states, matrix = y[:width], y[width:].reshape(width, -1)
-        (derivatives,), (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states))
-        change = by_states @ matrix
-        change[:, : by_parameters.shape[1]] += by_parameters
-        return np.concatenate([derivatives, change.ravel()])
+        (change,), (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states))
+        carried = by_states @ matrix
+        carried[:, : by_parameters.shape[1]] += by_parameters
+        return np.concatenate([change, carried.ravel()])
 
     def jacobian(t: float, y: Floats) -> Floats:
         # How the sensitivities feel the states is left out: it steers Newton's iteration only, not the result.
@@ -205,7 +211,7 @@ def _variational(vector_field: VectorField, width: int) -> Equations:
         result[width:, width:] = np.kron(own, np.eye(len(y) // width - 1))
         return result
 
-    return Equations(rates, jacobian, width)
+    return RightHandSide(derivatives, jacobian, width)
 
 
 def _variational_start(problem: InitialValueProblem, tolerance: float) -> tuple[Floats, Floats]:

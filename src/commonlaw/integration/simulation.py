@@ -35,13 +35,13 @@ def simulate(
 
     Parameters
     ----------
-    runs
+    problems
         What to integrate; all must be of one kind of law if there are events.
     method
         ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with inputs, abs or sign are refused.
         ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000 points, or
-        sensitivities); LSODA otherwise, for laws that heyoka does not take, and for runs that it cannot finish: stiff
-        ones, which need too many of its steps, and those through points where the law has no derivatives.
+        sensitivities); LSODA otherwise, for laws that heyoka does not take, and for problems that it cannot finish:
+        stiff ones, which need too many of its steps, and those through points where the law has no derivatives.
         `Trajectory.method` says which one it was, and why.
     tolerance
         Relative error of a step.
@@ -96,13 +96,13 @@ def integrate(
     Parameters
     ----------
     field
-        From time and states, shape (d,), to rates, shape (d,).
+        From time and states, shape (d,), to derivatives, shape (d,).
     initial
         States at the first time, shape (d,).
     times
         Where the states are options, increasing, shape (n,).
     jacobian
-        Exact derivatives of the rates by the states, shape (d, d); found by differences if not given.
+        Exact derivatives of the field by the states, shape (d, d); found by differences if not given.
     relative_tolerance
         Of each state; the absolute tolerance is a thousandth of it times the size of the initial states and of their
         change over the first sample.
@@ -119,17 +119,17 @@ def integrate(
     CommonlawError
         If the initial states or the times are not finite, or the times do not increase.
     """
-    from commonlaw.integration.lsoda import Equations, solve
+    from commonlaw.integration.lsoda import RightHandSide, solve
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
     check_start(initial, times, where)
-    equations = Equations(field, jacobian, len(initial))
-    return solve(equations, initial, times, relative_tolerance, np.zeros(len(initial)), where)
+    right_hand_side = RightHandSide(field, jacobian, len(initial))
+    return solve(right_hand_side, initial, times, relative_tolerance, np.zeros(len(initial)), where)
 
 
 @dataclass(frozen=True)
 class _Choice:
-    """The integrator for a law, what makes one for runs that it cannot finish, and why it is not the first choice."""
+    """The integrator for a law, one for problems that it cannot finish, and why it is not the first choice."""
 
     first: AbstractIntegrator
     second: Callable[[], AbstractIntegrator] | None = None

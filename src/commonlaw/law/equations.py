@@ -85,6 +85,11 @@ class AbstractEquations(ABC):
             The object.
         values
             The law's variables (states, rates, inputs, time), shape (n, variables).
+
+        Raises
+        ------
+        CommonlawError
+            If there is no such object.
         """
         return np.asarray(self.terms.evaluate(np.asarray(values, dtype=np.float64)) @ self.coefficients_of(name).T)
 
@@ -139,21 +144,33 @@ class AbstractEquations(ABC):
         Raises
         ------
         CommonlawError
-            If errors are asked for that are not known.
+            If the object is not named and there are several, or errors are asked for that are not known.
         """
         name = self._only(name)
         rows = zip(self.left_hand_sides, self.coefficients_of(name), self._shown_errors(name, errors), strict=True)
         return tuple(text.equation(*row, self.terms.names, digits) for row in rows)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`."""
+        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`.
+
+        Raises
+        ------
+        CommonlawError
+            If the object is not named and there are several, or errors are asked for that are not known.
+        """
         name = self._only(name)
         left = text.latex_left_hand_sides(self.states, self.order)
         terms = [term.latex(self.terms.variables.names) for term in self.terms.terms]
         return text.latex(left, self.coefficients_of(name), self._shown_errors(name, errors), terms, digits)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
-        """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side."""
+        """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
+
+        Raises
+        ------
+        CommonlawError
+            If the object is not named and there are several.
+        """
         from commonlaw.law.symbolic import sympy_equations
 
         return sympy_equations(self.left_hand_sides, self.coefficients_of(self._only(name)), self.terms)

@@ -97,7 +97,13 @@ class Forecast:
         return pd.concat(parts, ignore_index=True)
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
-        """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`."""
+        """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`.
+
+        Raises
+        ------
+        CommonlawError
+            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
+        """
         if self.std is None:
             raise CommonlawError(
                 "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
@@ -119,18 +125,18 @@ class Forecast:
 
         schema, rows = self.trials.schema, []
         for trial, forecast, trajectory in zip(self.trials, self._states(), self.trajectories, strict=True):
-            gaps = np.abs(np.nan_to_num(forecast, nan=np.inf) - trial.states)
+            errors = np.abs(np.nan_to_num(forecast, nan=np.inf) - trial.states)
             lost = np.flatnonzero(np.isnan(forecast).any(axis=1))
             for j, name in enumerate(schema.states):
-                gap = gaps[~np.isnan(trial.states[:, j]), j]
+                error = errors[~np.isnan(trial.states[:, j]), j]
                 rows.append(
                     {
                         schema.object: trial.object,
                         schema.trial: trial.name,
                         "state": name,
-                        "rms error": np.sqrt(np.mean(gap**2)) if len(gap) else np.nan,
-                        "largest error": gap.max() if len(gap) else np.nan,
-                        "last error": gap[-1] if len(gap) else np.nan,
+                        "rms error": np.sqrt(np.mean(error**2)) if len(error) else np.nan,
+                        "largest error": error.max() if len(error) else np.nan,
+                        "last error": error[-1] if len(error) else np.nan,
                         "diverged after": np.nan if trajectory.outcome is None else trial.times[lost[0] - 1],
                     }
                 )

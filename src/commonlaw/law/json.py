@@ -1,7 +1,7 @@
 """The saved form of a law: JSON of a versioned schema."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, cast
+from collections.abc import Mapping, Sequence
+from typing import Literal, cast
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.law.alternative import Alternative
+from commonlaw.law.earlier_versions import compared_with_the_best, renamed
 from commonlaw.law.history import Step
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
@@ -111,9 +112,11 @@ def decode(content: bytes) -> Fields:
                 "read it with the release that wrote it, or discover the law again"
             )
         raw = msgspec.json.decode(content)
-        document = msgspec.convert(raw if version == VERSION else _renamed(raw), type=_Law)
+        document = msgspec.convert(raw if version == VERSION else renamed(raw), type=_Law)
     except msgspec.DecodeError as error:
         raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
+    if version < VERSION:
+        document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
     schema = document.schema
     variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time)
     terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))
@@ -171,47 +174,3 @@ def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Float
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
         raise CommonlawError(f"the law is damaged: {what} not {shape[0]} x {shape[1]} numbers")
     return np.array(rows)
-
-
-_UNCERTAINTY = {
-    "covariance": "covariance",
-    "common": "shared_factor",
-    "noise": "noise",
-    "inclusion": "inclusion_probabilities",
-}
-_PROVENANCE = ("differentiation", "outcomes", "alternatives", "history")
-_OUTCOME_KINDS = {"not obeyed": "model error"}
-_MEASURES = {"evidence lost": "2 log B"}
-
-
-def _renamed(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document of version 1 or 2, not validated yet, by the names of version 3."""
-
-    def outcome(each: dict[str, Any]) -> dict[str, Any]:
-        kind = each.get("kind")
-        return each | {"kind": _OUTCOME_KINDS.get(str(kind), kind)}
-
-    def alternative(each: dict[str, Any]) -> dict[str, Any]:
-        named = {{"settings": "hyperparameters"}.get(key, key): value for key, value in each.items()}
-        if isinstance(named.get("measures"), dict):
-            named["measures"] = {_MEASURES.get(key, key): value for key, value in named["measures"].items()}
-        return named
-
-    moved = {*_UNCERTAINTY, *_PROVENANCE}
-    provenance = {key: document[key] for key in _PROVENANCE if key in document}
-    for key, rename in (("outcomes", outcome), ("alternatives", alternative)):
-        if key in provenance:
-            provenance[key] = _each(provenance[key], rename)
-    return {
-        **{key: value for key, value in document.items() if key not in moved},
-        "version": VERSION,
-        "uncertainty": {name: document[key] for key, name in _UNCERTAINTY.items() if key in document},
-        "provenance": provenance,
-    }
-
-
-def _each(values: Any, rename: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
-    """Return a list with every entry renamed; what is no list of entries is left to the validation."""
-    if not isinstance(values, list):
-        return values
-    return [rename(each) if isinstance(each, dict) else each for each in values]

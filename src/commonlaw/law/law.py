@@ -210,7 +210,13 @@ class Law(AbstractEquations):
     # What the law predicts
 
     def vector_field(self, name: str) -> VectorField:
-        """Return the right-hand side for one object, ready to integrate."""
+        """Return the right-hand side for one object, ready to integrate.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
         free = self.support if self.shared else None
         return VectorField(self.terms, self.coefficients_of(name), self.order, free=free)
 
@@ -249,17 +255,22 @@ class Law(AbstractEquations):
             raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
         starts = initial if isinstance(initial, Mapping) else dict.fromkeys(self.objects, initial)
         width, grid = len(self.states) * max(1, self.order), np.asarray(times, dtype=np.float64)
-        runs = {}
+        problems = {}
         for name, start in starts.items():
             state = np.atleast_1d(np.asarray(start, dtype=np.float64))
             if state.shape != (width,):
                 wanted = ", ".join(self.terms.variables.states)
                 raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            runs[name] = InitialValueProblem(self.vector_field(name), state, grid, name)
+            problems[name] = InitialValueProblem(self.vector_field(name), state, grid, name)
         found = simulate(
-            runs.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
+            problems.values(),
+            method=method,
+            tolerance=tolerance,
+            events=events,
+            dense=dense,
+            sensitivities=sensitivities,
         )
-        return dict(zip(runs, found, strict=True))
+        return dict(zip(problems, found, strict=True))
 
     def predict(
         self,

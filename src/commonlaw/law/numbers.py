@@ -1,4 +1,8 @@
-"""Numbers with their standard errors, as people write them."""
+"""Numbers with their standard errors, as people write them.
+
+The package `uncertainties` writes 1230 ± 680 as (1.23 ± 0.68)e+03, a small negative number as -0.00, and does not part
+a number from an error that asks for too many digits. These three rules would stay here, so that it would save nothing.
+"""
 
 _DIGITS = 2
 """Significant digits of an error."""
@@ -28,10 +32,10 @@ def with_error(value: float, error: float, digits: int = 4, bracket: bool = Fals
     >>> with_error(1.2e-5, 3.4e-7), with_error(0.012, 0.34), with_error(12345, 678)
     ('(1.200 ± 0.034)e-05', '0.01 ± 0.34', '12340 ± 680')
     """
-    number, doubt, exponent = _rounded(value, error, digits)
-    pair = f"{number} ± {doubt}" if doubt else number
+    number, uncertainty, exponent = _rounded(value, error, digits)
+    pair = f"{number} ± {uncertainty}" if uncertainty else number
     power = f"e{exponent:+03d}" if exponent else ""
-    return f"({pair}){power}" if doubt and (bracket or power) else pair + power
+    return f"({pair}){power}" if uncertainty and (bracket or power) else pair + power
 
 
 def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
@@ -40,10 +44,10 @@ def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool 
     >>> print(latex_with_error(1.2e-5, 3.4e-7), latex_with_error(9.44, 0.12), latex_with_error(2e7, 0))
     \left(1.200 \pm 0.034\right) \times 10^{-5} 9.44 \pm 0.12 2 \times 10^{7}
     """
-    number, doubt, exponent = _rounded(value, error, digits)
-    pair = rf"{_powers(number)} \pm {_powers(doubt)}" if doubt else number
+    number, uncertainty, exponent = _rounded(value, error, digits)
+    pair = rf"{_powers(number)} \pm {_powers(uncertainty)}" if uncertainty else number
     power = rf" \times 10^{{{exponent}}}" if exponent else ""
-    return rf"\left({pair}\right){power}" if doubt and (bracket or power) else pair + power
+    return rf"\left({pair}\right){power}" if uncertainty and (bracket or power) else pair + power
 
 
 def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
@@ -51,7 +55,7 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     if error == 0:
         mantissa, _, power = f"{value:.{digits}g}".partition("e")
         return mantissa, "", int(power or 0)
-    last, size = _place(error, _DIGITS) - _DIGITS + 1, _place(max(abs(value), error), _MOST)
+    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MOST)
     if size - last >= _MOST:
         return f"{value:.{_MOST}g}", f"{error:.{_DIGITS}g}", 0
     exponent = 0 if -4 <= size < 6 else size
@@ -63,7 +67,7 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     return text(value), text(error), exponent
 
 
-def _place(number: float, digits: int) -> int:
+def _leading_digit(number: float, digits: int) -> int:
     """Return the decimal place of the first digit of a number that is rounded to so many digits."""
     return int(f"{number:.{digits - 1}e}".partition("e")[2])
 

@@ -63,6 +63,11 @@ def interval_frame(
         Shape (equations, terms); None if they are not known.
     level
         The probability that a coefficient lies in its interval.
+
+    Raises
+    ------
+    CommonlawError
+        If the level is not between 0 and 1.
     """
     width = normal_quantile(level)
     rows = []

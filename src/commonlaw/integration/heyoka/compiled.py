@@ -86,10 +86,10 @@ class Compiled:
     width
         The number of states.
     terminal
-        The places of the terminal events among all events.
+        The indices of the terminal events among all events.
     found
-        What the other events write to: place, time, states.
-    slopes
+        What the other events write to: index, time, states.
+    initial_sensitivities
         The initial sensitivities, row by row; empty without.
     """
 
@@ -97,12 +97,12 @@ class Compiled:
     width: int
     terminal: list[int]
     found: Found
-    slopes: Floats
+    initial_sensitivities: Floats
 
     def start(self, problem: InitialValueProblem, levels: Floats) -> None:
         """Set parameters, state and time to the start of a problem."""
         self.stepper.pars[:] = np.concatenate([problem.field.coefficients[problem.field.kept], levels])
-        self.reset(problem.start, np.concatenate([problem.initial, self.slopes]))
+        self.reset(problem.start, np.concatenate([problem.initial, self.initial_sensitivities]))
 
     def reset(self, time: float, row: Floats) -> None:
         """Set time and state, and forget what was found."""
@@ -136,10 +136,10 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
     rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest
     system: Any = list(zip(states, rates, strict=True))
-    parameters, slopes = len(structure.pairs), np.empty(0)
+    parameters, initial_sensitivities = len(structure.pairs), np.empty(0)
     if structure.sensitivities:
         system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
-        slopes = np.hstack([np.zeros((len(states), len(structure.free))), np.eye(len(states))]).ravel()
+        initial_sensitivities = np.hstack([np.zeros((len(states), len(structure.free))), np.eye(len(states))]).ravel()
     terminal, found, events = _events(structure, variables)
     large = structure.sensitivities or parameters > _LARGE
     stepper = heyoka.taylor_adaptive(
@@ -151,11 +151,11 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
         opt_level=1 if large else 0,
         **events,
     )
-    return Compiled(stepper, len(states), terminal, found, slopes)
+    return Compiled(stepper, len(states), terminal, found, initial_sensitivities)
 
 
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:
-    """Return the places of terminal events, the list that others write to, and both as heyoka takes them."""
+    """Return the indices of terminal events, the list that others write to, and both as heyoka takes them."""
     directions = {
         1: heyoka.event_direction.positive,
         -1: heyoka.event_direction.negative,
@@ -173,11 +173,11 @@ def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Foun
 
     passing, terminal, indices = [], [], []
     for i, (term, sign, ends) in enumerate(structure.events):
-        gap = translated(term, variables) - heyoka.par[len(structure.pairs) + i]
+        crossed = translated(term, variables) - heyoka.par[len(structure.pairs) + i]
         if ends:
-            terminal.append(heyoka.t_event(gap, direction=directions[sign]))
+            terminal.append(heyoka.t_event(crossed, direction=directions[sign]))
             indices.append(i)
         else:
-            passing.append(heyoka.nt_event(gap, writer(i), direction=directions[sign]))
+            passing.append(heyoka.nt_event(crossed, writer(i), direction=directions[sign]))
     lists = {"t_events": terminal, "nt_events": passing}
     return indices, found, {name: each for name, each in lists.items() if each}

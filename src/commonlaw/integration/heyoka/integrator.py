@@ -13,7 +13,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, not_integrated, state_scale
-from commonlaw.integration.event import Gaps, event_terms, occurrences
+from commonlaw.integration.event import EventFunctions, event_terms, occurrences
 from commonlaw.integration.heyoka.compiled import Compiled, Found, Structure, compiled
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
@@ -58,23 +58,23 @@ class HeyokaIntegrator(AbstractIntegrator):
             elif ended is not None and path.failure:
                 outcome = not_integrated(ended, path.failure, problem.where)
         found = [each for each in path.found if ended is None or each[1] <= ended]
-        slopes = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
+        sensitivities = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
         events = occurrences(self.options.events, found, width)
-        return Trajectory(problem.times, rows[:, :width], outcome, ended, events, slopes, path.dense, "heyoka")
+        return Trajectory(problem.times, rows[:, :width], outcome, ended, events, sensitivities, path.dense, "heyoka")
 
     def _levels(self, problem: InitialValueProblem) -> Floats:
         """Return the levels of the events.
 
-        One that the run starts on is moved by a rounding error, away from where the run goes: heyoka would take the
-        start for a crossing, and may miss others in the same step.
+        One that the start is on is moved by a rounding error, away from where the trajectory goes: heyoka would take
+        the start for a crossing, and may miss others in the same step.
         """
         events = self.options.events
         levels = np.array([event.level for event in events])
         if events:
-            gaps = Gaps(events, problem.field, event_terms(events, problem.field.terms.variables))
+            functions = EventFunctions(events, problem.field, event_terms(events, problem.field.terms.variables))
             before, after = (
-                gaps(problem.start, problem.initial),
-                gaps.at_start(problem.start, problem.initial, float(np.ptp(problem.times))),
+                functions(problem.start, problem.initial),
+                functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times))),
             )
             values = levels + before
             aside = values - np.sign(after) * np.maximum(np.spacing(np.abs(values)), 1e-300)
@@ -91,7 +91,7 @@ class _Path:
     rows
         At the first times, at least at the first.
     found
-        What happened: place of the event, time, states.
+        What happened: index of the event, time, states.
     dense
         States at any time, if options.
     ended
@@ -163,7 +163,7 @@ def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: flo
 
 def _before_runaway(problem: InitialValueProblem, states: Floats) -> int:
     """Return how many of the first rows are finite and not too far."""
-    # The largest state of most runs is not even far from the initial ones: then the rates need not be known.
+    # The largest state of most trajectories is not even far from the initial ones: then the rates need not be known.
     if not np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
         limit = FAR * state_scale(problem.initial, problem.field, problem.times)
         lost = np.flatnonzero(~(np.abs(states) <= limit).all(axis=1))

@@ -1,4 +1,4 @@
-"""Bands of forecasts are as wide as forecasts with other noise and other coefficients differ."""
+"""Standard deviations of forecasts are as wide as forecasts with other noise and other coefficients differ."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
     )
 
 
-def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise():
+def test_standard_deviations_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise():
     drops = datasets.linear_drag(drag=[-0.3, -0.5], noise=0.0, trials=1)
     rule = parse_differentiation("savgol:11:3")
     law = unsure(datasets.linear_drag.truth(drag=[-0.3, -0.5]), 0.03, 0.05)
@@ -55,7 +55,7 @@ def test_bands_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise(
 
 
 @pytest.mark.parametrize("method", ["scipy", "auto"])
-def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_states(method):
+def test_standard_deviations_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_states(method):
     trials = datasets.lotka_volterra(noise=0.0)[[0, 3]]
     trials = trials.with_trials([trial.cut(80) for trial in trials])
     law = unsure(datasets.lotka_volterra.truth(), 0.005, 0.05).select(trials.objects)
@@ -76,7 +76,7 @@ def test_bands_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_
 
 
 @pytest.mark.parametrize("rule", ["forward", "centered", "finite:6", "savgol:15:3", "savgol:5:2:finite:4", "spectral"])
-def test_the_spread_of_an_initial_rate_is_exact_for_linear_differentiators(rule):
+def test_the_standard_deviation_of_an_initial_rate_is_exact_for_linear_differentiators(rule):
     """Var(w x) = noise^2 w w', and the initial height is one of the samples that the rate is made from."""
     times = np.linspace(0, 2, 40)
     trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
@@ -101,7 +101,7 @@ def test_the_spread_of_an_initial_rate_is_exact_for_linear_differentiators(rule)
 @pytest.mark.parametrize(
     ("method", "excess"), [(SmoothedDifference(WienerFilter(15)), 0.1), (SmoothedDifference(MedianFilter(5)), 0.3)]
 )
-def test_the_spread_of_an_initial_rate_is_not_too_small_for_other_differentiators(method, excess):
+def test_the_standard_deviation_of_an_initial_rate_is_not_too_small_for_other_differentiators(method, excess):
     times, rng = np.linspace(0, 2, 40), np.random.default_rng(3)
     noisy = (20 - 4.9 * times**2)[:, np.newaxis] + 0.2 * rng.standard_normal((40, 2000))
     expected = method.differentiate(times, noisy, 1).derivatives[0][0].std()
@@ -120,7 +120,7 @@ def test_the_spread_of_an_initial_rate_is_not_too_small_for_other_differentiator
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 
-def test_a_law_that_is_known_exactly_has_bands_from_the_initial_state_alone():
+def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone():
     """x' = -x shrinks the error of the start as the state itself."""
     terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
     times = np.linspace(0, 3, 31)
@@ -153,7 +153,7 @@ def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
     np.testing.assert_allclose(found, 0.1 * times * np.exp(-times), rtol=1e-6, atol=1e-12)
 
 
-def test_discrete_laws_have_bands():
+def test_discrete_laws_have_standard_deviations():
     terms = parse_library("terms:x").bind(Variables(("x",)))
     law = Law(
         terms,
@@ -175,7 +175,7 @@ def forecast():
     return law.predict(datasets.lotka_volterra(), return_std=True)
 
 
-def test_bands_are_tables_of_normal_quantiles(forecast):
+def test_intervals_are_tables_of_normal_quantiles(forecast):
     frame = forecast.interval(0.8)
     schema = forecast.trials.schema
     assert list(frame.columns) == [schema.object, schema.trial, schema.time, "state", "forecast", "low", "high"]
@@ -190,16 +190,16 @@ def test_bands_are_tables_of_normal_quantiles(forecast):
     np.testing.assert_allclose(noisy["high"] - noisy["forecast"], norm.ppf(0.9) * np.hypot(forecast.std[0][:, 0], 0.05))
 
 
-def test_the_table_of_a_forecast_with_a_spread_has_the_ends_of_its_bands(forecast):
-    frame, bands = forecast.to_frame(), forecast.interval()
+def test_the_table_of_a_forecast_with_standard_deviations_has_the_ends_of_its_intervals(forecast):
+    frame, intervals = forecast.to_frame(), forecast.interval()
     assert list(frame.columns)[3:8] == ["x", "x forecast", "x error", "x low", "x high"]
     for state in ("x", "y"):
-        own = bands[bands["state"] == state]
+        own = intervals[intervals["state"] == state]
         np.testing.assert_allclose(frame[f"{state} low"], own["low"])
         np.testing.assert_allclose(frame[f"{state} high"], own["high"])
 
 
-def test_forecasts_with_and_without_a_spread_are_the_same(forecast):
+def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):
     law, trials = datasets.lotka_volterra.truth(), forecast.trials
     plain = law.predict(trials)
     assert plain.std is None
@@ -208,7 +208,7 @@ def test_forecasts_with_and_without_a_spread_are_the_same(forecast):
     assert "x low" not in plain.to_frame()
 
 
-def test_a_diverged_forecast_has_no_band_after_its_end():
+def test_a_diverged_forecast_has_no_standard_deviation_after_its_end():
     terms = parse_library("terms:x**2").bind(Variables(("x",)))
     times = np.array([0.0, 0.5, 0.9, 1.5, 2.0])
     law = Law(
@@ -225,7 +225,7 @@ def test_a_diverged_forecast_has_no_band_after_its_end():
     assert np.isnan(std[3:]).all()
 
 
-def test_what_is_missing_for_bands_is_named():
+def test_what_is_missing_for_intervals_is_named():
     law, trials = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), datasets.lotka_volterra()
     assert law.has_std
     for missing, message in (

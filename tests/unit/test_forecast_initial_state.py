@@ -48,7 +48,7 @@ def noisy(trial: Trial, noise, seed: int) -> Trial:
     return replace(trial, states=trial.states + noise * np.random.default_rng(seed).standard_normal(trial.states.shape))
 
 
-def test_the_start_of_a_linear_law_and_its_spread_are_those_of_weighted_least_squares():
+def test_the_start_of_a_linear_law_and_its_standard_deviation_are_those_of_weighted_least_squares():
     """With samples at irregular times, and values missing, in the first sample too."""
     matrix, noise, rng = np.array([[-0.3, 2.0], [-1.5, -0.1]]), np.array([0.05, 0.2]), np.random.default_rng(0)
     law = law_of("terms:x,y", ("x", "y"), matrix, noise)
@@ -85,7 +85,7 @@ def test_more_samples_than_a_trial_has_are_all_of_them():
     )
 
 
-def test_bands_know_that_the_start_makes_up_for_errors_of_the_coefficients():
+def test_standard_deviations_know_that_the_start_makes_up_for_errors_of_the_coefficients():
     times = np.linspace(0, 3, 60)
     measured = noisy(Trial("tank", "1", times, 4 / (1 + np.exp(-times))), 1e-4, 0).states
     law = law_of("terms:x,x^2", ("x",), [[1.0, -0.25]], [0.02], variance=0.03**2)
@@ -156,7 +156,7 @@ def test_a_law_of_second_order_that_knows_its_noise_starts_from_what_rates_are_e
     np.testing.assert_array_equal(start, pairs[0].states[0])
 
 
-def test_the_truth_is_within_the_stated_bands_as_often_as_they_say():
+def test_the_truth_is_within_the_stated_intervals_as_often_as_they_say():
     clean = datasets.lotka_volterra(noise=0.0)[[0]]
     law = measured(datasets.lotka_volterra.truth().select(clean.objects), [0.2, 0.1])
     law = replace(law, uncertainty=replace(law.uncertainty, covariance=np.zeros((1, 4, 4))))
@@ -196,7 +196,7 @@ def test_inputs_drive_the_fitted_samples_too():
     np.testing.assert_allclose(start_of(law.predict(trials, start=15)), expected, rtol=1e-6)
 
 
-def test_bands_of_a_trajectory_that_runs_away_are_known_as_far_as_it_and_the_first_samples_go():
+def test_standard_deviations_of_a_trajectory_that_runs_away_are_known_as_far_as_it_and_the_first_samples_go():
     times = np.linspace(0, 2, 41)
     law = law_of("terms:x^2", ("x",), [[1.0]], [0.5])
     forecast = law.predict(trials_of(law, 1 + 0 * times, times=times), start=6, return_std=True)
