@@ -138,7 +138,7 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
     with pytest.raises(CommonlawError, match="unknown object of this law"):
         cl.refine(by_rates.select(by_rates.objects[:1]), prey)
     for setting, message in (
-        ({"covariance": "guess"}, "unknown kind of covariance"),
+        ({"covariance": "guess"}, "unknown covariance"),
         ({"huber_threshold": 0.0}, "above zero"),
     ):
         with pytest.raises(CommonlawError, match=message):

@@ -2,15 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
-from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import HUBER_THRESHOLD, PATH, finish, known_noise, search_supports, with_supports
+from commonlaw.inference import (
+    HUBER_THRESHOLD,
+    PATH,
+    CovarianceKind,
+    check_covariance_kind,
+    check_huber_threshold,
+    finish,
+    known_noise,
+    search_supports,
+    with_supports,
+)
 from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
@@ -52,18 +62,14 @@ class TrajectoryLikelihood(AbstractMethod):
 
     noise: Mapping[str, float] | None = None
     huber_threshold: float = HUBER_THRESHOLD
-    covariance: Literal["likelihood", "bootstrap"] = "likelihood"
+    covariance: CovarianceKind = "likelihood"
     partial_pooling: bool = True
     solver: AbstractSolver | str | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_choice("covariance", self.covariance, ("likelihood", "bootstrap"))
-        if not self.huber_threshold > 0:
-            raise CommonlawError(
-                f"huber_threshold is {self.huber_threshold}: give how many standard deviations of noise a measurement "
-                "must be off to be an outlier, above zero"
-            )
+        check_covariance_kind(self.covariance)
+        check_huber_threshold(self.huber_threshold)
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
             raise CommonlawError(

@@ -1,14 +1,13 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
-from commonlaw.inference.covariance import COVARIANCE_KINDS, CovarianceKind, check_covariance_kind
+from commonlaw.inference.covariance import CovarianceKind, check_covariance_kind
 from commonlaw.inference.law_search import PATH, Search, finish, search_supports, with_supports
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.search import SearchState, fit_supports
-from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.inference.search_problem import SearchProblem, check_huber_threshold, known_noise, prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
-    "COVARIANCE_KINDS",
     "HUBER_THRESHOLD",
     "PATH",
     "CovarianceKind",
@@ -16,6 +15,7 @@ __all__ = [
     "SearchProblem",
     "SearchState",
     "check_covariance_kind",
+    "check_huber_threshold",
     "finish",
     "fit_supports",
     "known_noise",

@@ -1,7 +1,7 @@
 """How sure coefficients are."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import linearize, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
-
-COVARIANCE_KINDS = ("likelihood", "bootstrap")
 
 _BLOCKS = 30
 """Blocks of an object's trials that are drawn: long enough to hold what errors have to do with each other."""
@@ -32,10 +30,11 @@ def check_covariance_kind(kind: str) -> None:
     Raises
     ------
     CommonlawError
-        If it is not one of `COVARIANCE_KINDS`; the message lists them.
+        If it is not one of `CovarianceKind`; the message lists them.
     """
-    if kind not in COVARIANCE_KINDS:
-        raise unknown("kind of covariance", kind, COVARIANCE_KINDS)
+    kinds = get_args(CovarianceKind)
+    if kind not in kinds:
+        raise unknown("covariance", kind, kinds)
 
 
 def covariances(
