@@ -120,6 +120,18 @@ def test_the_standard_deviation_of_an_initial_rate_is_not_too_small_for_other_di
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 
+def test_the_seed_draws_the_noise_that_shows_how_accurate_a_nonlinear_differentiator_is():
+    times = np.linspace(0, 2, 40)
+    trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
+    terms = parse_library("terms:1").bind(Variables(("x", "v")))
+    known, method = Uncertainty([[[0.0]]], noise=[0.2]), Provenance(SmoothedDifference(MedianFilter(5)))
+    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8]]]), known, method)
+    trials = Trials((trial,), law.schema)
+    first, again, other = (law.predict(trials, start=1, return_std=True, seed=seed).std[0] for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert 0 < np.max(np.abs(other / first - 1)) < 0.3
+
+
 def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone():
     """x' = -x shrinks the error of the start as the state itself."""
     terms = parse_library("terms:x,x**2").bind(Variables(("x",)))

@@ -33,7 +33,7 @@ of a thousand samples, to a fiftieth of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
-class FittedStart:
+class FittedInitialState:
     """The initial state of largest likelihood under a law whose coefficients stay as they are.
 
     Parameters
@@ -42,15 +42,15 @@ class FittedStart:
         States, and rates for a law of second order, shape (width,).
     trial
         The first samples, which it was fitted to.
-    measurement
+    observation_model
         What these are worth.
     """
 
     initial: Floats
     trial: Trial
-    measurement: ObservationModel
+    observation_model: ObservationModel
 
-    def uncertainty(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
+    def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return what makes a forecast from this start uncertain.
 
         The noise of the samples does, and so does every error of the coefficients, which the start makes up for as far
@@ -72,7 +72,7 @@ class FittedStart:
         assert trajectory.sensitivities is not None
         width, (samples, states) = len(self.initial), self.trial.states.shape
         by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
-        weights = self.measurement.weights(self.trial.states - trajectory.states[:samples, :states])
+        weights = self.observation_model.weights(self.trial.states - trajectory.states[:samples, :states])
         rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[:samples, :states]
         rows = rows[np.isfinite(rows).all(axis=2)]
         # With Q R = rows of the start, the information is R' R
@@ -87,7 +87,7 @@ class FittedStart:
         return replace(trajectory, sensitivities=carried), root @ root.T
 
 
-def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
+def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
     """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
 
     The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
@@ -117,8 +117,8 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
     guess = np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
-    measurement = ObservationModel(noise, HUBER_THRESHOLD)
-    model = TrajectoryModel(law.terms, law.order, meshes([trial], _POINTS), measurement, unit)
+    observation_model = ObservationModel(noise, HUBER_THRESHOLD)
+    model = TrajectoryModel(law.terms, law.order, meshes([trial], _POINTS), observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
         model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _MODEL_ERRORS
@@ -128,10 +128,10 @@ def fitted_start(law: Law, trial: Trial, count: int) -> FittedStart:
             f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its "
             "start was to be fitted; take start=1, the first sample as measured, or leave the trial out"
         )
-    return FittedStart(found.states[0][0], trial, measurement)
+    return FittedInitialState(found.states[0][0], trial, observation_model)
 
 
-def fits_starts(law: Law) -> bool:
+def can_fit_initial_state(law: Law) -> bool:
     """Whether the law knows what samples are worth, so that a start can be fitted to them."""
     return law.noise is not None and bool(law.noise.all())
 
@@ -140,7 +140,7 @@ def _noise_of(law: Law) -> Floats:
     """Return the noise of a law that a start can be fitted by."""
     if law.order == 0:
         raise CommonlawError("a law in discrete time starts at the first sample: use start=1")
-    if law.noise is None or not fits_starts(law):
+    if law.noise is None or not can_fit_initial_state(law):
         lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
         raise CommonlawError(
             f"this law {lacks}, and so not what the first samples are worth: give its noise, a standard deviation "

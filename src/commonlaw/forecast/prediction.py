@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedStart, fits_starts, fitted_start
+from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
 from commonlaw.forecast.intervals import trajectory_std
 from commonlaw.integration import InitialValueProblem, simulate
 from commonlaw.law import Law
@@ -61,9 +61,8 @@ def predict(
     _check_variables(law, trials)
     covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
     counts = [_count(law, trial) if start is None else start for trial in trials]
-    fitted = [
-        None if count == 1 else fitted_start(law, trial, count) for trial, count in zip(trials, counts, strict=True)
-    ]
+    pairs = zip(trials, counts, strict=True)
+    fitted = [None if count == 1 else fit_initial_state(law, trial, count) for trial, count in pairs]
     problems = [_problem(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
     if covariance is None or noise is None:
         return Forecast(trials, simulate(problems, method=method, tolerance=tolerance))
@@ -76,7 +75,7 @@ def predict(
         if own is None:
             deviations.append(trajectory_std(trajectory, known, _start_covariance(law, trial, noise, seed)))
         else:
-            carried, initial = own.uncertainty(trajectory)
+            carried, initial = own.propagated(trajectory)
             deviations.append(trajectory_std(carried, known, initial))
     # The derivatives have done their work, and are many times larger than the states
     return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(deviations), noise)
@@ -88,13 +87,13 @@ def _count(law: Law, trial: Trial) -> int:
     The first sample, or those that the first rate would be estimated from: the law knows better than a polynomial how
     the states move there, if it knows what the samples are worth.
     """
-    if law.order != 2 or law.differentiation is None or not fits_starts(law):
+    if law.order != 2 or law.differentiation is None or not can_fit_initial_state(law):
         return 1
     count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
     return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= MIN_SAMPLES else 1
 
 
-def _problem(law: Law, trial: Trial, fitted: FittedStart | None) -> InitialValueProblem:
+def _problem(law: Law, trial: Trial, fitted: FittedInitialState | None) -> InitialValueProblem:
     field = replace(law.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
     initial = _measured_start(law, trial) if fitted is None else fitted.initial
     return InitialValueProblem(field, initial, trial.times, trial.label)

@@ -124,23 +124,13 @@ def solve(
         if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
             return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
-        size = state_scale(
-            start[:width],
-            lambda t, y: rhs.derivatives(t, np.concatenate([y, start[width:]]))[:width],
-            times,
-        )
+        others = start[width:]
+        size = state_scale(start[:width], lambda t, y: rhs.derivatives(t, np.concatenate([y, others]))[:width], times)
         absolute[:width] = 1e-3 * tolerance * size
         # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
         # takes steps without end before a blow-up, and calls it a success where states have become infinite.
-        solver = LSODA(
-            rhs.derivatives,
-            times[0],
-            start,
-            times[-1],
-            rtol=tolerance,
-            atol=absolute,
-            jac=rhs.jacobian,
-        )
+        span = times[0], start, times[-1]
+        solver = LSODA(rhs.derivatives, *span, rtol=tolerance, atol=absolute, jac=rhs.jacobian)
         reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
         for _ in range(MAX_STEPS):
             bad = _step(solver) or _runaway(solver.y[:width], size)

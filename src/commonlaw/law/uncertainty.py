@@ -52,13 +52,8 @@ class Uncertainty:
         CommonlawError
             If an array does not fit the law, or is no covariance, noise or probability.
         """
-        covariance, factor, noise, inclusion = (
-            self.covariance,
-            self.shared_factor,
-            self.noise,
-            self.inclusion_probabilities,
-        )
-        size = int(support.sum())
+        covariance, factor = self.covariance, self.shared_factor
+        noise, inclusion, size = self.noise, self.inclusion_probabilities, int(support.sum())
         if covariance is not None:
             covariance = checked_covariance(covariance, objects, size)
         if factor is not None:
