@@ -50,7 +50,7 @@ def held(laws: Iterable[Stated | None], truth: Floats) -> NDArray[np.bool_]:
 
 def interval(share: float, count: float) -> tuple[float, float]:
     """Return the 95 % interval of Jeffreys for a share of that many observations (Brown, Cai and DasGupta 2001)."""
-    low, high = beta.ppf([0.025, 0.975], share * count + 0.5, (1 - share) * count + 0.5)
+    low, high = np.atleast_1d(beta.ppf([0.025, 0.975], share * count + 0.5, (1 - share) * count + 0.5))
     return float(low), float(high)
 
 

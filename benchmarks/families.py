@@ -74,7 +74,8 @@ class Experiment:
     def noise(self, level: float) -> Floats:
         """Return the standard deviation of the noise: the level times each measured state's, its mean over trials."""
         measured = len(self.family.equations)
-        return level * np.mean([run.states[:, :measured].std(axis=0) for runs in self.runs for run in runs], axis=0)
+        deviations = [run.states[:, :measured].std(axis=0) for runs in self.runs for run in runs]
+        return np.asarray(level * np.mean(deviations, axis=0))
 
     def bounds(self, level: float) -> Floats:
         """Return the Cramer-Rao bound of each coefficient's standard deviation, shape (objects, parameters)."""
@@ -112,6 +113,7 @@ class Experiment:
 
     def errors(self, law: cl.Law) -> Floats:
         """Return the standard errors of a law of the true support, as the coefficients here are ordered."""
+        assert law.covariance is not None
         listed = [tuple(index) for index in np.argwhere(law.support)]
         order = [listed.index(tuple(index)) for index in self._places(law)]
         return np.asarray(np.sqrt(law.covariance[:, order, order]))

@@ -6,6 +6,7 @@ SymPy and SciPy only: nothing here is commonlaw's, so that commonlaw can be meas
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import sympy
@@ -105,7 +106,7 @@ def _whitened(derivatives: Floats, noise: Floats) -> Floats:
 @cache
 def _field(
     variables: tuple[str, ...], equations: Equations
-) -> Callable[[list[float], list[float]], tuple[list[float]]]:
+) -> Callable[[list[float], list[float]], tuple[Any, Any, Any]]:
     """Return the function of states and coefficients that gives rates, their derivatives by states, by coefficients."""
     states = sympy.symbols(variables)
     coefficients = sympy.symbols(f"c:{sum(map(len, equations))}")
@@ -113,7 +114,9 @@ def _field(
     given = [sum(next(numbers) * _expression(term) for term in equation) for equation in equations]
     rates = sympy.Matrix([*states[len(equations) :], *given])
     wanted = [list(rates), rates.jacobian(states).tolist(), rates.jacobian(coefficients).tolist()]
-    return sympy.lambdify((states, coefficients), wanted, "math", cse=True)
+    function: Callable[[list[float], list[float]], tuple[Any, Any, Any]]
+    function = sympy.lambdify((states, coefficients), wanted, "math", cse=True)
+    return function
 
 
 def _expression(term: str) -> sympy.Expr:

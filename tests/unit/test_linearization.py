@@ -102,7 +102,7 @@ def test_the_linearization_about_the_best_fit_has_its_minimum_and_curvature_ther
     model, start = of_prey(measured)
     found = fit(model, start, SUPPORT, (0.1,), 60)
     rows = linearize(model, found, 0.1).problem
-    held = 0.0
+    held = np.zeros(())
     for mesh, states in zip(model.meshes, found.states, strict=True):
         linear = jacobians(model.field(found.coefficients, SUPPORT), mesh, states)
         residuals = model.residuals(mesh, states)

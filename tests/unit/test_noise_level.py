@@ -24,14 +24,15 @@ def _lorenz(count=150):
     return trial.times, trial.states[:, 0]
 
 
-def _found(times, signal, level, draws=200, outliers=0.0, size=20.0):
+def _found(signal, level, draws=200, outliers=0.0, size=20.0):
     """Return estimates over many draws in units of the true noise, shape (draws,)."""
+    times, values = signal
     generator = np.random.default_rng(RNG_SEED)
     noise = generator.standard_normal((len(times), draws))
     spoiled = generator.random(noise.shape) < outliers
     noise += size * spoiled * generator.choice([-1, 1], noise.shape)
-    scale = level * (signal.std() or 1)
-    return noise_level(times, signal[:, np.newaxis] + scale * noise) / scale
+    scale = level * (values.std() or 1)
+    return noise_level(times, values[:, np.newaxis] + scale * noise) / scale
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -39,20 +40,20 @@ def _found(times, signal, level, draws=200, outliers=0.0, size=20.0):
     "signal", [_sine(20), _sine(50), _lorenz(), (np.arange(150.0), np.zeros(150))], ids=["20", "50", "chaos", "none"]
 )
 def test_the_noise_of_150_samples_is_found_without_bias_and_to_a_tenth(signal, level):
-    found = _found(*signal, level)
+    found = _found(signal, level)
     assert found.mean() == pytest.approx(1, abs=0.03)
     assert found.std() < 0.125
 
 
 def test_the_error_falls_with_the_number_of_samples():
-    found = _found(*_sine(50, 2400), 0.01, 60)
+    found = _found(_sine(50, 2400), 0.01, 60)
     assert found.mean() == pytest.approx(1, abs=0.01)
     assert found.std() < 0.03
 
 
 def test_the_noise_of_a_fall_of_49_samples_is_found():
     times = np.arange(49) / 15
-    found = _found(times, 40 - 19.6 * times + 39.2 * (1 - np.exp(-0.5 * times)), 0.005, 400)
+    found = _found((times, 40 - 19.6 * times + 39.2 * (1 - np.exp(-0.5 * times))), 0.005, 400)
     assert np.median(found) == pytest.approx(1, abs=0.05)
     assert found.std() < 0.22
 
@@ -61,7 +62,7 @@ def test_the_noise_of_a_fall_of_49_samples_is_found():
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("signal", [_sine(40), _lorenz()], ids=["sine", "chaos"])
 def test_outliers_in_one_sample_of_twenty_do_not_count(signal, level, size):
-    found = _found(*signal, level, 100, outliers=0.05, size=size)
+    found = _found(signal, level, 100, outliers=0.05, size=size)
     assert np.median(found) == pytest.approx(1, abs=0.08)
     assert np.quantile(found, 0.9) < 1.35
 
@@ -77,7 +78,7 @@ STEPS = {
 @pytest.mark.parametrize("level", LEVELS)
 def test_irregular_sampling_does_not_bias_it(steps, level):
     times = np.cumsum(steps)
-    found = _found(times, np.sin(2 * np.pi * times / 40), level)
+    found = _found((times, np.sin(2 * np.pi * times / 40)), level)
     assert found.mean() == pytest.approx(1, abs=0.05)
     assert found.std() < 0.16
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
@@ -73,6 +74,7 @@ def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law:
         np.testing.assert_array_equal(x[1:-1], path["from"].to_numpy()[1:])
         np.testing.assert_array_equal(y, [*path[column], path[column].iloc[-1]])
         (span,) = panel.patches
+        assert isinstance(span, Rectangle)
         assert (span.get_x(), span.get_x() + span.get_width()) == pytest.approx((chosen["from"], chosen["to"]))
         assert panel.get_lines()[1].get_xdata() == [1.5, 1.5]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["chosen", "mine"]

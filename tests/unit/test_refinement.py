@@ -86,8 +86,8 @@ def test_errors_by_drawing_blocks_anew_agree_with_those_of_the_likelihood(prey, 
 
 
 def test_errors_by_drawing_blocks_anew_need_no_true_noise(prey, by_rates):
-    wrong, true = ({"x": factor * NOISE, "y": factor * NOISE} for factor in (4, 1))
-    true = cl.refine(by_rates, prey, noise=true, partial_pooling=False)
+    wrong, right = ({"x": factor * NOISE, "y": factor * NOISE} for factor in (4, 1))
+    true = cl.refine(by_rates, prey, noise=right, partial_pooling=False)
     likely, drawn = (
         cl.refine(by_rates, prey, noise=wrong, covariance=errors, partial_pooling=False)
         for errors in ("likelihood", "bootstrap")

@@ -185,7 +185,12 @@ def test_stability_is_high_for_true_terms_and_low_for_others():
 def test_resamples_are_rows_repeated_as_often_as_their_block_is_drawn():
     data = rows(trials=2)
     drawn = []
-    stability(compressed(data), lambda problems: drawn.append(problems[0]) or path(compressed(data)), 1, seed=3)
+
+    def noted(problems):
+        drawn.append(problems[0])
+        return path(compressed(data))
+
+    stability(compressed(data), noted, 1, seed=3)
     counts = np.bincount(np.random.default_rng(3).integers(4, size=4), minlength=4)
     blocks = [block for trial in data[0] for block in trial]
     library, target = stacked([block for block, count in zip(blocks, counts, strict=True) for _ in range(count)])

@@ -38,7 +38,7 @@ def maps(figure: Figure) -> list[Axes]:
     return figure.axes[:-1]
 
 
-def labels(panel: Axes) -> tuple[list[str], list[str]]:
+def labels(panel: Axes) -> tuple[list[str], ...]:
     return tuple(
         [text.get_text() for text in axis.get_ticklabels() if text.get_text()] for axis in (panel.xaxis, panel.yaxis)
     )

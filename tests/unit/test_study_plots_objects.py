@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from commonlaw.plots import render
 from studies.falling_balls.plots import Curve, plot_by_object, plot_curves
@@ -34,6 +35,7 @@ def test_a_series_looks_alike_in_every_panel_and_is_in_the_legend_with_the_spans
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["drop 1", "drop 2", "printed"]
     for panel in (left, right):
         (span,) = panel.patches
+        assert isinstance(span, Rectangle)
         assert (span.get_x(), span.get_width()) == pytest.approx((0.15, 0.1))
         assert panel.get_xlim()[0] == 0
 

@@ -245,8 +245,8 @@ def test_neighbours_are_the_chosen_support_and_all_that_differ_by_one_term_or_an
                 other = TRUTH.copy()
                 other[equation] = support
                 assert above == pytest.approx(evidence.value(other) - evidence.value(TRUTH), abs=1e-6)
-        above = [each.twice_log_bayes_factor for each in listed]
-        assert above == sorted(above)
-        assert above[0] == 0
+        factors = [each.twice_log_bayes_factor for each in listed]
+        assert factors == sorted(factors)
+        assert factors[0] == 0
         assert [each.chosen for each in listed] == [True] + [False] * (len(listed) - 1)
         np.testing.assert_array_equal(listed[0].support, TRUTH[equation])
