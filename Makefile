@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
+.PHONY: help demo study layers test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -38,6 +38,9 @@ lint: $(STAMP) ## Style and format
 
 types: $(STAMP) ## Types, strictly
 	$(BIN)/mypy
+
+layers: $(STAMP) ## Draw docs/layers.svg from the import contract
+	$(BIN)/python docs/layers.py
 
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports

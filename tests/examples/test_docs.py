@@ -1,0 +1,34 @@
+"""What the documentation shows of the code is what the code is."""
+
+import importlib.util
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parents[2]
+
+
+def drawn():
+    spec = importlib.util.spec_from_file_location("layers", ROOT / "docs" / "layers.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def words(svg):
+    return ["".join(each.itertext()) for each in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_the_picture_of_the_layers_is_that_of_the_import_contract():
+    module = drawn()
+    shown = words(module.PICTURE.read_bytes())
+    assert shown == words(module.picture()), "the contract has changed: run make layers"
+
+
+def test_every_file_that_contributors_are_led_to_is_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    walk = text.partition("## One trial's way through the rooms")[2].partition("\n## ")[0]
+    room = ""
+    for bold, file in re.findall(r"\*\*(\w+)\*\*|`([\w/]+\.py|\w+/)`", walk):
+        room = bold or room
+        assert (ROOT / "src" / "commonlaw" / room / file).exists(), f"{room}/{file}"
