@@ -41,20 +41,20 @@ class Choice:
         return form_of(self.law)
 
     @cached_property
-    def lost(self) -> dict[str, float]:
-        """Twice the log-evidence that each form has less than the best, from the best to the worst."""
+    def against(self) -> dict[str, float]:
+        """Twice the log Bayes factor of the best form against each, from the best, which has 0, to the worst."""
         least = min(self.values.values())
         return {form: self.values[form] - least for form in sorted(self.values, key=lambda each: self.values[each])}
 
     @cached_property
     def listed(self) -> dict[str, tuple[float, float]]:
-        """What the law's own list says of each form in it: twice the log-evidence lost, and the probability."""
+        """What the law's own list says of each form in it: 2 log B, and the probability."""
         measures = {each.terms: each.measures for each in self.law.alternatives}
-        lost = {terms: float(own["2 log B"] or 0.0) for terms, own in measures.items()}
+        factors = {terms: float(own["2 log B"] or 0.0) for terms, own in measures.items()}
         return {
-            form: (lost[terms], float(measures[terms]["probability"] or 0.0))
+            form: (factors[terms], float(measures[terms]["probability"] or 0.0))
             for form, terms in DRAG_FORMS.items()
-            if terms in lost
+            if terms in factors
         }
 
     @property
@@ -96,7 +96,7 @@ def _choose(trials: Trials) -> Choice:
 
 def agreed(choices: Mapping[str, Choice]) -> list[str]:
     """Return the groups in which the choice is the form of largest evidence."""
-    return [group for group, choice in choices.items() if choice.form == next(iter(choice.lost))]
+    return [group for group, choice in choices.items() if choice.form == next(iter(choice.against))]
 
 
 def _choices_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
@@ -104,10 +104,10 @@ def _choices_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
         {
             "balls": group,
             "chosen": choice.form,
-            "largest evidence": next(iter(choice.lost)),
-            **{form.split()[0]: choice.lost[form] for form in DRAG_FORMS},
+            "largest evidence": next(iter(choice.against)),
+            **{form.split()[0]: choice.against[form] for form in DRAG_FORMS},
             "noise (m)": float(choice.law.noise[0]) if choice.law.noise is not None else None,
-            "error (noise)": choice.errors.get(choice.form),
+            "model error (noise)": choice.errors.get(choice.form),
         }
         for group, choice in choices.items()
     ]
@@ -120,9 +120,9 @@ def _evidence_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
             "balls": group,
             "law": form,
             "chosen": form == choice.form,
-            "evidence lost": choice.lost[form],
-            "its error, in units of the noise": choice.errors[form],
-            "evidence lost at the error of the chosen law": choice.listed.get(form, (None, None))[0],
+            "2 log B": choice.against[form],
+            "its model error, in units of the noise": choice.errors[form],
+            "2 log B at the model error of the chosen law": choice.listed.get(form, (None, None))[0],
             "probability then": choice.listed.get(form, (None, None))[1],
         }
         for group, choice in choices.items()
@@ -136,9 +136,9 @@ def _results(choice: Choice) -> dict[str, Any]:
     for form in DRAG_FORMS:
         at_chosen, probability = choice.listed.get(form, (None, None))
         laws[form] = {
-            "evidence_lost": choice.lost[form],
+            "two_log_bayes_factor": choice.against[form],
             "error": choice.errors[form],
-            "evidence_lost_at_error_of_chosen": at_chosen,
+            "two_log_bayes_factor_at_error_of_chosen": at_chosen,
             "probability": probability,
         }
     return {"chosen": choice.form, "noise": choice.law.noise, "error": choice.error, "laws": laws}
@@ -148,11 +148,11 @@ def _found(choices: Mapping[str, Choice]) -> str:
     same = agreed(choices)
     lines = []
     for group, choice in choices.items():
-        best, second = list(choice.lost)[:2]
+        best, second = list(choice.against)[:2]
         if group in same:
-            verdict = f"the evidence agrees, and {second} loses {_words(choice.lost[second])}"
-        elif choice.form in choice.lost:
-            verdict = f"the evidence is for {best}, and the choice loses {_words(choice.lost[choice.form])}"
+            verdict = f"the evidence agrees, and {second} loses {_words(choice.against[second])}"
+        elif choice.form in choice.against:
+            verdict = f"the evidence is for {best}, and the choice loses {_words(choice.against[choice.form])}"
         else:
             verdict = f"the evidence among the four laws is for {best}"
         lines.append(f"- {group}: the choice is {choice.form}; {verdict}.")
@@ -168,15 +168,17 @@ def _found(choices: Mapping[str, Choice]) -> str:
     )
 
 
-def _words(lost: float) -> str:
-    words = next(words for bound, words in EVIDENCE_WORDS.items() if lost < bound)
-    return f"{lost:.1f} ({words})"
+def _words(value: float) -> str:
+    words = next(words for bound, words in EVIDENCE_WORDS.items() if value < bound)
+    return f"{value:.1f} ({words})"
 
 
 def _favoured(choices: Mapping[str, Choice], drag: str) -> str:
     """Return the groups whose evidence is for this one of the two drags, each with the loss of the other."""
     other = {"linear": "quadratic", "quadratic": "linear"}[drag]
-    gains = {group: choice.lost[f"{other} drag"] - choice.lost[f"{drag} drag"] for group, choice in choices.items()}
+    gains = {
+        group: choice.against[f"{other} drag"] - choice.against[f"{drag} drag"] for group, choice in choices.items()
+    }
     return listed([f"the {group} (by {gain:.1f})" for group, gain in gains.items() if gain > 0])
 
 
@@ -212,15 +214,15 @@ evidence. It chooses by rates on held-out trials, and takes the fewest terms wit
 the evidence stands beside the choice, and they need not agree.
 """
 _CHOICES = (
-    "What the default method chooses for each group of balls, and the law of largest evidence. The four columns "
-    "after these are twice the log-evidence that a law has less than the best of the four, each with an error of its "
-    "own: below 2 is hardly worth a mention, up to 6 is positive, up to 10 strong, above it very strong evidence for "
-    "the best (Kass and Raftery 1995). Then the noise of the heights, and the error of the chosen law in each step, in "
-    "units of the noise."
+    "What the default method chooses for each group of balls, and the law of largest evidence. The four columns after "
+    "these are 2 log B, twice the log Bayes factor of the best of the four against each, each with a model error of "
+    "its own: below 2 is hardly worth a mention, up to 6 is positive, up to 10 strong, above it very strong evidence "
+    "for the best (Kass and Raftery 1995). Then the noise of the heights, and the model error of the chosen law in "
+    "each step, in units of the noise."
 )
 _EVIDENCE = (
-    "The same evidence, with the error that suits each law. The last two columns are the list that the default method "
-    "keeps with its law (`law.candidates()`), relative to the best in it: there all laws are judged with the error of "
-    "the chosen one, which hides part of what others gain if the chosen one needs a larger error. An empty cell is a "
-    "law that differs from the chosen one by more than one term, and was not compared."
+    "The same evidence, with the model error that suits each law. The last two columns are the list that the default "
+    "method keeps with its law (`law.candidates()`), relative to the best in it: there all laws are compared with the "
+    "model error of the chosen one, which hides part of what others gain if the chosen one needs a larger one. An "
+    "empty cell is a law that differs from the chosen one by more than one term, and was not compared."
 )

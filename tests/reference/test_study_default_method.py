@@ -110,7 +110,7 @@ def test_what_is_chosen_is_what_discover_chooses_and_its_list_says(drops, result
     for form, terms in DRAG_FORMS.items():
         row = listed.loc[", ".join(terms)]
         lost = row["2 log B"]
-        assert found["laws"][form]["evidence_lost_at_error_of_chosen"] == pytest.approx(lost, abs=1e-6)
+        assert found["laws"][form]["two_log_bayes_factor_at_error_of_chosen"] == pytest.approx(lost, abs=1e-6)
         assert found["laws"][form]["probability"] == pytest.approx(row["probability"], rel=1e-6)
 
 
@@ -123,7 +123,7 @@ def test_no_group_obeys_a_law_and_the_error_in_the_history_is_the_one_of_largest
 
 def test_choice_and_evidence_of_each_group(results):
     found = {
-        group: (each["chosen"], min(FORMS, key=lambda form: each["laws"][form]["evidence_lost"]))
+        group: (each["chosen"], min(FORMS, key=lambda form: each["laws"][form]["two_log_bayes_factor"]))
         for group, each in results["choices"].items()
     }
     assert found == {
@@ -170,7 +170,7 @@ def test_linear_drag_suits_the_whiffle_balls_better_than_quadratic_as_a_likeliho
         misfit(drops.of_object(ball), found["noise"][0], 2) - misfit(drops.of_object(ball), found["noise"][0], 1)
         for ball in BALL_GROUPS["whiffle balls"]
     )
-    lost = {form: each["evidence_lost"] for form, each in found["laws"].items()}
+    lost = {form: each["two_log_bayes_factor"] for form, each in found["laws"].items()}
     assert lost["quadratic drag"] - lost["linear drag"] == pytest.approx(gain, rel=0.3)
 
 
@@ -182,7 +182,10 @@ def test_the_verdicts_and_tables_say_the_numbers(section):
     assert "a tie" in section.verdicts[1].text
     tables = {block.name: block.frame for block in section.blocks if isinstance(block, Table)}
     assert tables["default-choices"]["linear"].tolist() == pytest.approx(
-        [each["laws"]["linear drag"]["evidence_lost"] for each in section.results["default_method"]["choices"].values()]
+        [
+            each["laws"]["linear drag"]["two_log_bayes_factor"]
+            for each in section.results["default_method"]["choices"].values()
+        ]
     )
     assert len(tables["default-evidence"]) == 24
 

@@ -38,8 +38,8 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     """Plot measured points and forecast lines, and below them the error, one pair of panels for each object and state.
 
     A forecast that diverged ends at a cross; values that are not finite are not drawn, and axes are set by what was
-    measured. A forecast with a spread has a band that a measurement lies in with a probability of 95 %, its noise
-    included if that is known; around the errors it is a band around zero.
+    measured. A forecast with standard deviations has a band that a measurement lies in with a probability of
+    95 %, its noise included if that is known; around the errors it is a band around zero.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class _Curve:
     diverged: bool
     color: str
     margin: Floats
-    """Half the width of the band, as far as the forecast; zero without a spread."""
+    """Half the width of the band, as far as the forecast; zero without standard deviations."""
 
     @property
     def error(self) -> Floats:
@@ -178,7 +178,7 @@ def _draw_pair(pair: _Pair) -> None:
 
 
 def _draw_bands(pair: _Pair) -> None:
-    """Draw the bands of forecasts with a spread, behind all else, no farther than a panel's height outside of it."""
+    """Draw the bands of forecasts, behind all else, no farther than a panel's height outside of it."""
     for curve in pair.curves:
         if curve.margin.any():
             for panel, middle in ((pair.above, curve.forecast), (pair.below, 0 * curve.forecast)):
@@ -230,5 +230,5 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
 def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
     kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
-    spread = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
-    return Forecast(trials, tuple(forecast.trajectories[i] for i in kept), spread, forecast.noise)
+    std = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
+    return Forecast(trials, tuple(forecast.trajectories[i] for i in kept), std, forecast.noise)
