@@ -133,6 +133,7 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
     CommonlawError
         If the constraints are not of these shapes, depend on each other, or cannot be met with this support.
     """
+    # LAPACK's gglse asks for independent columns; here dependent ones get the solution of least norm
     from scipy.linalg import block_diag
 
     _check(matrix, right, support)

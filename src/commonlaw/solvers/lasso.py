@@ -115,6 +115,7 @@ def minimize(
     tuple[Floats, bool]
         The minimum, shape (objects, terms), and whether it was reached.
     """
+    # scikit-learn's MultiTaskLasso has one matrix of columns for all targets; here each object has its own
     rate = 1 / max(np.linalg.eigvalsh(gram)[:, -1:].max(initial=0.0), 1e-300)
     now, ahead, momentum = start, start, 1.0
     for _ in range(max_iterations):
