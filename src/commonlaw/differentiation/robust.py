@@ -74,8 +74,7 @@ class RobustSpline(AbstractDifferentiator):
     strength: float | None = None
 
     def __post_init__(self) -> None:
-        if self.strength is not None:
-            check_number("strength", self.strength, 0, above=True)
+        check_number("strength", self.strength, 0, above=True, optional=True)
 
     def reach(self, order: int) -> int | None:
         return None

@@ -40,8 +40,7 @@ class Spectral(AbstractDifferentiator):
     cutoff: float | None = None
 
     def __post_init__(self) -> None:
-        if self.cutoff is not None:
-            check_number("cutoff", self.cutoff, 0, above=True)
+        check_number("cutoff", self.cutoff, 0, above=True, optional=True)
 
     def reach(self, order: int) -> int | None:
         return None

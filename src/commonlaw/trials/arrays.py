@@ -22,12 +22,12 @@ def trials_from_arrays(
     times: Sequence[Any] | NDArray[Any],
     states: ArrayLike,
     *,
-    object: object = "object",
-    trial: object = None,
-    inputs: ArrayLike | None = None,
-    names: Sequence[str] | None = None,
-    units: Mapping[str, str] | None = None,
-    properties: str | os.PathLike[str] | PropertyTable | Any = None,
+    object: object,
+    trial: object,
+    inputs: ArrayLike | None,
+    names: Sequence[str] | None,
+    units: Mapping[str, str] | None,
+    properties: str | os.PathLike[str] | PropertyTable | Any,
 ) -> TrialData:
     """Return the trials in arrays, see `Trials.from_arrays`.
 
