@@ -1,13 +1,13 @@
 """`commonlaw discover`: from a table to a law."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import GroupedCommand, numbers, option
 from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from commonlaw.trials import Trials
 
 
-_LAW, _OUTPUT = "Law", "Output"
+_law, _output = partial(option, "Law"), partial(option, "Output")
 
 _MORE_TERMS = 2
 
@@ -31,39 +31,35 @@ _MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", 
 
 @click.command(cls=GroupedCommand)
 @with_source
-@option(
-    _LAW,
+@_law(
     "--order",
     type=click.IntRange(0, 2),
     default=1,
     help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
 )
-@option(
-    _LAW,
+@_law(
     "--library",
     metavar="SPEC",
     help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), or sums such as 'poly:2 + fourier:1'.  "
     "[default: poly:3]",
 )
-@option(
-    _LAW,
+@_law(
     "--known",
     metavar="TERM=VALUE",
     multiple=True,
     help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
 )
-@option(
-    _LAW,
+@_law(
     "--universal",
     metavar="TERM",
     multiple=True,
     help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
 )
 @with_method
-@option(_OUTPUT, "--save", metavar="LAW.json", help="Write the law.")
-@option(_OUTPUT, "--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
-@option(_OUTPUT, "--history", is_flag=True, help="Print every choice on the way to the law, and why.")
-@option(_OUTPUT, "--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@_output("--save", metavar="LAW.json", help="Write the law.")
+@_output("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf).")
+@_output("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
+@_output("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def discover(
     source: Source,
     order: int,
@@ -88,6 +84,7 @@ def discover(
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
     import commonlaw as cl
+    from commonlaw.datasets import truth_of
 
     with working("Discovering ...") as show:
         trials = source.load()
@@ -102,14 +99,13 @@ def discover(
             progress=show,
         )
         forecast = law.predict(_known(law, held_out) or training, return_std=bool(plot) and law.has_std)
-        truth = _truth(source)
-        outputs = _rendered(law, forecast, truth, save, plot)
+        discovery = _Discovery(training, law, forecast, truth_of(source.dataset) if source.dataset else None)
+        outputs = discovery.files(save, plot)
     write_all(outputs)
-    checked = "training" if forecast.trials is training else "held out"
     if as_json:
-        print_json(_document(law, forecast, checked, truth, training))
+        print_json(discovery.document())
     else:
-        _show(law, forecast, checked, truth, training)
+        discovery.show()
         if history:
             print_history(law)
         for path in outputs:
@@ -129,64 +125,87 @@ def _known(law: "Law", trials: "Trials | None") -> "Trials | None":
     return trials.with_trials(kept) if trials is not None and kept else None
 
 
-def _truth(source: Source) -> "Law | None":
-    from commonlaw.datasets import truth_of
+@dataclass(frozen=True)
+class _Discovery:
+    """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known."""
 
-    return truth_of(source.dataset) if source.dataset else None
+    training: "Trials"
+    law: "Law"
+    forecast: "Forecast"
+    truth: "Law | None"
 
+    @property
+    def is_held_out(self) -> bool:
+        """Whether the forecasts are of trials that the law was not learned from."""
+        return self.forecast.trials is not self.training
 
-def _rendered(
-    law: "Law", forecast: "Forecast", truth: "Law | None", save: str | None, plot: str | None
-) -> dict[str, bytes]:
-    """Return the contents of the files to write, all made before the first is written."""
-    outputs = {}
-    if save:
-        outputs[save] = law.to_json().encode()
-    if plot:
-        from commonlaw.plots import plot_law, render
+    def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
+        """Return the contents of the files to write, all made before the first is written."""
+        outputs = {}
+        if save:
+            outputs[save] = self.law.to_json().encode()
+        if plot:
+            from commonlaw.plots import plot_law, render
 
-        outputs[plot] = render(plot_law(law, forecast, truth=truth), plot)
-    return outputs
+            outputs[plot] = render(plot_law(self.law, self.forecast, truth=self.truth), plot)
+        return outputs
 
+    def show(self) -> None:
+        """Print the law and how well it forecasts."""
+        law, training = self.law, self.training
+        click.echo(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
+        if law.shared:
+            click.echo("\n".join((*law.structure(), "")))
+            columns = self._coefficient_columns()
+            print_table(list(columns), zip(*columns.values(), strict=True))
+        else:
+            click.echo(str(law))
+        if law.alternatives:
+            click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
+            print_table(*_candidate_rows(law))
+        where = "held-out trials" if self.is_held_out else "trials it was learned from"
+        click.echo(
+            f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
+            f"R^2 = {self.forecast.score():.5g}"
+        )
 
-def _show(law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", training: "Trials") -> None:
-    """Print the law and how well it forecasts."""
-    click.echo(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
-    if law.shared:
-        click.echo("\n".join((*law.structure(), "")))
-        print_table(*_coefficient_rows(law, forecast, truth))
-    else:
-        click.echo(str(law))
-    if law.alternatives:
-        click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
-        print_table(*_candidate_rows(law))
-    where = "held-out trials" if checked == "held out" else "trials it was learned from"
-    click.echo(
-        f"\nForecasts of {len(forecast.trials)} {where}, each from its own initial state: R^2 = {forecast.score():.5g}"
-    )
+    def document(self) -> dict[str, object]:
+        """Return all results for ``--json``."""
+        law, forecast = self.law, self.forecast
+        return {
+            "law": json.loads(law.to_json()),
+            "equations": {name: list(law.equations(name)) for name in law.objects},
+            "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
+            "history": [asdict(step) for step in law.history],
+            "truth": None if self.truth is None else json.loads(self.truth.to_json()),
+            "forecast": {
+                "of": "held out" if self.is_held_out else "training",
+                "score": forecast.score(),
+                "errors": forecast.errors().to_dict(orient="records"),
+            },
+            "notes": list(self.training.notes),
+            "outcomes": [str(outcome) for outcome in (*law.outcomes, *forecast.outcomes)],
+        }
 
-
-def _coefficient_rows(law: "Law", forecast: "Forecast", truth: "Law | None") -> tuple[list[str], list[list[object]]]:
-    """Return head and rows of the table of coefficients and forecast errors, true coefficients beside the learned."""
-    units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
-    errors = np.nan_to_num(law.standard_errors)
-    for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
-        equation, term = law.left_hand_sides[j], law.terms.names[k]
-        columns[_with_unit(letter, units.get((equation, term)))] = _cells(law.coefficients[:, j, k], errors[:, j, k])
-        if truth is not None:
-            columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
-    missed = forecast.errors().pivot_table(
-        index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
-    )
-    for state in law.states:
-        head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
-        columns[head] = [float(missed[state].get(name, np.nan)) for name in law.objects]
-    return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
-
-
-def _cells(coefficients: Floats, errors: Floats) -> list[object]:
-    """Return numbers, with their standard errors where they are known."""
-    return [(float(c), float(e)) if e else float(c) for c, e in zip(coefficients, errors, strict=True)]
+    def _coefficient_columns(self) -> dict[str, list[object]]:
+        """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""
+        law, truth = self.law, self.truth
+        units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
+        errors = np.nan_to_num(law.standard_errors)
+        for letter, (j, k) in zip(law.letters, np.argwhere(law.support), strict=True):
+            equation, term = law.left_hand_sides[j], law.terms.names[k]
+            pairs = zip(law.coefficients[:, j, k].tolist(), errors[:, j, k].tolist(), strict=True)
+            head = _with_unit(letter, units.get((equation, term)))
+            columns[head] = [(value, error) if error else value for value, error in pairs]
+            if truth is not None:
+                columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
+        missed = self.forecast.errors().pivot_table(
+            index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
+        )
+        for state in law.states:
+            head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
+            columns[head] = missed[state].reindex(law.objects).tolist()
+        return columns
 
 
 def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
@@ -213,19 +232,3 @@ def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     if term not in truth.terms.names:
         return 0.0
     return float(truth.coefficients_of(name)[equation, truth.terms.index(term)])
-
-
-def _document(
-    law: "Law", forecast: "Forecast", checked: str, truth: "Law | None", training: "Trials"
-) -> dict[str, object]:
-    """Return all results for ``--json``."""
-    return {
-        "law": json.loads(law.to_json()),
-        "equations": {name: list(law.equations(name)) for name in law.objects},
-        "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
-        "history": [asdict(step) for step in law.history],
-        "truth": None if truth is None else json.loads(truth.to_json()),
-        "forecast": {"of": checked, "score": forecast.score(), "errors": forecast.errors().to_dict(orient="records")},
-        "notes": list(training.notes),
-        "outcomes": [str(outcome) for outcome in (*law.outcomes, *forecast.outcomes)],
-    }

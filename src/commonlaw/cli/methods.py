@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,43 +21,41 @@ METHODS = {
 }
 
 _LIKELIHOOD = "Options of trajectory-likelihood"
-_REGRESSION = "Options of derivative-regression, weak-regression and discrete-time-regression"
-_DERIVATIVE = "Options of derivative-regression"
-_WEAK = "Options of weak-regression"
-
+_REGRESSIONS = (
+    "Options of derivative-regression, weak-regression and discrete-time-regression",
+    "Options of derivative-regression",
+    "Options of weak-regression",
+)
+_likelihood = partial(option, _LIKELIHOOD)
+_regression, _derivative, _weak = (partial(option, heading) for heading in _REGRESSIONS)
 
 _LIKELIHOOD_OPTIONS = (
-    option(
-        _LIKELIHOOD,
+    _likelihood(
         "--noise",
         metavar="STATE=VALUE",
         multiple=True,
         help="Known standard deviation of a state's measurement noise; repeat for each state. Goes with "
         "weak-regression too.  [default: estimated]",
     ),
-    option(
-        _LIKELIHOOD,
+    _likelihood(
         "--huber-threshold",
         type=float,
         default=4.0,
         help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
     ),
-    option(
-        _LIKELIHOOD,
+    _likelihood(
         "--covariance",
         type=click.Choice(["likelihood", "bootstrap"]),
         default="likelihood",
         help="How standard errors are found: from the curvature of the likelihood, "
         "or by drawing blocks of the trials anew.",
     ),
-    option(
-        _LIKELIHOOD,
+    _likelihood(
         "--partial-pooling/--no-partial-pooling",
         default=True,
         help="Whether coefficients are drawn to their mean over objects as far as these are alike.",
     ),
-    option(
-        _LIKELIHOOD,
+    _likelihood(
         "--seed",
         type=click.IntRange(0),
         default=0,
@@ -66,8 +64,7 @@ _LIKELIHOOD_OPTIONS = (
 )
 
 _REGRESSION_OPTIONS = (
-    option(
-        _REGRESSION,
+    _regression(
         "--solver",
         metavar="SPEC",
         help="How terms are chosen: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], "
@@ -76,56 +73,47 @@ _REGRESSION_OPTIONS = (
         "so it goes with trajectory-likelihood too.  [default: group-stlsq and best-subset; best-subset for "
         "trajectory-likelihood]",
     ),
-    option(
-        _REGRESSION,
+    _regression(
         "--rule",
         metavar="RULE",
         default="one-standard-error",
         help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, "
         "bic, ebic.",
     ),
-    option(
-        _REGRESSION,
+    _regression(
         "--scoring",
         type=click.Choice(["residuals", "forecasts"]),
         default="residuals",
         help="What candidates are compared by on trials held out.",
     ),
-    option(
-        _REGRESSION,
+    _regression(
         "--resamples",
         "n_resamples",
         type=click.IntRange(0),
         default=20,
         help="Bootstrap resamples that tell how stable the candidates are.",
     ),
-    option(
-        _REGRESSION, "--jobs", "n_jobs", type=int, default=1, help="Processes that share the trials; -1 for one a core."
-    ),
-    option(
-        _DERIVATIVE,
+    _regression("--jobs", "n_jobs", type=int, default=1, help="Processes that share the trials; -1 for one a core."),
+    _derivative(
         "--differentiation",
         metavar="SPEC",
         help="How derivatives are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
         "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. Goes with weak-regression too, where it smooths."
         "  [default: finite:2 for order 1, savgol:35:3 for order 2]",
     ),
-    option(
-        _DERIVATIVE,
+    _derivative(
         "--library-states",
         type=click.Choice(["smoothed", "measured"]),
         default="smoothed",
         help="States that terms are evaluated on.",
     ),
-    option(
-        _DERIVATIVE,
+    _derivative(
         "--trim",
         type=click.IntRange(0),
         default=0,
         help="Rows left out at each end of a trial, where smoothing is least accurate.",
     ),
-    option(
-        _WEAK,
+    _weak(
         "--radius",
         "radii",
         type=float,
@@ -133,21 +121,6 @@ _REGRESSION_OPTIONS = (
         help="Radius of the test functions in samples; repeat for more.  [default: by the spectrum of each trial]",
     ),
 )
-
-_LIKELIHOOD_FIELDS = ("noise", "huber_threshold", "covariance", "partial_pooling", "seed")
-_REGRESSION_FIELDS = (
-    "solver",
-    "rule",
-    "scoring",
-    "n_resamples",
-    "n_jobs",
-    "differentiation",
-    "library_states",
-    "trim",
-    "radii",
-)
-_FLAGS = {"n_resamples": "--resamples", "n_jobs": "--jobs", "radii": "--radius"}
-"""Flags that are not the name of their field."""
 
 _METHOD = option(
     "Method",
@@ -164,8 +137,11 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def wrapped(*, method: str | None, order: int, **values: Any) -> None:
-        given = _likelihood_settings(values) | _given(values, _REGRESSION_FIELDS)
-        command(method=_method(method, given, order), order=order, **values)
+        likelihood, regression = _given(values, _LIKELIHOOD), _given(values, *_REGRESSIONS)
+        if method is None and (likelihood or regression):
+            method = _method_of(regression, order)
+        made = None if method is None else _method(method, likelihood | regression)
+        command(method=made, order=order, **values)
 
     return with_options(wrapped, (_METHOD, *_LIKELIHOOD_OPTIONS, *_REGRESSION_OPTIONS))
 
@@ -175,52 +151,39 @@ def with_likelihood(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def wrapped(**values: Any) -> None:
-        command(settings=_likelihood_settings(values), **values)
+        command(settings=_given(values, _LIKELIHOOD), **values)
 
     return with_options(wrapped, _LIKELIHOOD_OPTIONS)
 
 
-def _likelihood_settings(values: dict[str, Any]) -> dict[str, Any]:
-    """Take the likelihood's options out of a command's values, and return those that were given."""
-    given = _given(values, _LIKELIHOOD_FIELDS)
+def _given(values: dict[str, Any], *headings: str) -> dict[str, Any]:
+    """Take the options under these headings out of a command's values, and return those that were given."""
+    context = click.get_current_context()
+    names = [str(each.name) for each in context.command.params if getattr(each, "group", None) in headings]
+    taken = {name: values.pop(name) for name in names}
+    given = {name: taken[name] for name in names if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
     return given | ({"noise": numbers("--noise", given["noise"])} if "noise" in given else {})
 
 
-def _given(values: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    context = click.get_current_context()
-    own = {name: values.pop(name) for name in names}
-    return {
-        name: value for name, value in own.items() if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    }
-
-
-def _method(name: str | None, given: dict[str, Any], order: int) -> "AbstractMethod | None":
-    """Return the method of this name, or the one whose options are given.
-
-    Raises
-    ------
-    UsageError
-        If an option was given that the method does not have.
-    """
+def _method(name: str, given: dict[str, Any]) -> "AbstractMethod":
+    """Return the method of this name; options that it does not have are wrong usage."""
     from commonlaw import discovery
 
-    if name is None and not given:
-        return None
-    name = name or _method_of(given, order)
     takes = {name: {field.name for field in fields(getattr(discovery, each))} for name, each in METHODS.items()}
-    for each in given:
-        if each not in takes[name]:
-            flag = _FLAGS.get(each, "--" + each.replace("_", "-"))
-            others = " or ".join(other for other in METHODS if each in takes[other])
-            raise click.UsageError(f"{flag} does not go with --method {name}: leave it out, or use --method {others}")
+    for each in click.get_current_context().command.params:
+        if each.name in given and each.name not in takes[name]:
+            others = " or ".join(other for other in METHODS if each.name in takes[other])
+            raise click.UsageError(
+                f"{each.opts[0]} does not go with --method {name}: leave it out, or use --method {others}"
+            )
     made: AbstractMethod = getattr(discovery, METHODS[name])(**given)
     return made
 
 
-def _method_of(given: dict[str, Any], order: int) -> str:
+def _method_of(regression: dict[str, Any], order: int) -> str:
     """Return the name of the method whose options are given."""
     if order == 0:
         return "discrete-time-regression"
-    if "radii" in given:
+    if "radii" in regression:
         return "weak-regression"
-    return "trajectory-likelihood" if given.keys() <= {*_LIKELIHOOD_FIELDS} else "derivative-regression"
+    return "derivative-regression" if regression else "trajectory-likelihood"

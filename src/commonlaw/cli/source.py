@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 import click
@@ -10,65 +10,37 @@ import click
 from commonlaw.cli.options import option, pairs, with_options
 from commonlaw.trials import Schema, Trials
 
-_TABLE = "Table"
+_table = partial(option, "Table")
+_columns = partial(_table, metavar="COLUMN", multiple=True)
 
 _OPTIONS = (
     click.argument("path", required=False, metavar="[FILE]"),
-    option(
-        _TABLE,
+    _table(
         "--dataset",
         metavar="NAME",
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
-    option(_TABLE, "--object", metavar="COLUMN", help="Column that names the object."),
-    option(_TABLE, "--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
-    option(_TABLE, "--time", metavar="COLUMN", help="Column of times."),
-    option(
-        _TABLE,
-        "--state",
-        "states",
-        metavar="COLUMN",
-        multiple=True,
-        help="Column of a measured state; repeat for more.",
-    ),
-    option(
-        _TABLE,
-        "--input",
-        "inputs",
-        metavar="COLUMN",
-        multiple=True,
-        help="Column of a measured input; repeat for more.",
-    ),
-    option(
-        _TABLE,
-        "--property",
-        "properties",
-        metavar="COLUMN",
-        multiple=True,
-        help="Column of an object's property; repeat for more.",
-    ),
-    option(
-        _TABLE,
+    _table("--object", metavar="COLUMN", help="Column that names the object."),
+    _table("--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
+    _table("--time", metavar="COLUMN", help="Column of times."),
+    _columns("--state", "states", help="Column of a measured state; repeat for more."),
+    _columns("--input", "inputs", help="Column of a measured input; repeat for more."),
+    _columns("--property", "properties", help="Column of an object's property; repeat for more."),
+    _table(
         "--unit",
         "units",
         metavar="COLUMN=UNIT",
         multiple=True,
         help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
     ),
-    option(_TABLE, "--sheet", metavar="NAME", help="Sheet of a workbook."),
-    option(
-        _TABLE,
+    _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
+    _table(
         "--where",
         metavar="NAME=VALUE",
         multiple=True,
         help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several; repeat for more.",
     ),
-    option(
-        _TABLE,
-        "--clip",
-        is_flag=True,
-        help="Cut each trial at its last irregular time step (5 ms off the median step).",
-    ),
+    _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."),
 )
 
 
