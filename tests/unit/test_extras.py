@@ -8,6 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.extras import optional_import
+from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
 from commonlaw.report.html import to_html
 
@@ -40,7 +41,7 @@ for read in (
         assert one.label == other.label
         np.testing.assert_array_equal(one.states, other.states)
 law = cl.Law.load("law.json")
-print(law, law.to_latex(law.objects[0]))
+assert r"\\left|" in law.to_latex(law.objects[0]), law.to_latex(law.objects[0])
 law.predict(drops).errors()
 assert not [name for name in {optional} if sys.modules[name]]
 """
@@ -48,7 +49,7 @@ assert not [name for name in {optional} if sys.modules[name]]
 
 @pytest.fixture
 def law_file(tmp_path):
-    law = cl.discover(cl.datasets.linear_drag(noise=0.01, trials=1), order=2, library=cl.PolynomialLibrary(1))
+    law = cl.discover(cl.datasets.linear_drag(noise=0.01, trials=1), order=2, library="terms:1,v*abs(v)")
     law.save(tmp_path / "law.json")
     return tmp_path / "law.json"
 
@@ -69,10 +70,6 @@ def missing(monkeypatch):
     return take_away
 
 
-def an_expression_in_latex(_folder):
-    return cl.library.parse_term("abs(x)", cl.library.Variables(("x",))).latex(["x"])
-
-
 def a_page(_folder):
     return to_html(Report("Balls", "What was found.", ()), {})
 
@@ -83,7 +80,7 @@ FEATURES = {
     "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.from_parquet(folder / "a.parquet")),
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
     "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
-    "an expression in LaTeX": ("sympy", an_expression_in_latex),
+    "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy([])),
     **{f"making a report without {name}": (name, a_page) for name, extra in OPTIONAL.items() if extra == "report"},
 }
 

@@ -98,6 +98,14 @@ def test_a_power_of_a_name_with_odd_characters_is_shown_in_parentheses():
         (("height", "v"), "height^2*v", r"\mathrm{height}^{2} v"),
         (("theta", "omega_dot"), "theta*omega_dot", r"\theta \omega_{\mathrm{dot}}"),
         (("x1", "v_x"), "x1*v_x^2", "x_{1} v_{x}^{2}"),
+        (("x", "v"), "sqrt(1+x)*exp(-v/x)", r"e^{\frac{-v}{x}} \sqrt{x + 1}"),
+        (("x", "v"), "log(1-x*(v+1))", r"\log\left(1 - x \left(v + 1\right)\right)"),
+        (("x", "v"), "(x-(v-1))**0.5", r"\left(x - \left(v - 1\right)\right)^{0.5}"),
+        (
+            ("x", "v"),
+            "x*sign(v)/(2+1e-5*x*3)",
+            r"\frac{x \operatorname{sign}\left(v\right)}{1 \cdot 10^{-5} x \cdot 3 + 2}",
+        ),
         (("wind speed", "x_1"), "`wind speed`*abs(x_1)", r"\mathrm{wind\ speed} \left|{x_{1}}\right|"),
     ],
 )

@@ -12,7 +12,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.library.dual import DUAL, Dual
 from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, NUMPY, Algebra, columns_in, compiled, with_names
-from commonlaw.library.naming import latex_name, quoted
+from commonlaw.library.latex import expression_latex
+from commonlaw.library.naming import quoted
 from commonlaw.library.term import AbstractTerm
 
 if TYPE_CHECKING:
@@ -64,18 +65,8 @@ class Expression(AbstractTerm):
         return with_names(self.code, [quoted(name) for name in names])
 
     def latex(self, names: Sequence[str]) -> str:
-        r"""Return ``\left|{v}\right|``, as SymPy orders and writes it.
-
-        Raises
-        ------
-        CommonlawError
-            If SymPy is not installed.
-        """
-        sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
-
-        symbols = [sympy.Symbol(f"v{i}", real=True) for i in range(len(names))]
-        known = {symbol: latex_name(name) for symbol, name in zip(symbols, names, strict=True)}
-        return str(sympy.latex(self.sympy(symbols), symbol_names=known))
+        r"""Return ``\left|{v}\right|``."""
+        return expression_latex(self.code, names)
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the expression in the symbols.
@@ -86,7 +77,7 @@ class Expression(AbstractTerm):
             If SymPy is not installed, or the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number
             beyond all bounds.
         """
-        sympy = optional_import("sympy", "an expression in LaTeX or SymPy", "symbolic")
+        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
 
         renamed = {"abs": "Abs", "arctan": "atan"}
         functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}

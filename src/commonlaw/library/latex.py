@@ -1,0 +1,76 @@
+"""Expressions in LaTeX, written from what the grammar reads."""
+
+import ast
+from collections.abc import Sequence
+from enum import IntEnum
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.naming import latex_name
+
+
+class _Binding(IntEnum):
+    """How strongly the outermost operation of a formula binds: what binds weaker needs parentheses inside."""
+
+    SUM = 1
+    PRODUCT = 2
+    POWER = 3
+    WHOLE = 4
+
+
+_Formula = tuple[str, _Binding]
+_FORMS = {
+    "abs": (r"\left|{{{}}}\right|", _Binding.WHOLE),
+    "sqrt": (r"\sqrt{{{}}}", _Binding.WHOLE),
+    "exp": ("e^{{{}}}", _Binding.POWER),
+    "sign": (r"\operatorname{{sign}}\left({}\right)", _Binding.POWER),
+}
+
+
+def expression_latex(code: str, names: Sequence[str]) -> str:
+    r"""Return what `commonlaw.library.grammar.write` returned as LaTeX, with these names of the variables.
+
+    >>> print(expression_latex("1 + v0**2/abs(v1)", ["x", "theta"]))
+    \frac{x^{2}}{\left|{\theta}\right|} + 1
+    """
+    return _formula(ast.parse(code, mode="eval").body, names)[0]
+
+
+def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
+    def inside(part: ast.expr, least: _Binding) -> str:
+        latex, binding = _formula(part, names)
+        return latex if binding >= least else rf"\left({latex}\right)"
+
+    match tree:
+        case ast.Name(id=name):
+            return latex_name(names[int(name[1:])]), _Binding.WHOLE
+        case ast.Constant(value=int() | float() as number):
+            return _number(number)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _formula(operand, names)
+        case ast.UnaryOp(operand=operand):
+            return f"-{inside(operand, _Binding.PRODUCT)}", _Binding.SUM
+        case ast.BinOp(op=ast.Add(), left=ast.Constant() as number, right=right) if not isinstance(
+            right, ast.Constant | ast.UnaryOp
+        ):
+            return f"{inside(right, _Binding.PRODUCT)} + {inside(number, _Binding.SUM)}", _Binding.SUM
+        case ast.BinOp(op=ast.Add() | ast.Sub() as op, left=left, right=right):
+            sign = "+" if isinstance(op, ast.Add) else "-"
+            return f"{inside(left, _Binding.SUM)} {sign} {inside(right, _Binding.PRODUCT)}", _Binding.SUM
+        case ast.BinOp(op=ast.Mult(), left=left, right=right):
+            first, second = inside(left, _Binding.PRODUCT), inside(right, _Binding.PRODUCT)
+            return first + (r" \cdot " if second[0].isdecimal() else " ") + second, _Binding.PRODUCT
+        case ast.BinOp(op=ast.Div(), left=left, right=right):
+            return rf"\frac{{{inside(left, _Binding.SUM)}}}{{{inside(right, _Binding.SUM)}}}", _Binding.PRODUCT
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            return f"{inside(base, _Binding.WHOLE)}^{{{inside(exponent, _Binding.SUM)}}}", _Binding.POWER
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            form, binding = _FORMS.get(name, (rf"\{name}\left({{}}\right)", _Binding.POWER))
+            return form.format(inside(argument, _Binding.SUM)), binding
+    raise CommonlawError(f"{ast.unparse(tree)[:30]!r} is not an expression of the language of terms")
+
+
+def _number(number: float) -> _Formula:
+    digits, _, power = repr(number).partition("e")
+    if not power:
+        return digits, _Binding.WHOLE
+    return rf"{digits} \cdot 10^{{{int(power)}}}", _Binding.PRODUCT
