@@ -1,14 +1,14 @@
 """What every solver is."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.solvers.candidate import Candidate, Problems
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values
 
 
 class AbstractSolver(ABC):
@@ -20,14 +20,13 @@ class AbstractSolver(ABC):
         """Name of the argument that says how sparse an equation is: threshold, penalty, terms."""
 
     @property
-    @abstractmethod
     def hyperparameter(self) -> float | None:
         """Its value, with which `solve` can be called; None to have it chosen from the path."""
+        value: float | None = getattr(self, self.hyperparameter_name)
+        return value
 
     @abstractmethod
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         """Return the candidates of one equation at values of the hyperparameter, whatever the solver's own.
 
         Parameters
@@ -43,7 +42,7 @@ class AbstractSolver(ABC):
             value gives, from the most terms to the fewest.
         """
 
-    def solve(self, problems: Problems, allowed: Bools) -> tuple[Candidate, ...]:
+    def solve(self, problems: Problems, allowed: Bools) -> Candidates:
         """Return the candidate of each equation at the solver's own hyperparameter.
 
         Parameters
@@ -71,12 +70,14 @@ def groups(problems: Problems, shared: bool) -> list[Problems]:
     return [problems] if shared else [[problem] for problem in problems]
 
 
-def threshold_path(candidate_at: Callable[[float], Candidate]) -> tuple[Candidate, ...]:
-    """Return the candidates of growing thresholds, from zero until no term is left.
+def threshold_path(candidate_at: Callable[[float], Candidate], values: Values) -> Candidates:
+    """Return the candidates of some thresholds, or of growing ones from zero until no term is left.
 
     Where a threshold drops nothing more, everything that stayed is at least as large; nothing changes until the
     threshold passes the smallest of it, which is the next that is tried.
     """
+    if values is not None:
+        return tuple(map(candidate_at, values))
     found = [candidate_at(0.0)]
     while found[-1].support.any():
         last = found[-1]
@@ -84,19 +85,13 @@ def threshold_path(candidate_at: Callable[[float], Candidate]) -> tuple[Candidat
     return tuple(found)
 
 
-def each_support_once(path: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def each_support_once(path: Candidates) -> Candidates:
     """Return a path without the candidates that have the support of the one before."""
     changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
     return (path[0], *changed)
 
 
 def check_shared(shared: object) -> None:
-    """Refuse what is neither True nor False.
-
-    Raises
-    ------
-    CommonlawError
-        If it is neither.
-    """
+    """Refuse what is neither True nor False."""
     if not isinstance(shared, bool):
         raise CommonlawError(f"shared is {shared!r}: give True for one support of all objects, or False")

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.solvers.base import AbstractSolver, check_shared
-from commonlaw.solvers.candidate import Candidate, Problems
+from commonlaw.solvers.candidate import Candidates, Problems, Values
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
@@ -63,13 +63,7 @@ class BestSubset(AbstractSolver):
         check_whole_number("nodes", self.nodes, 1)
         check_shared(self.shared)
 
-    @property
-    def hyperparameter(self) -> float | None:
-        return self.terms
-
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         choose = self._search_small if values is None else self._search
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
 
@@ -89,14 +83,8 @@ class BestSubset(AbstractSolver):
 class _Node:
     """All supports that hold the terms `inside`, and further ones of those in question.
 
-    Parameters
-    ----------
-    inside
-        Indices of the terms that are in.
-    entering, leaving
-        What the terms in question explain beside those inside, and what it costs when they leave; in the same order.
-    bound
-        What the terms inside and those in question leave unexplained.
+    What the terms in question explain beside those inside is `entering`, and what it costs when they leave `leaving`,
+    in the same order; `bound` is what all of them together leave unexplained.
     """
 
     inside: Indices
@@ -106,17 +94,7 @@ class _Node:
 
 
 class _Search:
-    """The search for the best support of one size.
-
-    Parameters
-    ----------
-    problem
-        What is searched.
-    size
-        Number of terms.
-    starts
-        Supports of this size to begin with.
-    """
+    """The search for the best support of one size, from the best of some supports to begin with."""
 
     def __init__(self, problem: StandardizedProblem, size: int, starts: Sequence[Indices]) -> None:
         self.problem, self.size = problem, size
@@ -172,8 +150,9 @@ class _Search:
         inside = np.append(node.inside, open_[top])
         children = [_Node(inside, node.entering.take(top), node.leaving.drop(top), node.bound)]
         if node.bound + costs[top] < self._bar:
-            without = _Node(node.inside, node.entering.drop(top), node.leaving.take(top), node.bound + costs[top])
-            children.append(without)
+            children.append(
+                _Node(node.inside, node.entering.drop(top), node.leaving.take(top), node.bound + costs[top])
+            )
         return children
 
 
@@ -181,16 +160,11 @@ def _best_of_few(node: _Node, need: int, surplus: int) -> Indices:
     """Return which terms in question to take in where that, or what must leave, is at most two terms."""
     open_ = node.entering.indices
     entering = need <= surplus
-    few, directions = (need, node.entering) if entering else (surplus, node.leaving)
-    if few == 0:
-        indices = open_[:0]
-    elif few == 1:
-        indices = open_[
-            [np.argmax(directions.error_reductions) if entering else np.argmin(directions.error_reductions)]
-        ]
-    else:
-        first, second = np.triu_indices(len(open_), 1)
-        pairs = directions.pair_error_reductions()[first, second]
-        index = np.argmax(pairs) if entering else np.argmin(pairs)
-        indices = open_[[first[index], second[index]]]
+    few, directions, best = (need, node.entering, np.argmax) if entering else (surplus, node.leaving, np.argmin)
+    indices = open_[:0]
+    if few == 1:
+        indices = open_[[best(directions.error_reductions)]]
+    elif few == 2:
+        pairs = np.stack(np.triu_indices(len(open_), 1))
+        indices = open_[pairs[:, best(directions.pair_error_reductions()[*pairs])]]
     return indices if entering else np.setdiff1d(open_, indices)

@@ -11,6 +11,9 @@ from commonlaw.formulation import LeastSquaresProblem
 Problems = Sequence[LeastSquaresProblem]
 """The least-squares problem of each object, all of the same library."""
 
+Values = Sequence[float] | None
+"""Values of a solver's hyperparameter, each of which gives a candidate; None is the whole path."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -58,6 +61,10 @@ class Candidate:
             max(each.largest for each in candidates),
             min(each.smallest for each in candidates),
         )
+
+
+Candidates = tuple[Candidate, ...]
+"""Of one equation, from the most terms to the fewest or in the order of given values of the hyperparameter."""
 
 
 def least_squares(problems: Problems, target: int, support: Bools) -> Floats:

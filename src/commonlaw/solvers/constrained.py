@@ -1,6 +1,5 @@
 """Linear equality constraints on coefficients, within and across objects."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -9,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.solvers.base import AbstractSolver
-from commonlaw.solvers.candidate import Candidate, Problems
+from commonlaw.solvers.candidate import Candidates, Problems, Values
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _RANK = 1e-12
@@ -63,9 +62,7 @@ class Constrained(AbstractSolver):
     def hyperparameter(self) -> float | None:
         return self.solver.hyperparameter
 
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
 
         The whole path ends early where constraints need terms.

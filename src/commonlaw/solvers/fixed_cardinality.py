@@ -7,23 +7,13 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.solvers.base import groups
-from commonlaw.solvers.candidate import Candidate, Problems, least_squares
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """The indices of the terms that were chosen, among those allowed.
-
-    Parameters
-    ----------
-    indices
-        Of the terms.
-    proven
-        Whether they are proved to be the best of their number.
-    converged
-        Whether the search for them came to its end.
-    """
+    """The indices of the terms that were chosen, among those allowed; see `Candidate` for the rest."""
 
     indices: Indices
     proven: bool = False
@@ -36,18 +26,12 @@ def fixed_cardinality(
     problems: Problems,
     target: int,
     allowed: Bools,
-    values: Sequence[float] | None = None,
-) -> tuple[Candidate, ...]:
+    values: Values,
+) -> Candidates:
     """Return one candidate for each number of terms, or with all allowed terms where these are fewer.
 
-    Parameters
-    ----------
-    choose
-        From the problem of objects that have one support, and numbers of terms, to the subset for each number.
-    shared
-        Whether one choice is made for all objects, or each object's own, of equal number.
-    problems, target, allowed, values
-        As in `AbstractSolver.path`; without values, every number from all to none.
+    From the problem of objects that have one support, `choose` makes the subset for each of some numbers of terms.
+    Without values these are all numbers from all to none. Objects with own supports have as many terms each.
     """
     most = int(allowed.sum())
     sizes = range(most, -1, -1) if values is None else [min(int(value), most) for value in values]

@@ -22,7 +22,6 @@ class L1(AbstractImportance):
     """The sum of the magnitudes: the founding paper's choice."""
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the sum over objects."""
         return np.asarray(magnitudes.sum(axis=0))
 
 
@@ -31,7 +30,6 @@ class L2(AbstractImportance):
     """The root of the sum of squares."""
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the Euclidean norm over objects."""
         return np.asarray(np.linalg.norm(magnitudes, axis=0))
 
 
@@ -40,7 +38,6 @@ class Mean(AbstractImportance):
     """The mean of the magnitudes; does not grow with the number of objects."""
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the mean over objects."""
         return np.asarray(magnitudes.mean(axis=0))
 
 
@@ -49,7 +46,6 @@ class Median(AbstractImportance):
     """The median of the magnitudes: one object that goes astray does not matter."""
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the median over objects."""
         return np.asarray(np.median(magnitudes, axis=0))
 
 
@@ -75,7 +71,6 @@ class Quantile(AbstractImportance):
             raise CommonlawError(f"quantile level {self.level!r} does not fit: give a number from 0 to 1")
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the quantile over objects."""
         return np.asarray(np.quantile(magnitudes, self.level, axis=0))
 
 
@@ -101,5 +96,4 @@ class Count(AbstractImportance):
             raise CommonlawError(f"magnitude {self.magnitude!r} of a vote does not fit: give a positive number")
 
     def measure(self, magnitudes: Floats) -> Floats:
-        """Return the number of votes."""
         return np.asarray(np.sum(magnitudes >= self.magnitude, axis=0), dtype=np.float64)

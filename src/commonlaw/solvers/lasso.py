@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, groups
-from commonlaw.solvers.candidate import Candidate, Problems, least_squares
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_number, check_whole_number
 
@@ -55,13 +55,7 @@ class Lasso(AbstractSolver):
         check_number("tolerance", self.tolerance, 0, above=True)
         check_shared(self.shared)
 
-    @property
-    def hyperparameter(self) -> float | None:
-        return self.penalty
-
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         wanted = [0.0, *reversed(_PENALTIES)] if values is None else values
         # Larger penalties come first: the minimum of each is where the search for the next begins
         penalties = sorted({*_PENALTIES[min(wanted) < _PENALTIES], *wanted}, reverse=True)
@@ -97,23 +91,8 @@ def minimize(
 ) -> tuple[Floats, bool]:
     """Return what minimises ``sum_o (b_o' G_o b_o / 2 - r_o' b_o) + penalty sum_t ||b_t||``.
 
-    Parameters
-    ----------
-    gram
-        G, shape (objects, terms, terms).
-    right
-        r, shape (objects, terms).
-    penalty
-        Weight of the norms.
-    start
-        First guess, shape (objects, terms).
-    max_iterations, tolerance
-        As in `Lasso`.
-
-    Returns
-    -------
-    tuple[Floats, bool]
-        The minimum, shape (objects, terms), and whether it was reached.
+    The matrices G have shape (objects, terms, terms); r, the first guess and the minimum have shape (objects, terms).
+    Also returned is whether the minimum was reached, to the tolerance of `Lasso`.
     """
     # scikit-learn's MultiTaskLasso has one matrix of columns for all targets; here each object has its own
     rate = 1 / max(np.linalg.eigvalsh(gram)[:, -1:].max(initial=0.0), 1e-300)

@@ -1,13 +1,12 @@
 """Sparse relaxed regularised regression."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, threshold_path
-from commonlaw.solvers.candidate import Candidate, Problems, least_squares
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
 from commonlaw.validation import check_number, check_whole_number
 
 
@@ -55,13 +54,7 @@ class SR3(AbstractSolver):
         check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
 
-    @property
-    def hyperparameter(self) -> float | None:
-        return self.threshold
-
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         relaxation = self._relaxation(problems, target, allowed)
 
         def candidate_at(threshold: float) -> Candidate:
@@ -70,9 +63,8 @@ class SR3(AbstractSolver):
             largest = float(compared[:, allowed].max(initial=0.0))
             return Candidate(support, coefficients, threshold, False, converged, largest, float(stayed))
 
-        if values is not None:
-            return tuple(candidate_at(value) for value in values)
-        return each_support_once(threshold_path(candidate_at))
+        path = threshold_path(candidate_at, values)
+        return each_support_once(path) if values is None else path
 
     def _relaxation(self, problems: Problems, target: int, allowed: Bools) -> "_Relaxation":
         norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
@@ -109,16 +101,9 @@ class SR3(AbstractSolver):
 class _Relaxation:
     """What the iteration needs at every threshold.
 
-    Parameters
-    ----------
-    start
-        Least squares on all allowed terms, in scaled columns, shape (objects, terms).
-    unit
-        What coefficients of scaled columns are divided by for the threshold, shape (terms,).
-    inverse
-        Of the normal equations of b, shape (objects, terms, terms).
-    pulled
-        The b that follows from w = 0, shape (objects, terms).
+    It starts from least squares on all allowed terms in scaled columns, shape (objects, terms). Coefficients are
+    divided by `unit`, shape (terms,), for the threshold; `inverse` is that of the normal equations of b, shape
+    (objects, terms, terms), and `pulled` the b that follows from w = 0, shape (objects, terms).
     """
 
     start: Floats

@@ -27,16 +27,9 @@ class StandardizedProblem:
     no object decides because it is large or noisy. An object with no more rows than terms has no such variance; the
     mean square of its target is taken.
 
-    Parameters
-    ----------
-    columns
-        Upper triangular factors of the allowed columns, shape (objects, p, p).
-    right
-        The target in the same basis, shape (objects, p).
-    rest
-        What all terms leave unexplained, summed over the objects.
-    variance
-        Each object's residual variance, shape (objects,).
+    It holds the upper triangular factors of the allowed columns, shape (objects, p, p), the target in the same basis,
+    shape (objects, p), what all terms leave unexplained, summed over the objects, and each object's residual variance,
+    shape (objects,).
     """
 
     columns: Floats
@@ -46,10 +39,7 @@ class StandardizedProblem:
 
     @classmethod
     def of(cls, problems: Sequence[LeastSquaresProblem], target: int, allowed: Bools) -> "StandardizedProblem":
-        """Return the problem of all objects from theirs.
-
-        Dependent columns are parted by a small ridge.
-        """
+        """Return the problem of all objects from theirs; dependent columns are parted by a small ridge."""
         size = int(allowed.sum())
         factors = np.array([problem.factor for problem in problems])
         norms = np.array([problem.norms[allowed] for problem in problems])
@@ -116,14 +106,8 @@ def _variance(rest: Floats, total: Floats, rows: Indices, terms: int) -> Floats:
 class Directions:
     """Unit directions, one for each object and term, and the vectors whose projections onto them count.
 
-    Parameters
-    ----------
-    units
-        Shape (objects, terms, p); zero where a term has nothing left of its own.
-    left
-        Shape (objects, p).
-    indices
-        Which terms these are, shape (terms,).
+    They are of shape (objects, terms, p), zero where a term has nothing left of its own, and of shape (objects, p);
+    `indices` tells which terms these are.
     """
 
     units: Floats

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
 from commonlaw.solvers.base import AbstractSolver, check_shared
-from commonlaw.solvers.candidate import Candidate, Problems
+from commonlaw.solvers.candidate import Candidates, Problems, Values
 from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_whole_number
@@ -53,13 +53,7 @@ class StepwiseSelection(AbstractSolver):
         if self.direction not in ("forward", "backward"):
             raise unknown("direction", self.direction, ("forward", "backward"))
 
-    @property
-    def hyperparameter(self) -> float | None:
-        return self.terms
-
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         return fixed_cardinality(self._choose, self.shared, problems, target, allowed, values)
 
     def _choose(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:

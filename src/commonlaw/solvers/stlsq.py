@@ -1,6 +1,5 @@
 """Sequentially thresholded least squares."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.solvers.base import AbstractSolver, check_shared, groups, threshold_path
-from commonlaw.solvers.candidate import Candidate, Problems
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values
 from commonlaw.solvers.importance import L1, AbstractImportance
 from commonlaw.validation import check_number, check_whole_number
 
@@ -65,19 +64,13 @@ class STLSQ(AbstractSolver):
                 "terms, or give shared=True"
             )
 
-    @property
-    def hyperparameter(self) -> float | None:
-        return self.threshold
-
-    def path(
-        self, problems: Problems, target: int, allowed: Bools, values: Sequence[float] | None = None
-    ) -> tuple[Candidate, ...]:
+    def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
 
         def candidate_at(threshold: float) -> Candidate:
             return Candidate.join([self._threshold(each, allowed, threshold) for each in fits])
 
-        return threshold_path(candidate_at) if values is None else tuple(candidate_at(value) for value in values)
+        return threshold_path(candidate_at, values)
 
     def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:
         """Return what objects of one support come to, and with it how far the threshold may rise to give the same."""
@@ -92,25 +85,12 @@ class STLSQ(AbstractSolver):
             if converged:
                 break
             support = kept
-        supports = np.repeat(support[np.newaxis], len(fits.problems), axis=0)
-        return Candidate(
-            supports,
-            fits.coefficients(support),
-            threshold,
-            converged=converged,
-            largest=float(largest),
-            smallest=float(smallest),
-        )
+        supports, coefficients = np.repeat(support[np.newaxis], len(fits.problems), axis=0), fits.coefficients(support)
+        return Candidate(supports, coefficients, threshold, False, converged, float(largest), float(smallest))
 
 
 class _Fits:
-    """Least squares of some objects, each support once.
-
-    Parameters
-    ----------
-    problems, target, ridge
-        As in the solver.
-    """
+    """Least squares of some objects, each support once."""
 
     def __init__(self, problems: Problems, target: int, ridge: float) -> None:
         self.problems, self.target, self.ridge = problems, target, ridge
