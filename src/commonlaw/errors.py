@@ -19,3 +19,10 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
     near = get_close_matches(str(name).casefold(), folded, n=1, cutoff=0.6)
     hint = f"did you mean {folded[near[0]]!r}? " if near else ""
     return CommonlawError(f"unknown {kind} {str(name)!r}: {hint}Known: {', '.join(names) or 'none'}")
+
+
+def check_choice(name: str, value: object, choices: Iterable[object]) -> None:
+    """Refuse a value that is not among the choices of a setting, with the nearest suggestion."""
+    known = list(choices)
+    if value not in known:
+        raise unknown(name, value, known)

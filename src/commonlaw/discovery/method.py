@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback
 from commonlaw.trials import Trials, TrialStream
@@ -59,18 +59,6 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
         raise CommonlawError(
             f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
         )
-
-
-def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Refuse a value that is not among the choices of a setting.
-
-    Raises
-    ------
-    CommonlawError
-        Naming the nearest choice.
-    """
-    if value not in choices:
-        raise unknown(name, value, choices)
 
 
 def parsed(value: T | str | None, parse: Callable[[str], T]) -> T | None:

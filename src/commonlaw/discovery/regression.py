@@ -10,9 +10,9 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.differentiation import AbstractDifferentiator
-from commonlaw.discovery.method import AbstractMethod, check_choice, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
 from commonlaw.law import Law, Provenance
 from commonlaw.progress import ProgressCallback

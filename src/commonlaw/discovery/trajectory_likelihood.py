@@ -2,26 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import numpy as np
 
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.errors import CommonlawError
-from commonlaw.inference import (
-    HUBER_THRESHOLD,
-    PATH,
-    CovarianceKind,
-    check_covariance_kind,
-    check_huber_threshold,
-    finish,
-    known_noise,
-    search_supports,
-    with_supports,
-)
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference import PATH, CovarianceKind, find_law, known_noise
 from commonlaw.law import Law, Provenance
+from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
@@ -68,8 +59,8 @@ class TrajectoryLikelihood(AbstractMethod):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_covariance_kind(self.covariance)
-        check_huber_threshold(self.huber_threshold)
+        check_choice("covariance", self.covariance, get_args(CovarianceKind))
+        ObservationModel(np.ones(1), self.huber_threshold)  # Refuses thresholds that do not fit
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
             raise CommonlawError(
@@ -83,28 +74,17 @@ class TrajectoryLikelihood(AbstractMethod):
         assert isinstance(trials, Trials)
         schema, terms = trials.schema, structure.terms(trials.schema)
         known = structure.known_coefficients(schema, trials.objects)
-        universal = structure.universal_coefficients(schema)
-        noise = None if self.noise is None else known_noise(self.noise, schema.states)
-        rates = suitable_differentiation(trials, structure.order)
-        provenance = Provenance(rates)
-        frame = Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance)
-        found = search_supports(
+        provenance = Provenance(suitable_differentiation(trials, structure.order))
+        return find_law(
             trials,
-            frame,
+            Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance),
             known,
+            held_out_supports=lambda: DerivativeRegression().find(trials, structure, progress).support,
+            universal=structure.universal_coefficients(schema),
             solver=parsed(self.solver, parse_solver) or PATH,
-            noise=noise,
+            noise=None if self.noise is None else known_noise(self.noise, schema.states),
             huber_threshold=self.huber_threshold,
-            progress=progress,
-        )
-        if found.has_model_error:
-            progress("the measurements depart from every law of this library: choosing terms by trials held out")
-            other = DerivativeRegression().find(trials, structure, progress)
-            found = with_supports(found, other.support & np.isnan(known[0]))
-        return finish(
-            found,
             covariance=self.covariance,
-            universal=universal,
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=progress,

@@ -1,12 +1,11 @@
 """How sure coefficients are."""
 
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.errors import unknown
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
@@ -24,42 +23,15 @@ _UNTOLD = 1e-12
 """Directions of columns of unit norm that are smaller say nothing."""
 
 
-def check_covariance_kind(kind: str) -> None:
-    """Refuse a kind of covariance that there is not.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not one of `CovarianceKind`; the message lists them.
-    """
-    kinds = get_args(CovarianceKind)
-    if kind not in kinds:
-        raise unknown("covariance", kind, kinds)
-
-
-def covariances(
-    problem: SearchProblem, state: SearchState, kind: CovarianceKind = "likelihood", seed: int = 0
-) -> Floats:
+def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind, seed: int) -> Floats:
     """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
 
     Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
     known, or zero for an object, have no variance.
 
-    Parameters
-    ----------
-    problem, state
-        What was measured, and what was found.
-    kind
-        ``"likelihood"``: the inverse of Fisher's information, with free initial states. ``"bootstrap"``: the scatter of
-        coefficients when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap
-        of innovations, Stoffer and Wall 1991, in blocks, and linearised about the law).
-    seed
-        Of the blocks that are drawn.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
+    By the inverse of Fisher's information, with free initial states, or by the bootstrap: the scatter of coefficients
+    when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap of innovations,
+    Stoffer and Wall 1991, in blocks, and linearised about the law).
     """
     coefficients = np.array([each.coefficients for each in state.estimates])
     support = np.any(coefficients != 0, axis=0)
@@ -78,16 +50,10 @@ def covariances(
 
 
 def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> Floats:
-    """Return the covariance of least squares on rows whose blocks are drawn with replacement.
+    """Return the covariance of least squares on blocks of rows, drawn with replacement.
 
-    Parameters
-    ----------
-    trials
-        Rows ``[library | target]`` of each, whitened, shape (n, columns).
-    indices
-        The columns of the library that are used.
-    seed
-        Of the blocks that are drawn.
+    `trials` has the rows ``[library | target]`` of each, whitened, and `indices` the columns of the library that are
+    used.
     """
     each = -(-_BLOCKS // len(trials))
     columns = [*indices, -1]

@@ -18,18 +18,15 @@ _NEAR = 1e-12
 def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, needed: float = np.inf) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
 
+    A mean costs the logarithm of the number of measurements on all objects, and a variance the logarithm of the number
+    of objects (the BIC of the hierarchy). Supports that do not come below what is needed get a lower bound of theirs,
+    which takes less time.
+
     Parameters
     ----------
     factors
         The triangular factor of each object's least-squares problem, which has one target and residuals of unit
         variance, shape (objects, terms + 1, terms + 1).
-    indices
-        The terms of the support.
-    measured
-        How many numbers were measured on all objects; a mean costs the logarithm of that, and a variance the logarithm
-        of the number of objects (the BIC of the hierarchy).
-    needed
-        Supports that do not come below this get a lower bound of theirs, which takes less time.
     """
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))

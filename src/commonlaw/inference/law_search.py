@@ -1,20 +1,17 @@
-"""The default way from trials to a law: search supports, perhaps take others, finish.
+"""The default way from trials to a law: search supports, perhaps take others, fit, and judge."""
 
-Each step returns what the next one takes.
-"""
-
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import CovarianceKind, covariances
-from commonlaw.inference.mesh_refinement import FINEST, on_finer_mesh, until_resolved
+from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
 from commonlaw.inference.search import SearchState, fit_supports, neighbours, polish, search
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
-from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -23,44 +20,22 @@ PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
 
 
-@dataclass(frozen=True, eq=False)
-class Search:
-    """A search for a law, as far as it has come.
-
-    Parameters
-    ----------
-    frame
-        Terms, schema, order and objects of the law that is sought, and the coefficients that are known.
-    problem
-        What was measured.
-    state
-        What was found so far.
-    solver
-        Whose path lists the candidates of each equation.
-    """
-
-    frame: Law
-    problem: SearchProblem
-    state: SearchState
-    solver: AbstractSolver
-
-    @property
-    def has_model_error(self) -> bool:
-        """Whether the measurements depart from every law of the library by more than their noise."""
-        return self.state.has_model_error
-
-
-def search_supports(
+def find_law(
     trials: Trials,
     frame: Law,
     known: Floats,
     *,
-    solver: AbstractSolver = PATH,
-    noise: Floats | None = None,
-    huber_threshold: float = HUBER_THRESHOLD,
-    progress: ProgressCallback = lambda _: None,
-) -> Search:
-    """Search for the supports of largest evidence.
+    held_out_supports: Callable[[], Bools],
+    universal: Bools,
+    solver: AbstractSolver,
+    noise: Floats | None,
+    huber_threshold: float,
+    covariance: CovarianceKind,
+    partial_pooling: bool,
+    seed: int,
+    progress: ProgressCallback,
+) -> Law:
+    """Return the law of largest evidence: its terms, coefficients, their covariance, and every choice on the way.
 
     Parameters
     ----------
@@ -70,12 +45,23 @@ def search_supports(
         Terms, schema, order and objects of the law that is sought, and the coefficients that are known.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
+    held_out_supports
+        Chooses supports, shape (equations, terms), by trials held out. Called for measurements that follow no law of
+        the library: there evidence is gathered by terms that explain the model error.
+    universal
+        Coefficients that all objects have in common, shape (equations, terms).
     solver
         Whose path lists the candidates of each equation.
     noise
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    covariance
+        How the coefficients' covariance is found, see `covariance.covariances`.
+    partial_pooling
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+    seed
+        Of what is drawn.
     progress
         Takes what is being done.
 
@@ -86,78 +72,17 @@ def search_supports(
     """
     progress("estimating noise, smoothing")
     problem = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
-    state = search(problem, solver, progress)
-    while state.has_model_error:  # A coarse mesh looks like one
-        # The random walk is to be the same in twice as many steps
-        finer = on_finer_mesh(problem, state, (state.model_error / np.sqrt(2),))
-        if finer is None:
-            break
-        progress("searching again on a finer mesh")
-        problem, _ = finer
-        state = search(problem, solver, progress)
-    return Search(frame, problem, state, solver)
-
-
-def with_supports(found: Search, supports: Bools) -> Search:
-    """Return a search with other supports, and the model error of largest evidence with these.
-
-    For measurements that follow no law of the library: there evidence is gathered by terms that explain the model
-    error, and supports are better chosen otherwise.
-
-    Parameters
-    ----------
-    found
-        By `search_supports`.
-    supports
-        Without the terms that are known, shape (equations, terms).
-
-    Raises
-    ------
-    CommonlawError
-        If the likelihood cannot be computed.
-    """
-    return replace(found, state=fit_supports(found.problem, supports))
-
-
-def finish(
-    found: Search,
-    *,
-    covariance: CovarianceKind = "likelihood",
-    universal: Bools | None = None,
-    partial_pooling: bool = True,
-    seed: int = 0,
-    progress: ProgressCallback = lambda _: None,
-) -> Law:
-    """Return the law that was found: its terms, coefficients, their covariance, and every choice on the way.
-
-    Parameters
-    ----------
-    found
-        By `search_supports` or `with_supports`.
-    covariance
-        How the coefficients' covariance is found, see `covariance.covariances`.
-    universal
-        Coefficients that all objects have in common, shape (equations, terms).
-    partial_pooling
-        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
-    seed
-        Of what is drawn.
-    progress
-        Takes what is being done.
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed where it could before.
-    """
+    problem, state = _searched(problem, solver, progress)
+    if state.has_model_error:
+        progress("the measurements depart from every law of this library: choosing terms by trials held out")
+        state = fit_supports(problem, held_out_supports() & problem.allowed)
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
         progress("choosing terms again on a finer mesh")
-        return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
+        return polish(problem, state.supports, state.estimates, state.model_error, solver)
 
-    problem, state = until_resolved(found.problem, found.state, again)
+    problem, state = until_resolved(problem, state, again)
     progress("judging terms and coefficients")
-    frame = found.frame
     compared = [
         [replace(each, support=each.support | given) for each in listed]
         for given, listed in zip(frame.support, neighbours(problem, state), strict=True)
@@ -170,20 +95,30 @@ def finish(
             frame.provenance,
             outcomes=outcomes(frame, problem, state),
             alternatives=alternatives(frame, compared),
-            history=history(frame, problem, state, compared, problem.points < FINEST),
+            history=history(frame, problem, state, compared),
         ),
     )
     return law.partial_pooling(universal, partial_pooling)
 
 
-def fitted_law(law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind, seed: int) -> Law:
-    """Return the law with the coefficients of a state, their covariance, and the noise.
+def _searched(
+    problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback
+) -> tuple[SearchProblem, SearchState]:
+    """Return what a search finds, on a finer mesh where a coarse one looks like a model error."""
+    state = search(problem, solver, progress)
+    while state.has_model_error:
+        # The random walk is to be the same in twice as many steps
+        finer = on_finer_mesh(problem, state, (state.model_error / np.sqrt(2),))
+        if finer is None:
+            break
+        progress("searching again on a finer mesh")
+        problem, _ = finer
+        state = search(problem, solver, progress)
+    return problem, state
 
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
+
+def fitted_law(law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind, seed: int) -> Law:
+    """Return the law with the coefficients of a state, their covariance, and the noise."""
     return replace(
         law,
         coefficients=np.array([each.coefficients for each in state.estimates]),

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.search import FINAL, SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import Estimate, NotPositiveError, fit
@@ -20,10 +19,7 @@ _RESOLVED = 1.0
 def on_finer_mesh(
     problem: SearchProblem, state: SearchState, model_errors: Sequence[float]
 ) -> tuple[SearchProblem, SearchState] | None:
-    """Return the problem on a finer mesh, and the state with its estimates fitted there; None if that changes nothing.
-
-    Or if there is no finer mesh.
-    """
+    """Return the problem and the fitted state on a finer mesh; None if it changes nothing, or if there is none."""
     if problem.points >= FINEST:
         return None
     finer = problem.finer()
@@ -61,13 +57,7 @@ def _change(
     total, stride = 0.0, finer.points // problem.points
     for model, one, other in zip(problem.models, coarse, fine, strict=True):
         for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
-            change = (_at_samples(finest, mesh.contiguous, stride) - states)[:, : len(problem.noise)] / problem.noise
+            indices = np.concatenate([[0], np.cumsum(np.where(mesh.contiguous, stride, 1))])
+            change = (finest[indices] - states)[:, : len(problem.noise)] / problem.noise
             total += float(np.sum(change[mesh.observed] ** 2))
     return total
-
-
-def _at_samples(states: Floats, contiguous: Bools, stride: int) -> Floats:
-    """Return the rows of a finer mesh at the points of a coarser one, of which is given which are contiguous."""
-    indices = np.concatenate([[0], np.cumsum(np.where(contiguous, stride, 1))])
-    rows: Floats = states[indices]
-    return rows

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
@@ -77,22 +78,10 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
 
 
 def history(
-    law: Law,
-    problem: SearchProblem,
-    state: SearchState,
-    compared: Sequence[Sequence[ComparedSupport]],
-    resolved: bool,
+    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedSupport]]
 ) -> tuple[Step, ...]:
-    """Return every choice that was made, in order.
-
-    Parameters
-    ----------
-    law, problem, state, compared
-        The law that is sought, what was measured, and what was found.
-    resolved
-        Whether a finer mesh changes nothing.
-    """
-    mesh = "a finer mesh changes nothing" if resolved else "the finest there is"
+    """Return every choice that was made, in order."""
+    mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
     steps = [
         noise_step(problem),
         Step(

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError
-from commonlaw.inference.covariance import CovarianceKind, check_covariance_kind
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.law_search import fitted_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import coefficients_step, model_error_step, noise_step
@@ -76,7 +77,7 @@ def refine(
     <BLANKLINE>
     with v = x'
     """
-    check_covariance_kind(covariance)
+    check_choice("covariance", covariance, get_args(CovarianceKind))
     law = _of_objects(law, trials)
     known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
     certain = law.standard_errors == 0

@@ -70,22 +70,7 @@ class SearchState:
 
 
 def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> SearchState:
-    """Return the supports and model error of largest evidence that are found, and the estimates with them.
-
-    Parameters
-    ----------
-    problem
-        Where to look.
-    solver
-        Whose path lists candidates.
-    progress
-        Takes what is being done.
-
-    Raises
-    ------
-    CommonlawError
-        If the likelihood cannot be computed on any way.
-    """
+    """Return the supports and model error of largest evidence that are found, and the estimates with them."""
     found = []
     for number, model_errors in enumerate(SCHEDULES, start=1):
         progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
@@ -105,16 +90,14 @@ def polish(
     """
     best: SearchState | None = None
     for _ in range(_ROUNDS):
-        estimates = _fitted(problem, estimates, supports, model_error)
-        linear = _linearized(problem, estimates, model_error)
-        state = SearchState(supports, tuple(estimates), model_error, linear.value(supports))
+        state, evidence = _fitted(problem, estimates, supports, model_error)
         if best is not None and not state.value < best.value:
             break
         best = state
-        chosen = linear.evidence.choose(supports, solver)
+        chosen = evidence.choose(supports, solver)
         if np.array_equal(chosen, supports):
             break
-        supports, estimates = chosen, _restricted(problem, linear.evidence, estimates, chosen)
+        supports, estimates = chosen, _restricted(problem, evidence, state.estimates, chosen)
     assert best is not None
     return best
 
@@ -140,25 +123,18 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     estimates: tuple[Estimate, ...] = problem.starts
     for model_error in model_errors:
         try:
-            evidence = _linearized(problem, estimates, model_error).evidence
-            estimates = _restricted(problem, evidence, estimates, supports)
-            estimates = _fitted(problem, estimates, supports, model_error)
-            linear = _linearized(problem, estimates, model_error)
+            evidence = _evidence(problem, estimates, model_error)
+            state, _ = _fitted(problem, _restricted(problem, evidence, estimates, supports), supports, model_error)
         except NotPositiveError:
             break
-        found.append(SearchState(supports, estimates, model_error, linear.value(supports)))
+        found.append(state)
+        estimates = state.estimates
     return _best(found)
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
-    """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
-    return _linearized(problem, state.estimates, state.model_error).evidence.neighbours(state.supports)
+    """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
+    return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports)
 
 
 def _anneal(problem: SearchProblem, solver: AbstractSolver, model_errors: Sequence[float]) -> list[SearchState]:
@@ -168,18 +144,18 @@ def _anneal(problem: SearchProblem, solver: AbstractSolver, model_errors: Sequen
     found: list[SearchState] = []
     for model_error in model_errors:
         try:
-            evidence = _linearized(problem, estimates, model_error).evidence
+            evidence = _evidence(problem, estimates, model_error)
             chosen = evidence.choose(supports, solver)
             if not np.array_equal(chosen, supports):
                 supports, estimates = chosen, _restricted(problem, evidence, estimates, chosen)
             if model_error > NEGLIGIBLE:
-                estimates = _fitted(problem, estimates, supports, model_error)
-                linear = _linearized(problem, estimates, model_error)
-                found.append(SearchState(supports, estimates, model_error, linear.value(supports)))
+                state, _ = _fitted(problem, estimates, supports, model_error)
             else:
-                found.append(polish(problem, supports, estimates, model_error, solver))
+                state = polish(problem, supports, estimates, model_error, solver)
         except NotPositiveError:
             break
+        found.append(state)
+        estimates = state.estimates
     return found
 
 
@@ -192,27 +168,17 @@ def _best(found: Sequence[SearchState]) -> SearchState:
     return min(found, key=lambda each: each.value)
 
 
-@dataclass(frozen=True, eq=False)
-class _Linearized:
-    """The linearised likelihood of all objects, and what its model error adds to minus twice its logarithm."""
-
-    evidence: SupportEvidence
-    log_determinant: float
-
-    def value(self, supports: Bools) -> float:
-        """Return minus twice the log-evidence of supports, comparable between model errors."""
-        return self.evidence.value(supports) + self.log_determinant
-
-
-def _linearized(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> _Linearized:
+def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
+    """Return the evidence by the likelihood linearised about estimates, comparable between model errors."""
     pairs = zip(problem.models, estimates, strict=True)
     linear = [linearize(model, estimate, model_error) for model, estimate in pairs]
     known = np.nan_to_num(problem.known)
     problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
-    evidence = SupportEvidence(problems, problem.allowed, sum(problem.measured), problem.most_terms)
+    measured = sum(problem.measured)
     # A model error is one more number to be found, at the price of any (BIC)
-    price = 0.0 if model_error <= NEGLIGIBLE else float(np.log(evidence.measured))
-    return _Linearized(evidence, sum(each.log_determinant for each in linear) + price)
+    price = 0.0 if model_error <= NEGLIGIBLE else float(np.log(measured))
+    offset = sum(each.log_determinant for each in linear) + price
+    return SupportEvidence(problems, problem.allowed, measured, problem.most_terms, offset)
 
 
 def _restricted(
@@ -225,8 +191,10 @@ def _restricted(
 
 def _fitted(
     problem: SearchProblem, estimates: Sequence[Estimate], supports: Bools, model_error: float
-) -> tuple[Estimate, ...]:
-    """Return the estimates with these supports at a model error; where it is negligible, with none."""
+) -> tuple[SearchState, SupportEvidence]:
+    """Return the state fitted with these supports at a model error, with none where it is negligible; its evidence."""
     model_errors = FINAL if model_error <= NEGLIGIBLE else (model_error,)
     pairs = zip(problem.models, estimates, strict=True)
-    return tuple(fit(model, estimate, supports, model_errors) for model, estimate in pairs)
+    fitted = tuple(fit(model, estimate, supports, model_errors) for model, estimate in pairs)
+    evidence = _evidence(problem, fitted, model_error)
+    return SearchState(supports, fitted, model_error, evidence.value(supports)), evidence

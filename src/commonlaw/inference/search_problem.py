@@ -119,7 +119,6 @@ def prepare(
         If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
         is not above zero.
     """
-    check_huber_threshold(huber_threshold)
     groups = [trials.of_object(name) for name in trials.objects]
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
@@ -139,21 +138,6 @@ def prepare(
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
     return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, noise is not None, known)
-
-
-def check_huber_threshold(value: float) -> None:
-    """Refuse a threshold beyond which measurements count as outliers that is not above zero.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not.
-    """
-    if not value > 0:
-        raise CommonlawError(
-            f"huber_threshold is {value}: give how many standard deviations of noise a measurement must be off to be "
-            "an outlier, above zero"
-        )
 
 
 def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:

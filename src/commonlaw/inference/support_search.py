@@ -26,17 +26,7 @@ _SWEEPS = 4
 
 @dataclass(frozen=True, eq=False)
 class ComparedSupport:
-    """A support of one equation, compared with others.
-
-    Parameters
-    ----------
-    support
-        Which terms are in the equation, shape (terms,).
-    twice_log_bayes_factor
-        Of the best of those compared against this one: the best has 0, all others more.
-    chosen
-        Whether it is the law's.
-    """
+    """A support of one equation, shape (terms,), with twice the log Bayes factor of the best compared against it."""
 
     support: Bools
     twice_log_bayes_factor: float
@@ -57,22 +47,20 @@ class SupportEvidence:
         How many numbers were measured.
     most
         No equation has more terms.
+    offset
+        What is added to the value of all supports, for a comparison with those of other problems.
     """
 
     problems: Sequence[LeastSquaresProblem]
     allowed: Bools
     measured: int
     most: int = MOST_TERMS
+    offset: float = 0.0
 
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return the supports with the largest evidence that are found by choosing one equation after the other.
 
-        Parameters
-        ----------
-        start
-            Supports to begin with, shape (equations, terms): each equation is chosen with those of the others free.
-        solver
-            Whose path lists the candidates of one equation.
+        Each is chosen from the solver's path, beginning with those of `start`, shape (equations, terms), in the others.
         """
         supports = start.copy()
         for _ in range(_SWEEPS):
@@ -86,7 +74,7 @@ class SupportEvidence:
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
         factors = np.array([problem.factor for problem in self.problems])
-        evidence = minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
+        evidence = self.offset + minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
         sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
         return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
 
@@ -98,7 +86,7 @@ class SupportEvidence:
         found = []
         for j, chosen in enumerate(supports):
             equation = _EquationEvidence.of(self._alone(supports, j), self.measured)
-            listed = [chosen, *_neighbours(chosen, self.allowed[j])]
+            listed = [chosen, *(each for _, each in equation.neighbours(chosen, self.allowed[j], chosen.size))]
             values = np.array([equation.value(each) for each in listed])
             above = (values - values.min()).tolist()
             compared = [ComparedSupport(each, above[i], i == 0) for i, each in enumerate(listed)]
@@ -118,7 +106,7 @@ class SupportEvidence:
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
-        floors = [(evidence.floor(each), each) for each in listed if each.sum() <= self.most]
+        floors = [(evidence.value(each, -np.inf), each) for each in listed if each.sum() <= self.most]
         best, value = evidence.best(floors, none, evidence.value(none))
         while True:
             better, value = evidence.best(evidence.neighbours(best, allowed, self.most), best, value)
@@ -143,15 +131,7 @@ class SupportEvidence:
 
 @dataclass(frozen=True, eq=False)
 class _EquationEvidence:
-    """The evidence for supports of one equation.
-
-    Parameters
-    ----------
-    factors
-        Of each object's problem, shape (objects, terms + 1, terms + 1).
-    measured
-        How many numbers were measured.
-    """
+    """The evidence for supports of one equation; `factors` of shape (objects, terms + 1, terms + 1)."""
 
     factors: Floats
     measured: int
@@ -169,10 +149,6 @@ class _EquationEvidence:
         choices = 2 * log_choices(len(support), int(support.sum()))
         indices = np.flatnonzero(support)
         return choices + minus_twice_log_evidence(self.factors, indices, self.measured, needed - choices)
-
-    def floor(self, support: Bools) -> float:
-        """Return a lower bound of the value of a support."""
-        return self.value(support, -np.inf)
 
     def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, value: float) -> tuple[Bools, float]:
         """Return the best of a support of given value and of others, listed with lower bounds; and its value."""
@@ -193,11 +169,6 @@ class _EquationEvidence:
                 if size <= most:
                     cost = cost_of_coefficients(size, len(self.factors), self.measured)
                     yield rests[index] + cost + 2 * log_choices(len(support), size), changed
-
-
-def _neighbours(support: Bools, allowed: Bools) -> list[Bools]:
-    """Return the supports with one term more, less, or exchanged."""
-    return [_with(staying, index) for staying, entering in _changes(support, allowed) for index in entering]
 
 
 def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:

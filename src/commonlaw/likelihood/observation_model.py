@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
 
 HUBER_THRESHOLD = 4.0
 """Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""
@@ -21,10 +22,22 @@ class ObservationModel:
     huber_threshold
         Deviations of more than so many standard deviations count linearly instead of squared (Huber 1964), so that
         outliers pull no harder than that; infinite for plain least squares.
+
+    Raises
+    ------
+    CommonlawError
+        If the threshold is not above zero.
     """
 
     noise: Floats
     huber_threshold: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.huber_threshold > 0:
+            raise CommonlawError(
+                f"huber_threshold is {self.huber_threshold}: give how many standard deviations of noise a measurement "
+                "must be off to be an outlier, above zero"
+            )
 
     def deviance(self, residuals: Floats) -> float:
         """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured."""
