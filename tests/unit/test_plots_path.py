@@ -8,8 +8,8 @@ from matplotlib.patches import Rectangle
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law
-from commonlaw.law.alternative import Alternative, path_segments
+from commonlaw.law import Alternative, Law
+from commonlaw.law.tables import path_segments
 from commonlaw.plots import plot_path
 
 SETTINGS = {"order": 2, "library": "poly:2"}

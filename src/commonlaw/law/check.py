@@ -13,13 +13,7 @@ _ASYMMETRY = 1e-6
 def checked(
     values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
 ) -> Floats:
-    """Return a read-only copy of an array.
-
-    Raises
-    ------
-    CommonlawError
-        If it has another shape, or a value is not finite or not between `low` and `high`.
-    """
+    """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise CommonlawError(f"the {what} of a law has shape {array.shape}, expected ({axes}) = {shape}")
@@ -33,13 +27,7 @@ def checked(
 
 
 def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
-    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit.
-
-    Raises
-    ------
-    CommonlawError
-        If it has another shape, a value is not finite, a matrix is not symmetric, or a variance is below zero.
-    """
+    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit."""
     shape = (len(objects), parameters, parameters)
     matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
     variances = np.diagonal(matrices, axis1=1, axis2=2)

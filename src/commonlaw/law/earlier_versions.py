@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from commonlaw.law.alternative import Alternative
+from commonlaw.law.provenance import Alternative
 
 _UNCERTAINTY = {
     "covariance": "covariance",
@@ -34,20 +34,18 @@ def renamed(document: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def compared_with_the_best(alternatives: Sequence[Alternative]) -> list[Alternative]:
+def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
-    least: dict[str, float] = {}
-    for each in alternatives:
+    known = [(each.equation, value) for each in alternatives if (value := each.measures.get(_BAYES_FACTOR)) is not None]
+    least = {name: min(value for other, value in known if other == name) for name, _ in known}
+
+    def compared(each: Alternative) -> Alternative:
         value = each.measures.get(_BAYES_FACTOR)
-        if value is not None:
-            least[each.equation] = min(value, least.get(each.equation, value))
-    found = []
-    for each in alternatives:
-        value = each.measures.get(_BAYES_FACTOR)
-        if value is not None:
-            each = replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
-        found.append(each)
-    return found
+        if value is None:
+            return each
+        return replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
+
+    return tuple(map(compared, alternatives))
 
 
 def _outcome(outcome: dict[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.extras import optional_import
 from commonlaw.law import text
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms
@@ -169,11 +170,16 @@ class AbstractEquations(ABC):
         Raises
         ------
         CommonlawError
-            If the object is not named and there are several.
+            If the object is not named and there are several, or SymPy is not installed.
         """
-        from commonlaw.law.symbolic import sympy_equations
-
-        return sympy_equations(self.left_hand_sides, self.coefficients_of(self._only(name)), self.terms)
+        sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
+        symbols = [sympy.Symbol(each, real=True) for each in self.terms.variables.names]
+        forms = [term.sympy(symbols) for term in self.terms.terms]
+        sums = [
+            sympy.Add(*(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c))
+            for row in self.coefficients_of(self._only(name))
+        ]
+        return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
 
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.

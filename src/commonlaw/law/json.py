@@ -9,10 +9,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.law.alternative import Alternative
 from commonlaw.law.earlier_versions import compared_with_the_best, renamed
-from commonlaw.law.history import Step
-from commonlaw.law.provenance import Provenance
+from commonlaw.law.provenance import Alternative, Provenance, Step
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.outcomes import Outcome
@@ -40,9 +38,9 @@ class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     differentiation: str | None = None
-    outcomes: list[Outcome] = []
-    alternatives: list[Alternative] = []
-    history: list[Step] = []
+    outcomes: tuple[Outcome, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    history: tuple[Step, ...] = ()
 
 
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -60,6 +58,7 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 def encode(fields: Fields) -> bytes:
     """Return what a law is made of as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
     terms, schema, order, objects, coefficients, uncertainty, provenance = fields
+    method = provenance.differentiation
     document = _Law(
         order=cast(Literal[0, 1, 2], order),
         schema=schema,
@@ -67,32 +66,28 @@ def encode(fields: Fields) -> bytes:
         terms=[term.expression(terms.variables.names) for term in terms.terms],
         coefficients=dict(zip(objects, coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(objects, uncertainty),
-        provenance=_saved_provenance(provenance),
+        provenance=_Provenance(
+            differentiation=None if method is None else format_differentiation(method),
+            outcomes=provenance.outcomes,
+            alternatives=provenance.alternatives,
+            history=provenance.history,
+        ),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
-    saved, covariance = _Uncertainty(), uncertainty.covariance
-    if covariance is not None:
-        rows, columns = np.tril_indices(covariance.shape[1])
-        saved.covariance = dict(zip(objects, covariance[:, rows, columns].tolist(), strict=True))
-    if uncertainty.shared_factor is not None:
-        saved.shared_factor = dict(zip(objects, uncertainty.shared_factor.tolist(), strict=True))
-    if uncertainty.noise is not None:
-        saved.noise = uncertainty.noise.tolist()
-    if uncertainty.inclusion_probabilities is not None:
-        saved.inclusion_probabilities = uncertainty.inclusion_probabilities.tolist()
-    return saved
-
-
-def _saved_provenance(provenance: Provenance) -> _Provenance:
-    method = provenance.differentiation
-    return _Provenance(
-        differentiation=None if method is None else format_differentiation(method),
-        outcomes=list(provenance.outcomes),
-        alternatives=list(provenance.alternatives),
-        history=list(provenance.history),
+    covariance = uncertainty.covariance
+    triangles = None if covariance is None else covariance[:, *np.tril_indices(covariance.shape[1])]
+    triangles, factors, noise, inclusion = (
+        None if each is None else each.tolist()
+        for each in (triangles, uncertainty.shared_factor, uncertainty.noise, uncertainty.inclusion_probabilities)
+    )
+    return _Uncertainty(
+        covariance=None if triangles is None else dict(zip(objects, triangles, strict=True)),
+        shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
+        noise=noise,
+        inclusion_probabilities=inclusion,
     )
 
 
@@ -127,7 +122,10 @@ def decode(content: bytes) -> Fields:
     coefficients = np.array(matrices).reshape(-1, *shape)
     parameters = int(np.any(coefficients, axis=0).sum())
     uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
-    return terms, schema, document.order, objects, coefficients, uncertainty, _read_provenance(document.provenance)
+    saved = document.provenance
+    method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
+    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history)
+    return terms, schema, document.order, objects, coefficients, uncertainty, provenance
 
 
 def _read_uncertainty(
@@ -139,15 +137,6 @@ def _read_uncertainty(
         None if saved.shared_factor is None else _shared_factor(saved.shared_factor, objects, parameters),
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
-    )
-
-
-def _read_provenance(saved: _Provenance) -> Provenance:
-    return Provenance(
-        None if saved.differentiation is None else parse_differentiation(saved.differentiation),
-        tuple(saved.outcomes),
-        tuple(saved.alternatives),
-        tuple(saved.history),
     )
 
 

@@ -16,12 +16,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import text
-from commonlaw.law.alternative import Alternative
 from commonlaw.law.check import checked
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
-from commonlaw.law.history import History
-from commonlaw.law.provenance import Provenance
+from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome

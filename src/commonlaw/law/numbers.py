@@ -14,19 +14,9 @@ _MOST = 9
 def with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
     """Return ``value ± error``: the error to two significant digits, the value to the same decimal place.
 
-    Parameters
-    ----------
-    value
-        The number.
-    error
-        Its standard error; zero for a number that is known, which stands alone.
-    digits
-        Significant digits of a number that stands alone.
-    bracket
-        Whether something is to follow that both are multiplied with. A common power of ten always does.
+    A number that is known, whose error is zero, stands alone, to so many digits. Brackets go around a pair that is to
+    be multiplied with something; a common power of ten always is.
 
-    Examples
-    --------
     >>> with_error(-9.4412, 0.1234), with_error(0.48, 0.02, bracket=True), with_error(-9.8, 0)
     ('-9.44 ± 0.12', '(0.480 ± 0.020)', '-9.8')
     >>> with_error(1.2e-5, 3.4e-7), with_error(0.012, 0.34), with_error(12345, 678)

@@ -1,33 +1,23 @@
 """Coefficients of objects that learn from each other, drawn to their mean as far as the objects are alike."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import shrink
-from commonlaw.law.history import Step
+from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import Uncertainty
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
 
 
-@dataclass(frozen=True, eq=False)
-class PartiallyPooled:
-    """Coefficients after partial pooling.
-
-    Parameters
-    ----------
-    coefficients
-        Shape (objects, equations, terms).
-    uncertainty
-        Of these.
-    shrinkage
-        How far each was drawn to the mean over objects, from 0 to 1, shape (equations, terms).
-    """
+class PartiallyPooled(NamedTuple):
+    """Coefficients, and how far each was drawn to the mean over objects, from 0 to 1, shape (equations, terms)."""
 
     coefficients: Floats
     uncertainty: Uncertainty
@@ -39,23 +29,7 @@ def partially_pooled(
 ) -> PartiallyPooled | None:
     """Return coefficients drawn to their means over objects; None where nothing is to be drawn.
 
-    Parameters
-    ----------
-    coefficients
-        Shape (objects, equations, terms).
-    uncertainty
-        Of these, with their covariance.
-    support
-        The coefficients in the law, shape (equations, terms).
-    universal
-        Coefficients that all objects have in common, shape (equations, terms); none if None.
-    others
-        Whether the other coefficients are drawn to their means.
-
-    Raises
-    ------
-    CommonlawError
-        If the covariance is not known, or the coefficients are pooled already.
+    The arguments are those of `Law.partial_pooling`; masks have the shape (equations, terms).
     """
     covariance = uncertainty.known_covariance()
     if uncertainty.shared_factor is not None:

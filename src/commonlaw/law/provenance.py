@@ -1,11 +1,84 @@
 """How a law was found: the differentiation, the candidates, every choice, and what a user should know of it."""
 
+import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from commonlaw.differentiation import AbstractDifferentiator
-from commonlaw.law.alternative import Alternative
-from commonlaw.law.history import History, Step
 from commonlaw.outcomes import Outcome
+
+_WIDTH = 60
+"""Characters of a line of a reason."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One of the candidates that an equation was chosen from.
+
+    Parameters
+    ----------
+    equation
+        The left-hand side.
+    terms
+        The terms that some object has.
+    measures
+        What speaks for it by name (criteria, held-out error and its standard error, stability); None where a measure
+        is not to be had.
+    proven
+        Whether no other support of its size fits better.
+    chosen
+        Whether it is the law.
+    hyperparameters
+        The values of the solver's hyperparameter (threshold, penalty, number of terms) at which its segments of the
+        path begin; none if candidates of several solvers were compared.
+    """
+
+    equation: str
+    terms: tuple[str, ...]
+    measures: Mapping[str, float | None]
+    proven: bool
+    chosen: bool
+    hyperparameters: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One choice on the way to a law.
+
+    Parameters
+    ----------
+    stage
+        What was to be chosen: ``"noise"``, ``"support"``.
+    choice
+        What was chosen: ``"x: 0.05 m"``.
+    reason
+        Why, with the numbers that decided.
+    """
+
+    stage: str
+    choice: str
+    reason: str
+
+
+class History(tuple[Step, ...]):
+    """Every choice on the way to a law, in order; it prints as a table.
+
+    >>> print(History([Step("noise", "x: 0.05", "from differences of order 4")]))
+    stage  choice   reason
+    noise  x: 0.05  from differences of order 4
+    """
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        if not self:
+            return "no choices are on record"
+        rows = [("stage", "choice", "reason"), *((each.stage, each.choice, each.reason) for each in self)]
+        cells = [[textwrap.wrap(text, _WIDTH) or [""] for text in row] for row in rows]
+        lines = [line for row in cells for line in zip_longest(*row, fillvalue="")]
+        stages, choices, _ = (max(map(len, column)) for column in zip(*lines, strict=True))
+        return "\n".join(f"{one:<{stages}}  {two:<{choices}}  {three}".rstrip() for one, two, three in lines)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
 """What a law says as tables."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.alternative import Alternative, path_segments
+from commonlaw.law.provenance import Alternative
 from commonlaw.law.uncertainty import normal_quantile
 
 
@@ -19,16 +20,9 @@ def coefficient_frame(
     coefficients: Floats,
     errors: Floats | None,
 ) -> pd.DataFrame:
-    """Return the coefficients, objects by terms, see `Law.to_frame`.
+    """Return the coefficients, objects by terms, see `Law.to_frame`; without errors there are no columns of them.
 
-    Parameters
-    ----------
-    objects, equations, terms
-        Their names.
-    support
-        The coefficients to show, shape (equations, terms).
-    coefficients, errors
-        Shape (objects, equations, terms); None for no columns of errors.
+    The support has the shape (equations, terms), coefficients and errors (objects, equations, terms).
     """
     keys = [(equations[j], terms[k]) for j, k in np.argwhere(support)]
     values = coefficients[:, support]
@@ -51,42 +45,25 @@ def interval_frame(
     inclusion_probabilities: Floats | None,
     level: float,
 ) -> pd.DataFrame:
-    """Return a table of the coefficients with their standard errors and intervals, see `Law.intervals`.
+    """Return the coefficients with their standard errors and intervals, see `Law.intervals`.
 
-    Parameters
-    ----------
-    objects, equations, terms
-        Their names.
-    coefficients, errors
-        Shape (objects, equations, terms).
-    inclusion_probabilities
-        Shape (equations, terms); None if they are not known.
-    level
-        The probability that a coefficient lies in its interval.
-
-    Raises
-    ------
-    CommonlawError
-        If the level is not between 0 and 1.
+    Coefficients and errors have the shape (objects, equations, terms), probabilities (equations, terms).
     """
-    width = normal_quantile(level)
-    rows = []
-    for i, j, k in np.argwhere(coefficients):
-        value, error = float(coefficients[i, j, k]), float(errors[i, j, k])
-        row = {
-            "object": objects[i],
-            "equation": equations[j],
-            "term": terms[k],
-            "coefficient": value,
-            "standard error": error,
-            "low": value - width * error,
-            "high": value + width * error,
-        }
-        if inclusion_probabilities is not None:
-            row["term probability"] = float(inclusion_probabilities[j, k])
-        rows.append(row)
-    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability"]
-    return pd.DataFrame(rows, columns=columns if inclusion_probabilities is not None else columns[:-1])
+    i, j, k = np.nonzero(coefficients)
+    values, own_errors = coefficients[i, j, k], errors[i, j, k]
+    half_widths = normal_quantile(level) * own_errors
+    columns = {
+        "object": [objects[each] for each in i.tolist()],
+        "equation": [equations[each] for each in j.tolist()],
+        "term": [terms[each] for each in k.tolist()],
+        "coefficient": values,
+        "standard error": own_errors,
+        "low": values - half_widths,
+        "high": values + half_widths,
+    }
+    if inclusion_probabilities is not None:
+        columns["term probability"] = inclusion_probabilities[j, k]
+    return pd.DataFrame(columns)
 
 
 def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
@@ -106,13 +83,7 @@ def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
 
 
 def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) -> pd.DataFrame:
-    """Return the equations along the path of a solver, see `Law.path`.
-
-    Raises
-    ------
-    CommonlawError
-        If the alternatives are not from the path of one solver.
-    """
+    """Return the equations along the path of a solver, see `Law.path`."""
     rows = [
         {
             "equation": equation,
@@ -132,3 +103,12 @@ def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) ->
             "such as STLSQ()"
         )
     return pd.DataFrame(rows)
+
+
+def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
+    """Yield where each segment of a solver's path begins and ends (the last has no end), and its candidate."""
+    begins = sorted((value, i) for i, each in enumerate(alternatives) for value in each.hyperparameters)
+    turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
+    ends = [*(begin for begin, _ in turns[1:]), math.inf]
+    for (begin, i), end in zip(turns, ends, strict=False):
+        yield begin, end, alternatives[i]

@@ -1,6 +1,6 @@
 """Equations and coefficients as people write them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from string import ascii_lowercase
 
 import numpy as np
@@ -19,34 +19,16 @@ def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[st
     >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.array([0.12, np.nan, 0.0051]), ["1", "x", "v"], 4)
     "x'' = -9.34 ± 0.12 + (0.0466 ± 0.0051) v"
     """
-    parts: list[tuple[bool, str]] = []
-    for c, error, name in zip(coefficients, errors, names, strict=True):
-        if c:
-            number = with_error(abs(c), error, digits, bracket=bool(parts) or name != "1")
-            parts.append((c < 0, number if name == "1" else f"{number} {name}"))
-    return f"{left} = {_joined(parts)}"
+    return f"{left} = {_right_hand_side(coefficients, errors, names, digits, with_error, ' ')}"
 
 
 def latex(lefts: Sequence[str], coefficients: Floats, errors: Floats, terms: Sequence[str], digits: int) -> str:
-    """Return equations as an ``aligned`` block.
-
-    Parameters
-    ----------
-    lefts, terms
-        Left-hand sides and terms, as LaTeX.
-    coefficients, errors
-        Shape (equations, terms).
-    digits
-        Significant digits of the coefficients that have no error.
-    """
-    lines = []
-    for left, row, row_errors in zip(lefts, coefficients, errors, strict=True):
-        parts: list[tuple[bool, str]] = []
-        for c, error, term in zip(row, row_errors, terms, strict=True):
-            if c:
-                number = latex_with_error(abs(c), error, digits, bracket=bool(parts) or term != "1")
-                parts.append((c < 0, number if term == "1" else rf"{number}\, {term}"))
-        lines.append(f"{left} &= {_joined(parts)}")
+    """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms)."""
+    times = r"\, "
+    lines = [
+        f"{left} &= {_right_hand_side(row, row_errors, terms, digits, latex_with_error, times)}"
+        for left, row, row_errors in zip(lefts, coefficients, errors, strict=True)
+    ]
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
@@ -63,17 +45,7 @@ def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
 
 
 def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
-    """Return the form of each equation, with letters for the coefficients: ``x'' = a + b v``.
-
-    Parameters
-    ----------
-    lefts, names
-        Left-hand sides and names of the terms.
-    support
-        Shape (equations, terms).
-    letters
-        One for each coefficient in the support.
-    """
+    """Return the form of each equation, with a letter for each coefficient in the support: ``x'' = a + b v``."""
     parts: list[list[str]] = [[] for _ in lefts]
     for letter, (j, k) in zip(letters, np.argwhere(support), strict=True):
         parts[j].append(letter if names[k] == "1" else f"{letter} {names[k]}")
@@ -109,8 +81,14 @@ def printed(body: Sequence[str], rates: Sequence[str], states: Sequence[str], ou
     return "\n".join([*body, *(["", f"with {meaning}"] if rates else []), *(f"Note: {each}" for each in outcomes)])
 
 
-def _joined(parts: Sequence[tuple[bool, str]]) -> str:
-    if not parts:
-        return "0"
-    first, *others = parts
-    return ("-" if first[0] else "") + first[1] + "".join(f" {'-' if neg else '+'} {text}" for neg, text in others)
+def _right_hand_side(
+    coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, write: Callable[..., str], times: str
+) -> str:
+    """Return a sum of coefficients times names, with a function that writes a number and its error."""
+    text = ""
+    for c, error, name in zip(coefficients, errors, names, strict=True):
+        if c:
+            number = write(abs(c), error, digits, bracket=bool(text) or name != "1")
+            sign = (" - " if c < 0 else " + ") if text else ("-" if c < 0 else "")
+            text += sign + (number if name == "1" else f"{number}{times}{name}")
+    return text or "0"

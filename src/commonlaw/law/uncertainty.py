@@ -38,14 +38,7 @@ class Uncertainty:
     inclusion_probabilities: Floats | None = None
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
-        """Return the same as read-only arrays.
-
-        Parameters
-        ----------
-        objects
-            Those of the law.
-        support
-            Of the law, shape (equations, terms).
+        """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
 
         Raises
         ------
@@ -84,12 +77,7 @@ class Uncertainty:
     def standard_errors(self, objects: int, support: Bools) -> Floats:
         """Return the standard error of every coefficient in the law, shape (objects, equations, terms), NaN elsewhere.
 
-        Parameters
-        ----------
-        objects
-            How many there are.
-        support
-            Of the law, shape (equations, terms).
+        Of so many objects, and of the law's support, shape (equations, terms).
         """
         errors = np.full((objects, *support.shape), np.nan)
         if self.covariance is not None:

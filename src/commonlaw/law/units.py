@@ -11,16 +11,7 @@ from commonlaw.trials.units import parse_unit
 def coefficient_units(terms: Terms, schema: Schema, order: int, support: Bools) -> dict[tuple[int, int], str]:
     """Return the unit of each coefficient in the support: that of the left-hand side over that of the term.
 
-    Parameters
-    ----------
-    terms, schema, order, support
-        Those of the law.
-
-    Returns
-    -------
-    dict
-        From the indices of equation and term to the unit. Coefficients whose unit does not follow from the units of the
-        variables are left out.
+    By the indices of equation and term; coefficients whose unit does not follow from those of variables are left out.
     """
     states = schema.states
     if not {*states, schema.time} <= schema.units.keys():
