@@ -11,7 +11,7 @@ from commonlaw import datasets
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFilter, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
-from commonlaw.forecast.intervals import trajectory_std
+from commonlaw.forecast.prediction import trajectory_std
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import Variables, parse_library

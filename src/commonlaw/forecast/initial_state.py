@@ -36,14 +36,7 @@ of a thousand samples, to a fiftieth of the noise."""
 class FittedInitialState:
     """The initial state of largest likelihood under a law whose coefficients stay as they are.
 
-    Parameters
-    ----------
-    initial
-        States, and rates for a law of second order, shape (width,).
-    trial
-        The first samples, which it was fitted to.
-    observation_model
-        What these are worth.
+    Shape (width,), fitted to the first samples of a trial, which are worth what the observation model says.
     """
 
     initial: Floats
@@ -51,23 +44,11 @@ class FittedInitialState:
     observation_model: ObservationModel
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
-        """Return what makes a forecast from this start uncertain.
+        """Return a trajectory from this start with derivatives that let the start follow the coefficients.
 
-        The noise of the samples does, and so does every error of the coefficients, which the start makes up for as far
-        as the samples tell.
-
-        Parameters
-        ----------
-        trajectory
-            From this start, with sensitivities.
-
-        Returns
-        -------
-        trajectory
-            Its derivatives by the coefficients let the start follow these.
-        covariance
-            Of the start, by the noise alone, shape (width, width): the inverse of the information in the samples. NaN
-            if the trajectory ends before they tell all of it.
+        The start makes up for errors of the coefficients, as far as the samples tell. Beside it the covariance of the
+        start by the noise alone, shape (width, width): the inverse of the information in the samples, NaN if the
+        trajectory, which must have sensitivities, ends before they tell all of it.
         """
         assert trajectory.sensitivities is not None
         width, (samples, states) = len(self.initial), self.trial.states.shape
@@ -91,22 +72,8 @@ def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
     """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
 
     The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
-    law; the start is the first of them.
-
-    Parameters
-    ----------
-    law
-        Of first or second order, with its noise.
-    trial
-        Of one of its objects; states may be missing, in the first sample too.
-    count
-        How many samples to use, 5 or more; all where the trial has fewer.
-
-    Raises
-    ------
-    CommonlawError
-        If the law is in discrete time or has no noise, the count or the trial's measured values are too few, or the law
-        cannot be evaluated on the first samples; the message names the trial.
+    law; the start is the first of them. States may be missing, in the first sample too; a trial that has fewer samples
+    than the count is used whole.
     """
     noise = _noise_of(law)
     if count < MIN_SAMPLES:

@@ -1,6 +1,5 @@
 """From measured trials to forecasts: where each trial starts, and how far off its forecast may be."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +8,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
-from commonlaw.forecast.intervals import trajectory_std
-from commonlaw.integration import InitialValueProblem, simulate
+from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
 from commonlaw.trials import Trial, Trials
@@ -29,35 +27,7 @@ def predict(
     tolerance: float = 1e-8,
     seed: int = 0,
 ) -> Forecast:
-    """Forecast each trial from its own initial state.
-
-    Parameters
-    ----------
-    law, trials
-        The law, and trials of its objects.
-    start
-        How many of each trial's first samples tell where its forecast starts. 1: the first states as measured, and for
-        a law of second order the rates that its differentiation estimates there. 5 or more: the law, with its
-        coefficients as they are, is fitted to so many samples by likelihood, which needs its noise; states may be
-        missing. More samples leave less noise in the start, and make it matter more that the law is right.
-        Default: 1, but for a law of second order that knows its noise the samples that the first rates would be
-        estimated from.
-    return_std
-        Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
-        coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain, are
-        carried along each trajectory; that noise and the errors of the coefficients count as independent, also where
-        the law was learned from these samples.
-    method, tolerance
-        How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
-    seed
-        Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
-
-    Raises
-    ------
-    CommonlawError
-        If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked for
-        and the law's covariance or noise is not known, or a start cannot be fitted.
-    """
+    """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
     covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
     counts = [_count(law, trial) if start is None else start for trial in trials]
@@ -94,20 +64,16 @@ def _count(law: Law, trial: Trial) -> int:
 
 
 def _problem(law: Law, trial: Trial, fitted: FittedInitialState | None) -> InitialValueProblem:
-    field = replace(law.vector_field(trial.object), inputs=_interpolated(trial) if trial.inputs.size else None)
+    def inputs(t: float) -> Floats:
+        return np.array([np.interp(t, trial.times, column) for column in trial.inputs.T])
+
+    field = replace(law.vector_field(trial.object), inputs=inputs if trial.inputs.size else None)
     initial = _measured_start(law, trial) if fitted is None else fitted.initial
     return InitialValueProblem(field, initial, trial.times, trial.label)
 
 
 def _measured_start(law: Law, trial: Trial) -> Floats:
     """Return the first measured states, and the estimated rates of a law of second order, shape (width,)."""
-    _check_start(law, trial)
-    rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
-    return np.concatenate([trial.states[0], *rates])
-
-
-def _check_start(law: Law, trial: Trial) -> None:
-    """Refuse a trial whose first sample lacks a state."""
     missing = np.isnan(trial.states)
     if missing[0].any():
         state = law.states[int(np.argmax(missing[0]))]
@@ -117,6 +83,8 @@ def _check_start(law: Law, trial: Trial) -> None:
             f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "
             "it to the first samples with start=15"
         )
+    rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
+    return np.concatenate([trial.states[0], *rates])
 
 
 def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator:
@@ -133,6 +101,24 @@ def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
         return np.asarray(method.differentiate(trial.times, states, 1).derivatives[0][0])
     except CommonlawError as error:
         raise CommonlawError(f"{trial.label}: {error}") from None
+
+
+def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
+    """Return the standard deviation of every state of a trajectory, to first order, shape (n, states).
+
+    From the covariances of the parameters and of the initial states, which are independent of each other; NaN where the
+    trajectory has diverged.
+    """
+    if trajectory.sensitivities is None:
+        raise CommonlawError("this trajectory has no derivatives: simulate with sensitivities=True")
+    width, variances = len(initial), np.zeros(trajectory.states.shape)
+    with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+        for derivatives, covariance in (
+            (trajectory.sensitivities[:, :, :-width], parameters),
+            (trajectory.sensitivities[:, :, -width:], initial),
+        ):
+            variances += np.sum((derivatives @ covariance) * derivatives, axis=2)
+        return np.sqrt(np.maximum(variances, 0))
 
 
 def _start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
@@ -188,12 +174,3 @@ def _check_variables(law: Law, trials: Trials) -> None:
                 f"the law has the {kind} {', '.join(wanted) or 'none'}, "
                 f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
             )
-
-
-def _interpolated(trial: Trial) -> Callable[[float], Floats]:
-    """Return the inputs of a trial as a function of time, linear between samples."""
-
-    def inputs(t: float) -> Floats:
-        return np.array([np.interp(t, trial.times, column) for column in trial.inputs.T])
-
-    return inputs

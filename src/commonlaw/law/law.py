@@ -280,25 +280,34 @@ class Law(AbstractEquations):
         tolerance: float = 1e-8,
         seed: int = 0,
     ) -> Forecast:
-        """Forecast each trial from its own initial state; `commonlaw.forecast.predict` says more.
+        """Forecast each trial from its own initial state.
 
         Parameters
         ----------
         trials
-            What to forecast.
+            What to forecast: trials of the law's objects.
         start
-            How many of each trial's first samples tell where its forecast starts.
+            How many of each trial's first samples tell where its forecast starts. 1: the first states as measured, and
+            for a law of second order the rates that its differentiation estimates there. 5 or more: the law, with its
+            coefficients as they are, is fitted to so many samples by likelihood, which needs its noise; states may be
+            missing. More samples leave less noise in the start, and make it matter more that the law is right. Default:
+            1, but for a law of second order that knows its noise the samples that the first rates would be estimated
+            from.
         return_std
-            Whether `Forecast.interval` is to say how far off the forecasts may be.
+            Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
+            coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
+            are carried along each trajectory; that noise and the errors of the coefficients count as independent, also
+            where the law was learned from these samples.
         method, tolerance
             How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
         seed
-            Of the noise that shows how accurate estimated initial rates are.
+            Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
 
         Raises
         ------
         CommonlawError
-            If the trials do not fit the law, or what is asked for takes what the law does not know.
+            If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked
+            for and the law's covariance or noise is not known, or a start cannot be fitted.
         """
         # Forecasting stands above laws; this entrance finds it when called, so that no import goes up.
         predict = import_module("commonlaw.forecast").predict
