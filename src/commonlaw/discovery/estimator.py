@@ -1,16 +1,16 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, Known, ModelStructure
-from commonlaw.discovery.parameters import nested_parameters, with_parameter
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sklearn.utils import Tags
 
     from commonlaw.forecast import Forecast
-
-P = ParamSpec("P")
 
 _MANY_TERMS = 70
 """More terms for each equation make the likelihood of trajectories too slow to be the default."""
@@ -119,7 +117,7 @@ class LawDiscovery:
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters by name; if `deep` those of the method too, ``method__solver__threshold``."""
         own = {name: getattr(self, name) for name in _PARAMETERS}
-        inner = (pair for name, value in own.items() for pair in nested_parameters(name, value))
+        inner = (pair for name, value in own.items() for pair in _nested_parameters(name, value))
         return own | dict(inner) if deep else own
 
     def set_params(self, **parameters: Any) -> Self:
@@ -132,10 +130,9 @@ class LawDiscovery:
         """
         for name in sorted(parameters, key=lambda each: each.count("__")):
             first, _, rest = name.partition("__")
-            if first not in _PARAMETERS:
-                raise unknown("parameter", first, _PARAMETERS)
+            check_choice("parameter", first, _PARAMETERS)
             new = parameters[name]
-            setattr(self, first, with_parameter(first, getattr(self, first), rest, new) if rest else new)
+            setattr(self, first, _with_parameter(first, getattr(self, first), rest, new) if rest else new)
         return self
 
     def __repr__(self) -> str:
@@ -176,22 +173,15 @@ def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> A
     )
 
 
-def _with_parameters_of(
-    estimator: Callable[P, LawDiscovery],
-) -> Callable[[Callable[..., Law]], Callable[Concatenate[Trials | TrialStream, P], Law]]:
-    """Give a function of trials the parameters of an estimator, so that they are listed in one place."""
-
-    def decorate(function: Callable[..., Law]) -> Callable[Concatenate[Trials | TrialStream, P], Law]:
-        trials, *_ = inspect.signature(function).parameters.values()
-        own = [each.replace(kind=each.KEYWORD_ONLY) for each in inspect.signature(estimator).parameters.values()]
-        vars(function)["__signature__"] = inspect.Signature([trials, *own], return_annotation=Law)
-        return function
-
-    return decorate
-
-
-@_with_parameters_of(LawDiscovery)
-def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law:
+def discover(
+    trials: Trials | TrialStream,
+    order: int = 1,
+    library: AbstractLibrary | str | None = None,
+    method: AbstractMethod | None = None,
+    known: Known | None = None,
+    universal: Sequence[Key] = (),
+    progress: ProgressCallback | None = None,
+) -> Law:
     """Find the law that the objects of these trials share.
 
     Parameters
@@ -215,4 +205,24 @@ def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law
     <BLANKLINE>
     with v = x'
     """
-    return LawDiscovery(*args, **parameters).fit(trials).law_
+    return LawDiscovery(order, library, method, known, universal, progress).fit(trials).law_
+
+
+def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """Yield the fields of a value that is a dataclass, and of its fields, as ``method__solver__threshold``."""
+    if is_dataclass(value):
+        for field in fields(value):
+            full, own = f"{name}__{field.name}", getattr(value, field.name)
+            yield full, own
+            yield from _nested_parameters(full, own)
+
+
+def _with_parameter(name: str, value: Any, path: str, new: object) -> Any:
+    """Return the parameter of this name, a dataclass, with the field at a path changed: ``"solver__threshold"``."""
+    if not is_dataclass(value) or isinstance(value, type):
+        raise CommonlawError(f"{name} is {value!r} and has no parameter {path!r}: set {name} first")
+    first, _, rest = path.partition("__")
+    known = [field.name for field in fields(value) if field.init]
+    check_choice(f"parameter of {name}", first, known)
+    own = _with_parameter(f"{name}__{first}", getattr(value, first), rest, new) if rest else new
+    return replace(value, **{first: own})

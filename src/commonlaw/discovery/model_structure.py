@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.trials import Schema
@@ -103,6 +103,5 @@ def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
     if not isinstance(key, tuple) and len(states) > 1:
         raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
     state, term = key if isinstance(key, tuple) else (states[0], key)
-    if state not in states:
-        raise unknown("state", state, states)
+    check_choice("state", state, states)
     return states.index(state), terms.index(term)

@@ -78,16 +78,10 @@ class RandomEffects:
 class Marginal:
     """The distribution of all objects' estimates together, for several sets of variances over objects.
 
-    Parameters
-    ----------
-    added
-        I + A T, with each object's information A and the variances T, shape (models, objects, k, k).
-    total
-        Information on the means over objects, shape (models, k, k).
-    means
-        By generalised least squares, shape (models, k).
-    deviance
-        Minus twice the log-likelihood, beyond what it is where each object's mean is its own estimate, shape (models,).
+    With the information A on each object and the variances T, I + A T is `added`, shape (models, objects, k, k). The
+    information on the means over objects is `total`, shape (models, k, k); these `means`, shape (models, k), are by
+    generalised least squares. The `deviance` is minus twice the log-likelihood, beyond what it is where each object's
+    mean is its own estimate, shape (models,).
     """
 
     added: Floats
@@ -197,16 +191,9 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
 class _Posterior:
     """What the objects' coefficients are, for several sets of variances over objects.
 
-    Parameters
-    ----------
-    deviance
-        Minus twice the logarithm of the variances' restricted likelihood, but for a constant, shape (models,).
-    estimates
-        Shape (models, objects, parameters).
-    covariances, shared_factors
-        Shape (models, objects, parameters, parameters).
-    shrinkage
-        Mean over objects, shape (models, parameters).
+    The `deviance` is minus twice the logarithm of the variances' restricted likelihood, but for a constant, shape
+    (models,); `estimates` have shape (models, objects, parameters), and `shrinkage`, the mean over objects, has shape
+    (models, parameters).
     """
 
     deviance: Floats
@@ -272,17 +259,8 @@ def _swept(
 ) -> tuple[Floats, Sequence[_Result]]:
     """Return variances found one after the other, given the others, until none changes; and the last sweep's results.
 
-    Parameters
-    ----------
-    variances
-        To begin with, shape (k,).
-    grids
-        The variances that are tried, by the index of the parameter.
-    step
-        Takes the sets of variances that are tried, shape (models, k), and the parameter in which they differ; returns
-        its variance and a result.
-    sweeps
-        At most so many.
+    The grids are the variances that are tried, by the index of the parameter. A step takes the sets of variances that
+    are tried, shape (models, k), and the parameter in which they differ; it returns its variance and a result.
     """
     found: list[_Result] = []
     for _ in range(sweeps):

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline, noise_level
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
@@ -149,8 +149,7 @@ def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
         If a state has none, a name is not a state, or a value is not positive.
     """
     for name, level in noise.items():
-        if name not in states:
-            raise unknown("state", name, states)
+        check_choice("state", name, states)
         if not (np.isfinite(level) and level > 0):
             raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
     missing = [name for name in states if name not in noise]

@@ -19,16 +19,10 @@ from commonlaw.likelihood.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Jacobians:
-    """Defects of all steps and their derivatives, zero between segments.
+    """Defects of all steps, shape (n - 1, D), and their derivatives, zero between segments.
 
-    Parameters
-    ----------
-    defects
-        Shape (n - 1, D).
-    start, end
-        Their derivatives with respect to the states at the start and at the end of the step, shape (n - 1, D, D).
-    coefficients
-        Their derivatives with respect to the field's parameters, shape (n - 1, D, parameters).
+    These are with respect to the states at the `start` and at the `end` of the step, shape (n - 1, D, D), and to the
+    field's parameters, the `coefficients`, shape (n - 1, D, parameters).
     """
 
     defects: Floats
@@ -38,30 +32,14 @@ class Jacobians:
 
 
 def defects(field: VectorField, mesh: Mesh, states: Floats) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D).
-
-    Parameters
-    ----------
-    field
-        The law, of order 1 or 2; states are z = x, or z = (x, x').
-    mesh
-        The points.
-    states
-        Shape (n, D).
-    """
+    """Return the defects of all steps, shape (n - 1, D); states are z = x, or z = (x, x'), of shape (n, D)."""
     derivatives = field.derivatives(_at_points(mesh, states))
     middles = _middles(mesh, states, derivatives)
     return _defects(mesh, states, derivatives, field.derivatives(_at_middles(mesh, middles)))
 
 
 def jacobians(field: VectorField, mesh: Mesh, states: Floats) -> Jacobians:
-    """Return the defects of all steps and their derivatives with respect to states and the parameters of the field.
-
-    Parameters
-    ----------
-    field, mesh, states
-        As for `defects`.
-    """
+    """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
     derivatives, by_states, by_own = field.linearize(_at_points(mesh, states))
     middles = _middles(mesh, states, derivatives)
     middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, middles))

@@ -24,17 +24,10 @@ class NotPositiveError(ArithmeticError):
 class SchurComplement:
     """The normal equations of one mesh after the states were eliminated.
 
-    Parameters
-    ----------
-    information
-        Of the coefficients, shape (parameters, parameters).
-    gradient
-        Half the gradient of twice the negative log-likelihood by the coefficients, with the states following, shape
-        (parameters,).
-    state_step
-        Step of the states where the coefficients stay, shape (n, D).
-    state_sensitivity
-        Derivative of the states, as they follow the coefficients, with respect to these, shape (n, D, parameters).
+    The `information` is on the coefficients, shape (parameters, parameters); the `gradient` is half that of twice the
+    negative log-likelihood by them, with the states following. Where the coefficients stay, the states move by
+    `state_step`, shape (n, D); their derivative as they follow the coefficients is `state_sensitivity`, shape
+    (n, D, parameters).
     """
 
     information: Floats
@@ -46,16 +39,8 @@ class SchurComplement:
 def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, residuals: Floats) -> SchurComplement:
     """Return the normal equations of one mesh without the states.
 
-    Parameters
-    ----------
-    linear
-        Defects and their derivatives.
-    precision
-        Of each defect, its inverse variance, shape (n - 1, D).
-    weights
-        Precision of each measurement, shape (n, d).
-    residuals
-        Measured less sought states, shape (n, d); anything where the weight is zero.
+    The precision of each defect has shape (n - 1, D), that of each measurement, its weight, shape (n, d); residuals are
+    measured less sought states, shape (n, d), anything where the weight is zero.
 
     Raises
     ------
