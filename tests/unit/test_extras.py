@@ -80,7 +80,7 @@ FEATURES = {
     "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.from_parquet(folder / "a.parquet")),
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
     "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
-    "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy([])),
+    "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy(["x", "t"])),
     **{f"making a report without {name}": (name, a_page) for name, extra in OPTIONAL.items() if extra == "report"},
 }
 

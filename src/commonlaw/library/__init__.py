@@ -5,15 +5,17 @@ from functools import reduce
 from operator import add, mul
 
 from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
-from commonlaw.library.constant import ConstantLibrary
 from commonlaw.library.expression import Expression
-from commonlaw.library.expressions import ExpressionLibrary
-from commonlaw.library.fourier import FourierLibrary
+from commonlaw.library.families import (
+    ConstantLibrary,
+    ExpressionLibrary,
+    FourierLibrary,
+    PolynomialLibrary,
+    RationalLibrary,
+)
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parse import parse_term
-from commonlaw.library.polynomial import PolynomialLibrary
 from commonlaw.library.product import Product
-from commonlaw.library.rational import RationalLibrary
 from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms
 from commonlaw.library.trigonometric import Trigonometric

@@ -23,7 +23,7 @@ class AbstractLibrary(ABC):
         Raises
         ------
         CommonlawError
-            If the family names a variable or a term that is not there.
+            If the family names a variable or a term that is not there, cannot be read, or has no or too many terms.
         """
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
@@ -49,7 +49,6 @@ class SumLibrary(AbstractLibrary):
     right: AbstractLibrary
 
     def bind(self, variables: Variables) -> Terms:
-        """Return the terms of both."""
         left, right = self.left.bind(variables), self.right.bind(variables)
         return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
 
@@ -62,7 +61,6 @@ class ProductLibrary(AbstractLibrary):
     right: AbstractLibrary
 
     def bind(self, variables: Variables) -> Terms:
-        """Return the products."""
         left, right, size = self.left.bind(variables), self.right.bind(variables), len(variables.names)
         products = (multiply((a, b), size) for a in left.terms for b in right.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
@@ -76,13 +74,6 @@ class SelectedLibrary(AbstractLibrary):
     names: tuple[str, ...]
 
     def bind(self, variables: Variables) -> Terms:
-        """Return the named terms.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no term of some name, or none is named.
-        """
         terms = self.library.bind(variables)
         if not self.names:
             raise CommonlawError(f"no term is selected; choose from {', '.join(terms.names)}")
@@ -97,13 +88,6 @@ class ReducedLibrary(AbstractLibrary):
     names: tuple[str, ...]
 
     def bind(self, variables: Variables) -> Terms:
-        """Return the terms that are not named.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no term of some name, or none is left.
-        """
         terms = self.library.bind(variables)
         dropped = {terms.index(name) for name in self.names}
         if len(dropped) == len(terms):

@@ -22,7 +22,6 @@ _FORMS = {
     "abs": (r"\left|{{{}}}\right|", _Binding.WHOLE),
     "sqrt": (r"\sqrt{{{}}}", _Binding.WHOLE),
     "exp": ("e^{{{}}}", _Binding.POWER),
-    "sign": (r"\operatorname{{sign}}\left({}\right)", _Binding.POWER),
 }
 
 
@@ -64,8 +63,12 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             return f"{inside(base, _Binding.WHOLE)}^{{{inside(exponent, _Binding.SUM)}}}", _Binding.POWER
         case ast.Call(func=ast.Name(id=name), args=[argument]):
-            form, binding = _FORMS.get(name, (rf"\{name}\left({{}}\right)", _Binding.POWER))
-            return form.format(inside(argument, _Binding.SUM)), binding
+            inner = inside(argument, _Binding.SUM)
+            if name in _FORMS:
+                form, binding = _FORMS[name]
+                return form.format(inner), binding
+            function = r"\operatorname{sign}" if name == "sign" else f"\\{name}"
+            return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
     raise CommonlawError(f"{ast.unparse(tree)[:30]!r} is not an expression of the language of terms")
 
 

@@ -3,17 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.extras import optional_import
-from commonlaw.library.naming import latex_name, powered, quoted
+from commonlaw.library.naming import powered, quoted
 from commonlaw.library.term import AbstractTerm
-
-if TYPE_CHECKING:
-    import sympy
 
 
 @dataclass(frozen=True)
@@ -39,7 +34,6 @@ class Monomial(AbstractTerm):
         return tuple(i for i, power in enumerate(self.exponents) for _ in range(power))
 
     def evaluate(self, values: Floats) -> Floats:
-        """Return the values, shape (n,)."""
         if not self._factors:
             return np.ones(len(values))
         first, *others = self._factors
@@ -51,7 +45,6 @@ class Monomial(AbstractTerm):
         return result
 
     def gradient(self, values: Floats) -> Floats:
-        """Return the partial derivatives, shape (n, number of variables)."""
         result = np.zeros(values.shape)
         with np.errstate(all="ignore"):
             for i in self.columns():
@@ -66,36 +59,19 @@ class Monomial(AbstractTerm):
         return np.multiply, self._lowered(last), variable(last, len(self.exponents))
 
     def columns(self) -> frozenset[int]:
-        """Return the columns of the variables in it."""
         return frozenset(i for i, power in enumerate(self.exponents) if power)
 
     def text(self, names: Sequence[str]) -> str:
         """Return ``x^2 v``."""
-        return " ".join(self.powers(names)) or "1"
-
-    def powers(self, names: Sequence[str]) -> list[str]:
-        """Return the powers that it is the product of: ``x^2`` and ``v``."""
-        return [powered(name, power) for name, power in zip(names, self.exponents, strict=True) if power]
+        return " ".join(self.powers(names, "^")) or "1"
 
     def expression(self, names: Sequence[str]) -> str:
         """Return ``x**2*v``."""
-        return "*".join(self.factors(names)) or "1"
+        return "*".join(self.powers([quoted(name) for name in names], "**")) or "1"
 
-    def factors(self, names: Sequence[str]) -> list[str]:
-        """Return the expressions that it is the product of: ``x**2`` and ``v``."""
-        powers = ((quoted(name), power) for name, power in zip(names, self.exponents, strict=True) if power)
-        return [name if power == 1 else f"{name}**{power}" for name, power in powers]
-
-    def latex(self, names: Sequence[str]) -> str:
-        """Return ``x^{2} v``."""
-        powers = ((latex_name(name), power) for name, power in zip(names, self.exponents, strict=True) if power)
-        return " ".join(name if power == 1 else f"{name}^{{{power}}}" for name, power in powers) or "1"
-
-    def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
-        """Return the product of powers of the symbols."""
-        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
-
-        return sympy.Mul(*(symbol**power for symbol, power in zip(symbols, self.exponents, strict=True)))
+    def powers(self, names: Sequence[str], sign: str) -> list[str]:
+        """Return the powers that it is the product of, written with that sign: ``x^2`` and ``v``."""
+        return [powered(name, power, sign) for name, power in zip(names, self.exponents, strict=True) if power]
 
     def _lowered(self, column: int) -> "Monomial":
         return Monomial(tuple(power - (i == column) for i, power in enumerate(self.exponents)))

@@ -18,16 +18,16 @@ def quoted(name: str) -> str:
     return name if _WORD.fullmatch(name) else "`" + name.replace("`", "``") + "`"
 
 
-def powered(name: str, power: int) -> str:
-    """Return a power of a variable as the field writes it.
+def powered(name: str, power: int, sign: str = "^") -> str:
+    """Return a power of a variable, in parentheses where its name is neither plain nor quoted.
 
-    >>> powered("v", 1), powered("v", 2), powered("dx/dt", 2)
-    ('v', 'v^2', '(dx/dt)^2')
+    >>> powered("v", 1), powered("v", 2), powered("dx/dt", 2), powered("`dx/dt`", 2, "**")
+    ('v', 'v^2', '(dx/dt)^2', '`dx/dt`**2')
     """
     if power == 1:
         return name
-    plain = _WORD.fullmatch(name.rstrip("'"))
-    return f"{name}^{power}" if plain else f"({name})^{power}"
+    plain = _WORD.fullmatch(name.rstrip("'")) or name.startswith("`")
+    return f"{name}{sign}{power}" if plain else f"({name}){sign}{power}"
 
 
 def latex_name(name: str) -> str:

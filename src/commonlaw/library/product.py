@@ -1,23 +1,19 @@
 """Products and quotients of terms, in one form each."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
 from commonlaw.library.evaluation import slope
 from commonlaw.library.expression import Expression
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.naming import quoted
 from commonlaw.library.term import AbstractTerm
-
-if TYPE_CHECKING:
-    import sympy
 
 
 @dataclass(frozen=True)
@@ -42,14 +38,12 @@ class Product(AbstractTerm):
     size: int
 
     def evaluate(self, values: Floats) -> Floats:
-        """Return the values, shape (n,)."""
         operation, left, right = self.parts()
         with np.errstate(all="ignore"):
             result: Floats = operation(left.evaluate(values), right.evaluate(values))
         return result
 
     def gradient(self, values: Floats) -> Floats:
-        """Return the partial derivatives, shape (n, number of variables)."""
         operation, left, right = self.parts()
         d_left, d_right = left.gradient(values).T, right.gradient(values).T
         with np.errstate(all="ignore"):
@@ -62,41 +56,18 @@ class Product(AbstractTerm):
         return np.multiply, self._of(self.factors[:-1]), self.factors[-1]
 
     def columns(self) -> frozenset[int]:
-        """Return the columns of the variables in it."""
         return frozenset().union(*(each.columns() for each in (*self.factors, *self.divisors)))
 
     def text(self, names: Sequence[str]) -> str:
         """Return ``x^2 sin(x)``, ``v*abs(v)``, ``x/(1 + x^2)``."""
-
-        def piece(term: AbstractTerm, power: int) -> list[str]:
-            if isinstance(term, Monomial):
-                return term.powers(names)
-            return [_raised(term, term.text(names), power, "^")]
-
         loose = not any(isinstance(each, Expression) for each in self.factors)
-        return _fraction(_pieces(self.factors, piece), _pieces(self.divisors, piece), " " if loose else "*")
+        above, below = (_powers(side, names, "^") for side in (self.factors, self.divisors))
+        return _fraction(above, below, " " if loose else "*")
 
     def expression(self, names: Sequence[str]) -> str:
         """Return ``x**2*sin(x)``."""
-
-        def piece(term: AbstractTerm, power: int) -> list[str]:
-            if isinstance(term, Monomial):
-                return term.factors(names)
-            return [_raised(term, term.expression(names), power, "**")]
-
-        return _fraction(_pieces(self.factors, piece), _pieces(self.divisors, piece), "*")
-
-    def latex(self, names: Sequence[str]) -> str:
-        r"""Return ``x^{2} \sin(x)``, ``\frac{x}{x^{2} + 1}``."""
-        above = _latex_product(self.factors, names) or "1"
-        return rf"\frac{{{above}}}{{{_latex_product(self.divisors, names)}}}" if self.divisors else above
-
-    def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
-        """Return the product of the factors' SymPy forms, divided by that of the divisors'."""
-        sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
-
-        above, below = (sympy.Mul(*(each.sympy(symbols) for each in side)) for side in (self.factors, self.divisors))
-        return above / below
+        above, below = (_powers(side, names, "**") for side in (self.factors, self.divisors))
+        return _fraction(above, below, "*")
 
     def _of(self, factors: tuple[AbstractTerm, ...]) -> AbstractTerm:
         return _product(factors, (), self.size)
@@ -153,8 +124,15 @@ def _product(factors: tuple[AbstractTerm, ...], divisors: tuple[AbstractTerm, ..
     return factors[0] if factors else Monomial((0,) * size)
 
 
-def _pieces(factors: Sequence[AbstractTerm], piece: Callable[[AbstractTerm, int], list[str]]) -> list[str]:
-    return [each for term, power in Counter(factors).items() for each in piece(term, power)]
+def _powers(factors: Sequence[AbstractTerm], names: Sequence[str], sign: str) -> list[str]:
+    """Return the powers of the factors: as texts, or if the sign is that of expressions as those."""
+    powers = []
+    for term, power in Counter(factors).items():
+        if isinstance(term, Monomial):
+            powers += term.powers(names if sign == "^" else [quoted(name) for name in names], sign)
+        else:
+            powers.append(_raised(term, term.text(names) if sign == "^" else term.expression(names), power, sign))
+    return powers
 
 
 def _fraction(above: list[str], below: list[str], separator: str) -> str:
@@ -169,14 +147,3 @@ def _raised(term: AbstractTerm, text: str, power: int, sign: str) -> str:
     if isinstance(term, Expression) and (term.is_sum or (power > 1 and not term.is_call)):
         text = f"({text})"
     return text if power == 1 else f"{text}{sign}{power}"
-
-
-def _latex_product(factors: tuple[AbstractTerm, ...], names: Sequence[str]) -> str:
-    pieces = []
-    for term, power in Counter(factors).items():
-        latex = term.latex(names)
-        alone = power == 1 and len(factors) == 1
-        if power > 1 or (isinstance(term, Expression) and term.is_sum and not alone):
-            latex = rf"\left({latex}\right)"
-        pieces.append(latex if power == 1 else f"{latex}^{{{power}}}")
-    return " ".join(pieces)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.library.latex import expression_latex
+from commonlaw.library.symbolic import sympy_form
 
 if TYPE_CHECKING:
     import sympy
@@ -48,11 +50,10 @@ class AbstractTerm(ABC):
     def expression(self, names: Sequence[str]) -> str:
         """Return the term as an expression that `parse_term` reads back: ``x**2*v``."""
 
-    @abstractmethod
     def latex(self, names: Sequence[str]) -> str:
         """Return the term as LaTeX, without dollar signs."""
+        return expression_latex(self._code(len(names)), names)
 
-    @abstractmethod
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the term as a SymPy expression in the given symbols, one for each variable.
 
@@ -61,5 +62,11 @@ class AbstractTerm(ABC):
         Raises
         ------
         CommonlawError
-            If SymPy is not installed.
+            If SymPy is not installed, or the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number
+            beyond all bounds.
         """
+        return sympy_form(self._code(len(symbols)), symbols)
+
+    def _code(self, count: int) -> str:
+        """Return the expression as the grammar writes it, over the names of its columns."""
+        return self.expression([f"v{i}" for i in range(count)])

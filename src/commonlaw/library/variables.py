@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import unknown
 
 
 @dataclass(frozen=True)
@@ -52,21 +52,3 @@ class Variables:
         if names is None:
             return tuple(range(len(self.states) + len(self.inputs)))
         return tuple(self.index(name) for name in names)
-
-
-def checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    """Return names as a tuple, hashable; a text is names between commas.
-
-    Raises
-    ------
-    CommonlawError
-        If there is none, or one is there twice.
-    """
-    if names is None:
-        return None
-    listed = tuple(each.strip() for each in names.split(",")) if isinstance(names, str) else tuple(names)
-    if not listed or len(set(listed)) < len(listed):
-        raise CommonlawError(
-            f"name each variable of a library once, and at least one; got {', '.join(listed) or 'none'}"
-        )
-    return listed

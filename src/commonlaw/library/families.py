@@ -1,0 +1,220 @@
+"""The families of terms that a library can be made of."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.algebra import AbstractLibrary
+from commonlaw.library.grammar import HIGHEST_POWER
+from commonlaw.library.monomial import Monomial
+from commonlaw.library.parse import parse_term
+from commonlaw.library.product import multiply, multiply_powers
+from commonlaw.library.terms import Terms
+from commonlaw.library.trigonometric import Trigonometric
+from commonlaw.library.variables import Variables
+from commonlaw.validation import check_whole_number
+
+_MOST_TERMS = 100_000
+
+
+@dataclass(frozen=True)
+class ConstantLibrary(AbstractLibrary):
+    """The constant term 1.
+
+    Examples
+    --------
+    >>> ConstantLibrary().bind(Variables(("x",))).names
+    ('1',)
+    """
+
+    def bind(self, variables: Variables) -> Terms:
+        return Terms(variables, (Monomial((0,) * len(variables.names)),))
+
+
+@dataclass(frozen=True)
+class PolynomialLibrary(AbstractLibrary):
+    """All monomials up to a degree, lower degrees first: 1, x, v, x^2, x v, v^2, x^3, ...
+
+    Parameters
+    ----------
+    degree
+        The highest degree.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, but not time.
+    constant
+        Whether the constant term 1 is in.
+    interactions
+        Whether products of different variables are in.
+
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, no term is left, or a variable is named twice.
+
+    Examples
+    --------
+    >>> PolynomialLibrary(2).bind(Variables(("x", "v"))).names
+    ('1', 'x', 'v', 'x^2', 'x v', 'v^2')
+    """
+
+    degree: int = 2
+    variables: Sequence[str] | None = None
+    constant: bool = True
+    interactions: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        _check_degree(self.degree)
+        if self.degree == 0 and not self.constant:
+            raise CommonlawError("a polynomial of degree 0 without its constant has no terms: raise the degree")
+
+    def bind(self, variables: Variables) -> Terms:
+        columns, size = variables.columns(self.variables), len(variables.names)
+        exponents = _monomials(columns, size, self.degree, self.interactions)
+        return Terms(variables, tuple(Monomial(each) for each in exponents[not self.constant :]))
+
+
+@dataclass(frozen=True)
+class FourierLibrary(AbstractLibrary):
+    """Sines and cosines of whole multiples of each variable, lower multiples first.
+
+    Parameters
+    ----------
+    frequencies
+        The highest multiple.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, but not time.
+
+    Raises
+    ------
+    CommonlawError
+        If there are not 1 to 1000 frequencies, or a variable is named twice.
+
+    Examples
+    --------
+    >>> FourierLibrary(2).bind(Variables(("x",))).names
+    ('sin(x)', 'cos(x)', 'sin(2 x)', 'cos(2 x)')
+    """
+
+    frequencies: int = 1
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        check_whole_number("the number of frequencies of a Fourier library", self.frequencies, 1, 1000)
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = [
+            term
+            for frequency in range(1, self.frequencies + 1)
+            for column in variables.columns(self.variables)
+            for term in (Trigonometric("sin", frequency, column), Trigonometric("cos", frequency, column))
+        ]
+        return Terms(variables, tuple(terms))
+
+
+@dataclass(frozen=True)
+class RationalLibrary(AbstractLibrary):
+    """All monomials up to a degree, each divided by the same expression.
+
+    Parameters
+    ----------
+    degree
+        The highest degree of the numerators.
+    denominator
+        An expression: ``"1 + x^2"``.
+    variables
+        Names of the variables of the numerators; without them all states (and rates) and inputs, but not time.
+
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, or a variable is named twice.
+
+    Examples
+    --------
+    >>> RationalLibrary(1, "1 + x^2").bind(Variables(("x",))).names
+    ('1/(1 + x^2)', 'x/(1 + x^2)')
+    """
+
+    degree: int
+    denominator: str
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        object.__setattr__(self, "denominator", str(self.denominator))
+        _check_degree(self.degree)
+
+    def bind(self, variables: Variables) -> Terms:
+        columns, size = variables.columns(self.variables), len(variables.names)
+        above = [Monomial(each) for each in _monomials(columns, size, self.degree)]
+        inverse = multiply_powers({parse_term(self.denominator, variables): -1}, size)
+        return Terms(variables, tuple(multiply((each, inverse), size) for each in above))
+
+
+@dataclass(frozen=True, init=False)
+class ExpressionLibrary(AbstractLibrary):
+    """The terms that are written, in that order.
+
+    Parameters
+    ----------
+    *expressions
+        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``.
+
+    Raises
+    ------
+    CommonlawError
+        If there is none.
+
+    Examples
+    --------
+    >>> ExpressionLibrary("1", "v*abs(v)").bind(Variables(("x", "v"))).names
+    ('1', 'v*abs(v)')
+    """
+
+    expressions: tuple[str, ...]
+
+    def __init__(self, *expressions: str) -> None:
+        if not expressions:
+            raise CommonlawError("an expression library without expressions has no terms: give at least one")
+        object.__setattr__(self, "expressions", expressions)
+
+    def bind(self, variables: Variables) -> Terms:
+        return Terms(variables, tuple(dict.fromkeys(parse_term(each, variables) for each in self.expressions)))
+
+
+def _check_degree(degree: int) -> None:
+    """Refuse what is not a degree from 0 to 100."""
+    check_whole_number("the degree of a library", degree, 0, HIGHEST_POWER)
+
+
+def _monomials(columns: Sequence[int], size: int, degree: int, interactions: bool = True) -> list[tuple[int, ...]]:
+    """Return the exponents of the monomials up to a degree in some of `size` variables, 100 000 at most."""
+    count = math.comb(len(columns) + degree, degree) if interactions else 1 + len(columns) * degree
+    if count > _MOST_TERMS:
+        raise CommonlawError(
+            f"a polynomial of degree {degree} in {len(columns)} variables has {count} terms: lower the degree, "
+            "name fewer variables, or leave out the interactions"
+        )
+    choices = [
+        choice
+        for total in range(degree + 1)
+        for choice in combinations_with_replacement(columns, total)
+        if interactions or len(set(choice)) <= 1
+    ]
+    return [tuple(choice.count(i) for i in range(size)) for choice in choices]
+
+
+def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
+    """Return names as a tuple, hashable; a text is names between commas; refuse none and names that are there twice."""
+    if names is None:
+        return None
+    listed = tuple(each.strip() for each in names.split(",")) if isinstance(names, str) else tuple(names)
+    if not listed or len(set(listed)) < len(listed):
+        raise CommonlawError(
+            f"name each variable of a library once, and at least one; got {', '.join(listed) or 'none'}"
+        )
+    return listed
