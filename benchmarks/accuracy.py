@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.problem import lorenz
+from commonlaw.formulation import law_variables
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def _rows(degree: int) -> tuple[Floats, Floats]:
     problem = lorenz(20_000, degree)
     trials = cl.Trials.from_arrays(problem.times, problem.states[0])
     form = cl.StrongForm(cl.FiniteDifference())
-    return form.rows(trials[0], cl.PolynomialLibrary(degree).bind(form.variables(trials.schema)))
+    return form.rows(trials[0], cl.PolynomialLibrary(degree).bind(law_variables(trials.schema, form.order)))
 
 
 def _random(condition: float) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.problem import Problem
-from commonlaw.formulation import merge
+from commonlaw.formulation import law_variables, merge
 from commonlaw.library import Terms
 
 Floats = NDArray[np.float64]
@@ -121,7 +121,7 @@ def _discovered(trials: cl.Trials | cl.TrialStream, problem: Problem) -> Floats:
 
 def _compressing(problem: Problem, samples: int | None = None) -> tuple[cl.StrongForm, Terms, cl.Trials]:
     trials, form = _trials(problem, samples), cl.StrongForm(cl.FiniteDifference())
-    return form, cl.PolynomialLibrary(problem.degree).bind(form.variables(trials.schema)), trials
+    return form, cl.PolynomialLibrary(problem.degree).bind(law_variables(trials.schema, form.order)), trials
 
 
 def _solved(systems: list[cl.LeastSquaresProblem], threshold: float) -> Floats:

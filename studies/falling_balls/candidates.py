@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Floats
+from commonlaw.formulation import law_variables
 from commonlaw.library import Terms, Variables, parse_library, term_unit
 from commonlaw.plots import plot_library
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -27,7 +28,7 @@ def candidates(inquiry: Inquiry) -> Section:
         return left_out("library", _TITLE, inquiry.missing)
     drops = inquiry.drops
     (trial,) = drops.select(object=LIBRARY_BALL, trial=LIBRARY_DROP)
-    terms = parse_library(LIBRARY).bind(FORM.variables(drops.schema))
+    terms = parse_library(LIBRARY).bind(law_variables(drops.schema, FORM.order))
     rows, _ = FORM.rows(trial, terms)
     rates = FORM.rates(trial)
     off = _deviation(terms, rows, rates.states[:, 0], rates.derivatives[0][:, 0])

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, leave_one_out, merge
 from commonlaw.library import PolynomialLibrary, Variables
 
@@ -79,20 +78,6 @@ def test_fewer_rows_than_terms_are_fitted_exactly():
     problem = LeastSquaresProblem.of(np.array([[1.0, 2.0, 3.0]]), np.array([[4.0]]))
     coefficients = problem.least_squares(np.ones(3, dtype=bool), 0)
     assert coefficients @ [1, 2, 3] == pytest.approx(4)
-
-
-def test_a_part_can_be_taken_away_again(rows):
-    library, targets = rows
-    scales = 10.0 ** np.array([-6, 0, 6, 3, -5, 1])
-    part, rest = (
-        LeastSquaresProblem.of(library[rows] * scales, targets[rows]) for rows in (slice(0, 60), slice(60, 200))
-    )
-    left = (part + rest) - part
-    everything = np.ones(6, dtype=bool)
-    assert left.rows == 140
-    np.testing.assert_allclose(left.least_squares(everything, 1), rest.least_squares(everything, 1), rtol=1e-9)
-    with pytest.raises(CommonlawError, match="too few rows would be left"):
-        _ = part - part
 
 
 def test_leaving_out_one_part_is_merging_all_others(rows):

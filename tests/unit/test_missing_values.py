@@ -8,7 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.differentiation import FiniteDifference, RobustSpline
-from commonlaw.formulation import DiscreteForm, StrongForm
+from commonlaw.formulation import DiscreteForm, StrongForm, law_variables
 from commonlaw.library import Variables, parse_library
 from commonlaw.plots import plot_forecast, plot_trials, render
 from commonlaw.trials import Trial, Trials, TrialStream, stream
@@ -127,7 +127,7 @@ def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_
 )
 @pytest.mark.parametrize("ask", ["rows", "problems"])
 def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
-    terms = parse_library("poly:1").bind(form.variables(collection().schema))
+    terms = parse_library("poly:1").bind(law_variables(collection().schema, 1))
     with pytest.raises(
         cl.CommonlawError, match=r"a, trial 1: x is missing in sample 4, 4 values in all, and this form"
     ):
@@ -136,7 +136,7 @@ def test_a_formulation_that_needs_every_value_says_which_is_missing(form, ask):
 
 def test_the_robust_spline_fills_the_gaps_of_the_strong_form():
     form = StrongForm(RobustSpline(), trim=5)
-    terms = parse_library("poly:1").bind(form.variables(collection().schema))
+    terms = parse_library("poly:1").bind(law_variables(collection().schema, 1))
     library, targets = form.rows(spiral(), terms)
     np.testing.assert_allclose(np.linalg.lstsq(library, targets)[0], [[0, 0], [0, -1], [1, 0]], atol=1e-3)
 

@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm
+from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
@@ -34,7 +34,7 @@ def drops(balls: int = 10, **options: float) -> Trials:
 
 def law_of(trials: Trials, degree: int = 2) -> Law:
     """The law ``x'' = -9.5 + 0.9 drag v`` over a polynomial library, close to the truth and not equal to it."""
-    terms = PolynomialLibrary(degree).bind(FORM.variables(trials.schema))
+    terms = PolynomialLibrary(degree).bind(law_variables(trials.schema, FORM.order))
     coefficients = np.zeros((len(trials.objects), 1, len(terms)))
     coefficients[:, 0, terms.index("1")] = -9.5
     coefficients[:, 0, terms.index("v")] = 0.9 * np.array(DRAG[: len(trials.objects)])

@@ -5,7 +5,7 @@ import pytest
 
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm, differentiation_bias, effective_share
+from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables
 from commonlaw.library import PolynomialLibrary
 from commonlaw.trials import Schema, Trial
 
@@ -58,7 +58,7 @@ def test_a_trial_that_is_too_short_is_named():
 )
 def test_the_resolution_is_the_error_of_the_targets_without_noise(text, noise):
     form = StrongForm(parse_differentiation(text), 2, trim=15)
-    terms = PolynomialLibrary(1).bind(form.variables(Schema(("x",)))).take([1, 2])
+    terms = PolynomialLibrary(1).bind(law_variables(Schema(("x",)), form.order)).take([1, 2])
     targets = form.samples(trial())[1][:, 0]
     error = np.mean((targets + np.sin(TIMES[15:-15])) ** 2)  # x'' = -x
     found = differentiation_bias(form, terms, [trial(noise)], 0, np.array([-1.0, 0.0]))
@@ -67,6 +67,6 @@ def test_the_resolution_is_the_error_of_the_targets_without_noise(text, noise):
 
 def test_the_resolution_of_a_method_that_is_exact_is_rounding():
     form = StrongForm(parse_differentiation("savgol:15:3"), 2, trim=10)
-    terms = PolynomialLibrary(0).bind(form.variables(Schema(("x",))))
+    terms = PolynomialLibrary(0).bind(law_variables(Schema(("x",)), form.order))
     falling = Trial("A", "1", TIMES, (10 - 4.9 * TIMES**2)[:, np.newaxis])
     assert differentiation_bias(form, terms, [falling], 0, np.array([-9.8])) < 1e-18

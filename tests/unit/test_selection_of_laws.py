@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, merge
+from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import RULES, ForecastError, choose, make_folds
@@ -19,7 +19,7 @@ class Problem:
     def __init__(self, trials, order, differentiation, trim=0):
         self.trials = trials
         self.form = StrongForm(parse_differentiation(differentiation), order, "smoothed", trim)
-        self.terms = PolynomialLibrary(3).bind(self.form.variables(trials.schema))
+        self.terms = PolynomialLibrary(3).bind(law_variables(trials.schema, order))
         self.allowed = np.ones(len(self.terms), dtype=bool)
         self.of = [trials.of_object(name) for name in trials.objects]
         self.parts = [[self.form.problems(trial, self.terms, 4) for trial in own] for own in self.of]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from commonlaw.differentiation import METHODS, CenteredDifference, parse_differentiation
-from commonlaw.formulation import LeastSquaresProblem, StrongForm, merge
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, law_variables, merge
 from commonlaw.library import PolynomialLibrary
 from commonlaw.trials import Schema, Trial
 
@@ -29,7 +29,7 @@ def test_a_long_trial_is_differentiated_in_pieces_that_fit_together(text, order)
 @pytest.mark.parametrize("parts", [1, 3, 7])
 def test_the_parts_of_a_trial_are_the_systems_of_its_rows(parts):
     form, trial = StrongForm(CenteredDifference(), trim=5), long_trial(9000)
-    terms = PolynomialLibrary(2).bind(form.variables(SCHEMA))
+    terms = PolynomialLibrary(2).bind(law_variables(SCHEMA, form.order))
     problems, rows = form.problems(trial, terms, parts), form.rows(trial, terms)
     assert len(problems) == parts
     assert sum(problem.rows for problem in problems) == 8990
@@ -42,7 +42,6 @@ def test_the_parts_of_a_trial_are_the_systems_of_its_rows(parts):
 
 
 def test_names_of_rates_avoid_the_names_of_other_variables():
-    form = StrongForm(CenteredDifference(), order=2)
-    assert form.variables(Schema(("x",))).states == ("x", "v")
-    assert form.variables(Schema(("x",), inputs=("v",))).states == ("x", "x_rate")
-    assert form.variables(Schema(("x", "y"))).states == ("x", "y", "v_x", "v_y")
+    assert law_variables(Schema(("x",)), 2).states == ("x", "v")
+    assert law_variables(Schema(("x",), inputs=("v",)), 2).states == ("x", "x_rate")
+    assert law_variables(Schema(("x", "y")), 2).states == ("x", "y", "v_x", "v_y")

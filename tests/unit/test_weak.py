@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from commonlaw import CommonlawError, FiniteDifference, SavitzkyGolay, SmoothedDifference, SmoothingSpline
-from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, merge, reweight
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, law_variables, merge, reweight
 from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
@@ -46,7 +46,7 @@ def trials_of(problem, times, noise=0.0, seed=0, states=2):
 
 
 def bound(library, form, trials):
-    return parse_library(library).bind(form.variables(trials.schema))
+    return parse_library(library).bind(law_variables(trials.schema, form.order))
 
 
 @pytest.mark.parametrize("grid", [regular, uneven])
@@ -251,7 +251,7 @@ def test_systems_are_the_parts_of_the_rows_and_merge():
 def test_solvers_find_the_law_in_compressed_trials():
     exact = trials_of("lorenz", regular(1000, 5.0), 0.02, states=3)
     trials = Trials((exact[0], Trial("it", "2", *_noisy(7)), Trial("other", "1", *_noisy(8))), exact.schema)
-    terms = PolynomialLibrary(2).bind(WeakForm().variables(trials.schema))
+    terms = PolynomialLibrary(2).bind(law_variables(trials.schema, 1))
     form, _ = reweight(trials, terms, WeakForm())
     data = compress(trials, trials.schema, form, terms, segments=4)
     names = [{"x", "y"}, {"x", "y", "x z"}, {"z", "x y"}]

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
-from commonlaw.library import Terms, Variables
-from commonlaw.trials import Schema, Trial
+from commonlaw.library import Terms
+from commonlaw.trials import Trial
 
 Segment = tuple[int, Floats, Floats]
 """The first sample of a segment of a trial, and there the values of the variables and the targets, a row a sample."""
@@ -22,10 +22,6 @@ _BLOCK = 2048
 
 class AbstractFormulation(ABC):
     """From the samples of a trial to rows of terms and targets, and to the problems that these compress to."""
-
-    @abstractmethod
-    def variables(self, schema: Schema) -> Variables:
-        """Return the variables of a law over trials of this schema."""
 
     @abstractmethod
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
@@ -49,27 +45,15 @@ class AbstractFormulation(ABC):
 
 
 class AbstractSampledForm(AbstractFormulation):
-    """A formulation whose rows are the terms at single samples."""
+    """A formulation whose rows are the terms at single samples; a trial that is too short for one is refused."""
 
     @abstractmethod
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
-        """Yield the rows of a trial in segments of which none goes across a cut (a number of samples).
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short; the message names it.
-        """
+        """Yield the rows of a trial in segments of which none goes across a cut (a number of samples)."""
 
     @abstractmethod
     def span(self, trial: Trial) -> tuple[int, int]:
-        """Return the first sample that makes a row, and the one behind the last.
-
-        Raises
-        ------
-        CommonlawError
-            If there is none; the message names the trial.
-        """
+        """Return the first sample that makes a row, and the one behind the last."""
 
     def samples(self, trial: Trial) -> tuple[Floats, Floats]:
         """Return the variables' values, shape (n, variables), and the targets, shape (n, states)."""
@@ -89,15 +73,7 @@ class AbstractSampledForm(AbstractFormulation):
         return library, targets
 
     def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
-        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in time.
-
-        They are the problems of `rows`, but no more than a few thousand of them are held at a time.
-
-        Raises
-        ------
-        CommonlawError
-            As `rows`.
-        """
+        """Return the compressed rows as `AbstractFormulation` does, of which a few thousand are held at a time."""
         self._check(trial, terms)
         first, last = self.span(trial)
         cuts = [first + (last - first) * i // segments for i in range(1, segments)]
@@ -110,33 +86,15 @@ class AbstractSampledForm(AbstractFormulation):
         return found
 
     def _check(self, trial: Trial, terms: Terms) -> None:
-        if not self.takes_missing:
-            check_complete(trial, terms.variables.states)
-
-
-def check_complete(trial: Trial, states: Sequence[str]) -> None:
-    """Refuse a trial with missing states, for a formulation that needs them all.
-
-    Parameters
-    ----------
-    trial
-        The trial.
-    states
-        Names of the variables, of which the measured states are the first.
-
-    Raises
-    ------
-    CommonlawError
-        If a state is missing; the message names the trial, the state and the sample.
-    """
-    missing = np.argwhere(np.isnan(trial.states))
-    if len(missing):
-        sample, state = missing[0]
-        raise CommonlawError(
-            f"{trial.label}: {states[state]} is missing in sample {sample + 1}, {len(missing)} values in all, and this "
-            "formulation needs every one: leave the solver and differentiation to their defaults, which take missing "
-            "values; or fill or drop them"
-        )
+        """Refuse a trial with missing states where all are needed."""
+        missing = np.argwhere(np.isnan(trial.states))
+        if len(missing) and not self.takes_missing:
+            sample, state = missing[0]
+            raise CommonlawError(
+                f"{trial.label}: {terms.variables.states[state]} is missing in sample {sample + 1}, {len(missing)} "
+                "values in all, and this formulation needs every one: leave the solver and differentiation to their "
+                "defaults, which take missing values; or fill or drop them"
+            )
 
 
 def _blocks(segments: Iterable[Segment], terms: Terms, width: int) -> Iterator[Floats]:

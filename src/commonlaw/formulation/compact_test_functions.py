@@ -44,12 +44,7 @@ class CompactTestFunctions:
 
     A power this high is a normal curve but for its tails (standard deviation radius / 5.9) and has fifteen continuous
     derivatives, so that sums over a regular grid are integrals to many digits (Messenger and Bortz 2021, "Weak SINDy
-    for partial differential equations", section 3).
-
-    Parameters
-    ----------
-    centres, radii
-        In units of time, shape (k,).
+    for partial differential equations", section 3). Centres and radii are in units of time, shape (k,).
     """
 
     centres: Floats
@@ -59,19 +54,11 @@ class CompactTestFunctions:
     def over(cls, times: Floats, radius: float, narrowest: float) -> "CompactTestFunctions":
         """Return test functions of a radius, in mean steps, all over a trial.
 
-        Toward the ends radii shrink, so that little of the trial is lost. Centres are a test function's standard
-        deviation apart, and at least a step: sums of test functions are then every function that is slow enough for
-        them (their transforms at the band's edge are still a hundredth of the largest), wider test functions included,
-        and closer ones add no more. Those over a gap are left out.
-
-        Parameters
-        ----------
-        times
-            Of the samples, at least ``2 * min(radius, narrowest) + 1``, strictly increasing, shape (n,).
-        radius
-            The largest.
-        narrowest
-            The smallest, at the ends.
+        Toward the ends radii shrink to the narrowest, so that little of the trial is lost; the trial has at least
+        ``2 * min(radius, narrowest) + 1`` samples. Centres are a test function's standard deviation apart, and at least
+        a step: sums of test functions are then every function that is slow enough for them (their transforms at the
+        band's edge are still a hundredth of the largest), wider test functions included, and closer ones add no more.
+        Those over a gap are left out.
         """
         last = len(times) - 1
         margin = min(radius, narrowest)
@@ -93,20 +80,13 @@ class CompactTestFunctions:
     def weights(self, times: Floats, highest: int) -> "list[csr_array]":
         """Return the weights that turn a function's samples into its integrals against test functions and derivatives.
 
-        They are of shape (k, n) each.
+        They are of shape (k, n) each, for the test functions' derivatives 0 to the highest, which is at most 2.
 
         On a regular grid they are the trapezoidal rule, whose error falls faster than any power of the step here, if
         the test function is not too narrow for it. Otherwise a polynomial of degree 9 is put through the 10 samples
         nearest to each step, and its product with the test function integrated by Gauss quadrature; on irregular grids
         it is fitted to the 16 nearest. At 100 samples for each oscillation that errs by less than 1e-8, and at random
         times it keeps noise small, which polynomials through the samples themselves make ten times larger.
-
-        Parameters
-        ----------
-        times
-            Of the samples, shape (n,).
-        highest
-            Derivative of the test functions: 0, 1 or 2.
         """
         from scipy.sparse import vstack
 
@@ -154,6 +134,8 @@ class CompactTestFunctions:
 def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
     """Return the radius in samples of test functions that see what is slower than the corner of the states' spectrum.
 
+    States have shape (n, d), and the standard deviation of the noise on each of them is given, shape (d,).
+
     Beyond the corner data hold nothing but noise (the corner point of Messenger and Bortz 2021, section 4.2). Here it
     is the number K of sine modes that estimate the state with the least error by Mallows' Cp: what K modes leave, plus
     ``2 K noise^2``, is least. Modes are those of the state less the straight line through its ends, which decay fast
@@ -161,17 +143,8 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
     ``exp(-(omega radius / 5.9)^2 / 2)``; the radius puts the corner at two standard deviations, where it is 0.14, so
     that the band is covered and little beyond it.
 
-    The radius is at least `LEAST_RADIUS`, below which sums are no integrals, and otherwise at most a quarter of the
-    trial.
-
-    Parameters
-    ----------
-    times
-        Of the samples, shape (n,). For the spectrum states are interpolated to a regular grid.
-    states
-        As measured, shape (n, d).
-    noise
-        Standard deviation of the noise on each state, shape (d,).
+    For the spectrum states are interpolated to a regular grid. The radius is at least `LEAST_RADIUS`, below which sums
+    are no integrals, and otherwise at most a quarter of the trial.
     """
     from scipy.fft import dst
 

@@ -97,16 +97,14 @@ def compress(
 def _with_problems(
     trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, segments: int, n_jobs: int
 ) -> Iterator[tuple[Trial, list[LeastSquaresProblem]]]:
-    if n_jobs == 1:
-        for trial in trials:
-            yield trial, form.problems(trial, terms, segments)
-        return
-    from joblib import Parallel, delayed
-
     def work(trial: Trial) -> tuple[Trial, list[LeastSquaresProblem]]:
         return trial, form.problems(trial, terms, segments)
 
-    yield from Parallel(n_jobs=n_jobs, return_as="generator")(delayed(work)(trial) for trial in trials)
+    if n_jobs == 1:
+        return map(work, trials)
+    from joblib import Parallel, delayed
+
+    return iter(Parallel(n_jobs=n_jobs, return_as="generator")(delayed(work)(trial) for trial in trials))
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

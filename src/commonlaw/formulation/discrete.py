@@ -8,8 +8,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Segment
-from commonlaw.library import Variables
-from commonlaw.trials import Schema, Trial
+from commonlaw.trials import Trial
 
 _UNEVEN = 0.01
 """Steps further than this share from the median step are not one step of the same law."""
@@ -22,9 +21,6 @@ class DiscreteForm(AbstractSampledForm):
     @property
     def takes_missing(self) -> bool:
         return False
-
-    def variables(self, schema: Schema) -> Variables:
-        return Variables(schema.states, schema.inputs, schema.time)
 
     def span(self, trial: Trial) -> tuple[int, int]:
         if len(trial) < 2:

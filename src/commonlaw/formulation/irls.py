@@ -60,10 +60,9 @@ def _coefficients(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Fl
     found = np.array([plain.least_squares(own, j) for j, own in enumerate(support)])
     for j, own in enumerate(support):
         for _ in range(sweeps):
-            problem = merge(each.problem(found, (j,)) for each in tested)
+            problem = merge(LeastSquaresProblem.of(*each.whitened(found, (j,))) for each in tested)
             before, found[j] = found[j].copy(), problem.least_squares(own, j)
-            if np.linalg.norm(problem.norms * (found[j] - before)) <= _CONVERGED * np.linalg.norm(
-                problem.norms * found[j]
-            ):
+            change, size = (np.linalg.norm(problem.norms * each) for each in (found[j] - before, found[j]))
+            if change <= _CONVERGED * size:
                 break
     return found

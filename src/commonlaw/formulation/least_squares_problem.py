@@ -9,7 +9,6 @@ from operator import add
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
 
 _NARROW, _WIDE = 8, 16
 """Columns that are reduced together, in problems of few and of many columns; blocks of rows are in cache, where narrow
@@ -91,31 +90,8 @@ class LeastSquaresProblem:
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the problem of both sets of rows."""
-        return LeastSquaresProblem(
-            _absorb(self.factor, other.factor, triangular=True), self.terms, self.rows + other.rows
-        )
-
-    def __sub__(self, part: "LeastSquaresProblem") -> "LeastSquaresProblem":
-        """Return the problem of the rows that are not in `part`, which must be some of this problem's rows.
-
-        With ``A = part R^-1`` for this factor R, the rest has the factor ``L' R`` where ``L L' = I - A'A``: digits are
-        lost by what is taken away, not by the condition of the library.
-
-        Raises
-        ------
-        CommonlawError
-            If too little would be left to be accurate; merge what is to stay instead.
-        """
-        from scipy.linalg import cholesky, solve_triangular
-
-        try:
-            share = solve_triangular(self.factor, part.factor.T, trans="T").T
-            left = cholesky(np.eye(len(self.factor)) - share.T @ share)
-        except np.linalg.LinAlgError:
-            left = np.zeros((1, 1))
-        if np.min(np.diag(left)) < 1e-4:
-            raise CommonlawError("too few rows would be left to take the part away accurately; merge what is to stay")
-        return LeastSquaresProblem(left @ self.factor, self.terms, self.rows - part.rows)
+        factor = _absorb(self.factor, other.factor, triangular=True)
+        return LeastSquaresProblem(factor, self.terms, self.rows + other.rows)
 
     @property
     def targets(self) -> int:

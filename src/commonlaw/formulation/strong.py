@@ -10,9 +10,8 @@ import numpy as np
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Segment
-from commonlaw.formulation.variables import law_variables
-from commonlaw.library import Variables
-from commonlaw.trials import Schema, Trial
+from commonlaw.formulation.variables import check_order
+from commonlaw.trials import Trial
 
 _SEGMENT = 8192
 """Samples that are differentiated together: few enough to stay in cache."""
@@ -48,20 +47,13 @@ class StrongForm(AbstractSampledForm):
     trim: int = 0
 
     def __post_init__(self) -> None:
-        if self.order not in (1, 2):
-            raise CommonlawError(
-                f"order {self.order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)"
-            )
+        check_order(self.order)
         if self.library_states not in ("smoothed", "measured"):
             raise CommonlawError(
                 f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'"
             )
         if self.trim < 0:
             raise CommonlawError(f"trim {self.trim} is negative: give the number of rows to leave out at each end")
-
-    def variables(self, schema: Schema) -> Variables:
-        """Return the variables of a law over trials of this schema: states, their rates if of order 2, inputs, time."""
-        return law_variables(schema, self.order)
 
     @property
     def takes_missing(self) -> bool:

@@ -12,10 +12,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
-from commonlaw.formulation.variables import law_variables
+from commonlaw.formulation.variables import check_order
 from commonlaw.formulation.weak_rows import WeakRows
-from commonlaw.library import Terms, Variables
-from commonlaw.trials import Schema, Trial
+from commonlaw.library import Terms
+from commonlaw.trials import Trial
 
 _EXACT = 1e-7
 """Noise below this share of a state's range is none: the state is taken as measured."""
@@ -81,17 +81,11 @@ class WeakForm(AbstractFormulation):
     equation: int | None = None
 
     def __post_init__(self) -> None:
-        if self.order not in (1, 2):
-            raise CommonlawError(
-                f"order {self.order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)"
-            )
+        check_order(self.order)
         if self.radii is not None and not (self.radii and all(np.isfinite(each) and each >= 2 for each in self.radii)):
             raise CommonlawError(f"radii {self.radii}: give one or more numbers of samples, each at least 2")
         if self.noise is not None and not all(np.isfinite(each) and each >= 0 for each in self.noise):
             raise CommonlawError(f"noise {self.noise}: give a standard deviation for each state, 0 or positive")
-
-    def variables(self, schema: Schema) -> Variables:
-        return law_variables(schema, self.order)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         tested = self.tested(trial, terms)
@@ -120,8 +114,7 @@ class WeakForm(AbstractFormulation):
         noise = self._noise(trial)
         test_functions = self._test_functions(trial, noise)
         states, rates = self._smoothed(trial, noise)
-        columns = [states, *rates, trial.inputs, trial.times[:, np.newaxis]]
-        values = np.concatenate(columns, axis=1)
+        values = np.concatenate([states, *rates, trial.inputs, trial.times[:, np.newaxis]], axis=1)
         terms.check_finite(terms.evaluate(values), values, trial.label)
         return WeakRows.of(test_functions, trial, terms, values, noise, self.order)
 
@@ -140,16 +133,11 @@ class WeakForm(AbstractFormulation):
         noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
         return np.asarray(np.maximum(noise, _FLOOR * np.ptp(trial.states, axis=0)))
 
-    def _narrowest(self, trial: Trial, noise: Floats) -> float:
-        """Return the radius of the test functions at the ends of a trial, in samples."""
-        return _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else LEAST_RADIUS
-
     def _test_functions(self, trial: Trial, noise: Floats) -> CompactTestFunctions:
         radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
-        narrowest = self._narrowest(trial, noise)
-        test_functions = reduce(
-            CompactTestFunctions.joined, [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
-        )
+        narrowest = _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else LEAST_RADIUS
+        by_radius = [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
+        test_functions = reduce(CompactTestFunctions.joined, by_radius)
         if not len(test_functions.centres):
             raise CommonlawError(
                 f"{trial.label}: {len(trial)} samples leave gaps in every test function of a radius of "

@@ -8,7 +8,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.formulation.compact_test_functions import CompactTestFunctions
-from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
 from commonlaw.library import AbstractTerm, Monomial, Terms
 from commonlaw.trials import Trial
 
@@ -25,20 +24,11 @@ ruled by errors of rounding and of integration instead."""
 class WeakRows:
     """The rows of one trial, k of them, and how they depend on the noise of its n samples.
 
-    Parameters
-    ----------
-    library
-        The terms tested against the test functions, shape (k, terms).
-    targets
-        The highest derivatives tested against them, by parts, shape (k, states).
-    noise
-        Standard deviation of the noise on each state, shape (states,).
-    of_targets
-        Weights of the samples in the targets, shape (k, n).
-    slopes
-        How terms depend on the samples: for the test function itself, and for its derivative where terms are integrated
-        by parts, weights of shape (k, n), and what they weigh, derivatives of the terms by the states at the samples,
-        of shape (n, terms, states).
+    They are the terms tested against the test functions, shape (k, terms), and the highest derivatives tested against
+    them by parts, shape (k, states). The noise is the standard deviation on each state, and `of_targets` the weights of
+    the samples in the targets, shape (k, n). How terms depend on the samples is told by `slopes`, for the test function
+    itself, and for its derivative where terms are integrated by parts: by weights of shape (k, n) and what they weigh,
+    derivatives of the terms by the states at the samples, of shape (n, terms, states).
     """
 
     library: Floats
@@ -53,20 +43,8 @@ class WeakRows:
     ) -> "WeakRows":
         """Return the rows of a trial in a law of order 1 or 2.
 
-        Parameters
-        ----------
-        test_functions
-            What the law is tested against.
-        trial
-            Its states make the targets.
-        terms
-            The library.
-        values
-            What it is evaluated at: states, for order 2 their rates, inputs and time, shape (n, variables).
-        noise
-            Standard deviation of the noise on each state, shape (states,).
-        order
-            Of the law.
+        Terms are evaluated at values of the states, for order 2 of their rates, and of inputs and time, shape
+        (n, variables); the trial's states make the targets.
         """
         size = trial.states.shape[1]
         weights = test_functions.weights(trial.times, order)
@@ -92,19 +70,12 @@ class WeakRows:
         return cls(library, target @ trial.states, noise, target, tuple(pairs))
 
     def covariance(self, coefficients: Floats, equation: int) -> "csr_array":
-        """Return the covariance of the residuals of one equation, linear in the noise, shape (k, k).
+        """Return the covariance of the residuals of one equation at its coefficients, linear in the noise: (k, k).
 
         The residual of a row is ``b - A c``. Noise e on the samples changes it by ``L e``, where L has the weights of
         the samples in the target, and less these the weights in the terms times the slope of the equation's right-hand
         side at the samples (Bortz, Messenger and Dukic 2023, "Direct estimation of parameters in ODE models using
         WENDy", section 2.3).
-
-        Parameters
-        ----------
-        coefficients
-            Of the equation, shape (terms,).
-        equation
-            Which one.
         """
         from scipy.sparse import csr_array
 
@@ -120,14 +91,8 @@ class WeakRows:
         """Return library and target rows whose noise is white in these equations, of unit variance if it is one.
 
         Rows of several equations have different covariances but one library, so one matrix must serve them all: the
-        mean of the covariances, each relative to the variance of the noise on its state.
-
-        Parameters
-        ----------
-        coefficients
-            Shape (equations, terms).
-        equations
-            Which ones.
+        mean of the covariances, each relative to the variance of the noise on its state. The coefficients, of all
+        equations, have shape (equations, terms).
         """
         from scipy.linalg import cholesky_banded, lapack
 
@@ -139,20 +104,11 @@ class WeakRows:
         white, _ = lapack.dtbtrs(cholesky_banded(bands, lower=True), rows, uplo="L")
         return white[:, : self.library.shape[1]], white[:, self.library.shape[1] :]
 
-    def problem(self, coefficients: Floats, equations: Sequence[int]) -> LeastSquaresProblem:
-        """Return the whitened rows, compressed."""
-        return LeastSquaresProblem.of(*self.whitened(coefficients, equations))
-
 
 def antiderivative(term: AbstractTerm, states: int) -> tuple[float, Monomial] | None:
     """Return factor and monomial of which a term is the derivative by time, if it is one like ``x^m v``.
 
-    Parameters
-    ----------
-    term
-        A function of states, their rates, inputs and time.
-    states
-        How many states there are.
+    Of the variables of the term so many are states, and as many after them their rates.
     """
     if not isinstance(term, Monomial):
         return None
