@@ -1,20 +1,15 @@
-"""From measured states to smoothed states and rates, one file per method."""
+"""From measured states to smoothed states and rates."""
 
 from collections.abc import Callable, Mapping
 
 from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
-from commonlaw.differentiation.centered import CenteredDifference
-from commonlaw.differentiation.finite_difference import FiniteDifference
-from commonlaw.differentiation.forward import ForwardDifference
-from commonlaw.differentiation.median import MedianFilter
+from commonlaw.differentiation.differences import CenteredDifference, FiniteDifference, ForwardDifference
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.differentiation.robust import RobustSpline
-from commonlaw.differentiation.savitzky_golay import SavitzkyGolay
-from commonlaw.differentiation.smoothed import SmoothedDifference
+from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
 from commonlaw.differentiation.spectral import Spectral
 from commonlaw.differentiation.spline import SmoothingSpline
 from commonlaw.differentiation.total_variation import TotalVariation
-from commonlaw.differentiation.wiener import WienerFilter
 from commonlaw.errors import CommonlawError
 from commonlaw.spec import format_spec, parse_spec
 

@@ -1,7 +1,6 @@
 """What every differentiator and every smoother is."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,22 +21,6 @@ class Rates:
 
     states: Floats
     derivatives: tuple[Floats, ...]
-
-
-def repeated(difference: Callable[[Floats, Floats], Floats], times: Floats, states: Floats, order: int) -> Rates:
-    """Return states as measured and their derivatives up to `order`, each the first difference of the one before.
-
-    Parameters
-    ----------
-    difference
-        From times, shape (n,), and values, shape (n, d), to the first derivative, shape (n, d).
-    times, states, order
-        As `AbstractDifferentiator.differentiate` takes them.
-    """
-    derivatives = [states]
-    for _ in range(order):
-        derivatives.append(difference(times, derivatives[-1]))
-    return Rates(states, tuple(derivatives[1:]))
 
 
 class AbstractDifferentiator(ABC):

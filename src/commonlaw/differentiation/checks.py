@@ -4,20 +4,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.validation import check_whole_number
-
-
-def check_window(window: int) -> None:
-    """Refuse a window that is not an odd number of samples, three or more: it has to have a sample in its middle.
-
-    Raises
-    ------
-    CommonlawError
-        If the window is none.
-    """
-    check_whole_number("window", window, 3)
-    if window % 2 == 0:
-        raise CommonlawError(f"window is {window}, an even number: give an odd one, such as {window + 1}")
 
 
 def need_samples(count: int, needed: int, method: str) -> None:
@@ -32,20 +18,6 @@ def need_samples(count: int, needed: int, method: str) -> None:
         raise CommonlawError(
             f"{count} samples are fewer than the {needed} that {method} take; drop the trial or choose another method"
         )
-
-
-def fit_window(count: int, window: int) -> None:
-    """Refuse a trial of fewer samples than the window.
-
-    Raises
-    ------
-    CommonlawError
-        If there are fewer; the message has the largest window that fits.
-    """
-    if count < window:
-        largest = count - 1 + count % 2
-        way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"
-        raise CommonlawError(f"{count} samples are fewer than the window of {window}; {way_out}")
 
 
 def check_uniform(times: Floats, tolerance: float, method: str) -> None:

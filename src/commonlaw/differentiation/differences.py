@@ -1,5 +1,6 @@
-"""Finite differences that are exact for polynomials on any grid."""
+"""Finite differences of states as measured."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import factorial
 
@@ -10,6 +11,88 @@ from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.checks import need_samples
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_whole_number
+
+_END = np.array([-11 / 6, 3, -3 / 2, 1 / 3])
+
+
+@dataclass(frozen=True)
+class CenteredDifference(AbstractDifferentiator):
+    """Centred differences, repeated for higher derivatives (de Silva et al. 2020, "Numerical differentiation").
+
+    Inside ``(x[i+1] - x[i-1]) / (t[i+1] - t[i-1])``; at both ends the one-sided formula of third order over four
+    samples, ``(-11/6, 3, -3/2, 1/3) / dt``, with that end's own step ``dt``.
+
+    Assumes nearly uniform sampling: where two neighbouring steps differ, the error is of first order in their
+    difference. Assumes little noise: of standard deviation s it becomes ``s / (sqrt(2) dt)`` in the first derivative,
+    and more than five times that at the ends. States are returned as measured.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial has fewer than 4 samples.
+
+    Examples
+    --------
+    >>> t = np.arange(5.0)
+    >>> CenteredDifference().differentiate(t, 3 * t[:, None], 1).derivatives[0].ravel().round(9).tolist()
+    [3.0, 3.0, 3.0, 3.0, 3.0]
+    """
+
+    def reach(self, order: int) -> int | None:
+        return order
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), 4, "centred differences")
+        return _repeated(_centered_rate, times, states, order)
+
+
+def _centered_rate(times: Floats, states: Floats) -> Floats:
+    rate = np.empty_like(states)
+    rate[1:-1] = (states[2:] - states[:-2]) / (times[2:] - times[:-2])[:, np.newaxis]
+    rate[0] = _END @ states[:4] / (times[1] - times[0])
+    rate[-1] = -_END @ states[:-5:-1] / (times[-1] - times[-2])
+    return rate
+
+
+@dataclass(frozen=True)
+class ForwardDifference(AbstractDifferentiator):
+    """Forward differences, repeated for higher derivatives (LeVeque 2007, section 1.1).
+
+    ``(x[i+1] - x[i]) / (t[i+1] - t[i])``; at the last sample the one-sided formula of second order
+    ``(3/2 x[-1] - 2 x[-2] + 1/2 x[-3]) / dt`` with the last step ``dt``.
+
+    Takes any grid but for its last two steps, which should be equal. The error is of first order in the step: half
+    a step late. Assumes little noise: of standard deviation s it becomes ``sqrt(2) s / dt``. States are returned as
+    measured.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial has fewer than 3 samples.
+    """
+
+    def reach(self, order: int) -> int | None:
+        return order
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), 3, "forward differences")
+        return _repeated(_forward_rate, times, states, order)
+
+
+def _forward_rate(times: Floats, states: Floats) -> Floats:
+    steps = np.diff(times)
+    rate = np.empty_like(states)
+    rate[:-1] = np.diff(states, axis=0) / steps[:, np.newaxis]
+    rate[-1] = (1.5 * states[-1] - 2 * states[-2] + 0.5 * states[-3]) / steps[-1]
+    return rate
+
+
+def _repeated(difference: Callable[[Floats, Floats], Floats], times: Floats, states: Floats, order: int) -> Rates:
+    """Return states as measured and their derivatives up to `order`, each the first difference of the one before."""
+    derivatives = [states]
+    for _ in range(order):
+        derivatives.append(difference(times, derivatives[-1]))
+    return Rates(states, tuple(derivatives[1:]))
 
 
 @dataclass(frozen=True)

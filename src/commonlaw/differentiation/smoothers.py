@@ -1,0 +1,195 @@
+"""Smoothing in windows, and differences of what is smoothed."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
+from commonlaw.differentiation.checks import check_uniform
+from commonlaw.differentiation.differences import CenteredDifference
+from commonlaw.errors import CommonlawError
+from commonlaw.validation import check_whole_number
+
+
+@dataclass(frozen=True)
+class SavitzkyGolay(AbstractSmoother):
+    """Each sample becomes the value of a polynomial fitted to the window around it (Savitzky and Golay 1964).
+
+    The first and last half window take the polynomials of the first and last whole window. Polynomials up to the
+    given degree pass unchanged.
+
+    Assumes uniform sampling (steps within 50 % of the median; small jitter is passed over), white noise, and states
+    that a polynomial of the given degree follows over one window.
+
+    Parameters
+    ----------
+    window
+        Number of samples in the window, odd.
+    polynomial
+        Degree of the polynomial, less than `window`.
+
+    Raises
+    ------
+    CommonlawError
+        If a parameter does not fit, a trial is shorter than the window, or its sampling is not uniform.
+    """
+
+    window: int = 35
+    polynomial: int = 3
+
+    def __post_init__(self) -> None:
+        _check_window(self.window)
+        check_whole_number("polynomial", self.polynomial, 0)
+        if self.polynomial >= self.window:
+            raise CommonlawError(
+                f"a polynomial of degree {self.polynomial} passes through every sample of a window of {self.window}; "
+                f"choose a degree of at most {self.window - 1}"
+            )
+
+    @property
+    def half_window(self) -> int | None:
+        return self.window // 2
+
+    def smooth(self, times: Floats, states: Floats) -> Floats:
+        from scipy.signal import savgol_filter
+
+        _check_fit(len(times), self.window)
+        check_uniform(times, 0.5, "Savitzky-Golay smoothing")
+        return np.asarray(savgol_filter(states, self.window, self.polynomial, axis=0, mode="interp"))
+
+
+@dataclass(frozen=True)
+class MedianFilter(AbstractSmoother):
+    """Each sample becomes the median of the window around it (Tukey 1977, chapter 7).
+
+    Beyond the ends the first and last sample are repeated: a monotone state passes unchanged, and nothing pulls the
+    ends toward zero. An outlier in the very first or last sample stays.
+
+    Assumes rare, large outliers, fewer than half of any window; against ordinary noise it does little, and its steps
+    show in the rates. Takes any grid, as it looks only at the order of samples.
+
+    Parameters
+    ----------
+    window
+        Number of samples in the window, odd.
+
+    Raises
+    ------
+    CommonlawError
+        If `window` is not an odd number of at least 3, or a trial is shorter than it.
+    """
+
+    window: int = 5
+
+    def __post_init__(self) -> None:
+        _check_window(self.window)
+
+    @property
+    def half_window(self) -> int | None:
+        return self.window // 2
+
+    def smooth(self, times: Floats, states: Floats) -> Floats:
+        from scipy.ndimage import median_filter
+
+        _check_fit(len(times), self.window)
+        smoothed: Floats = median_filter(states, size=(self.window, 1), mode="nearest")
+        return smoothed
+
+
+@dataclass(frozen=True)
+class WienerFilter(AbstractSmoother):
+    """Each sample moves toward its window's mean, the more so the less the window varies (Lim 1990, p. 548).
+
+    ``mean + (x - mean) max(0, 1 - noise / variance)`` with the window's mean and variance, and for the noise the
+    average of these variances over the trial. It is the formula of `scipy.signal.wiener` but for the ends: SciPy puts
+    zeros beyond them, which drags the ends of a state toward zero and counts the drop as noise. Here the state is
+    reflected through its end points, so straight lines pass unchanged and the two end samples stay as they are.
+
+    Assumes white noise of one level over the trial. The variance of a window includes the state's own slope: where it
+    is steep the noise stays in. Takes any grid, as it looks only at the order of samples.
+
+    Parameters
+    ----------
+    window
+        Number of samples in the window, odd.
+
+    Raises
+    ------
+    CommonlawError
+        If `window` is not an odd number of at least 3, or a trial is shorter than it.
+    """
+
+    window: int = 5
+
+    def __post_init__(self) -> None:
+        _check_window(self.window)
+
+    @property
+    def half_window(self) -> int | None:
+        return None
+
+    def smooth(self, times: Floats, states: Floats) -> Floats:
+        _check_fit(len(times), self.window)
+        half = self.window // 2
+        padded = np.pad(states, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+        windows = sliding_window_view(padded, self.window, axis=0)
+        mean, variance = windows.mean(axis=-1), windows.var(axis=-1)
+        noise = variance.mean(axis=0)
+        gain = 1 - noise / np.maximum(variance, noise + (noise == 0))  # no noise at all: the mean is the state
+        return np.asarray(mean + (states - mean) * gain)
+
+
+@dataclass(frozen=True)
+class SmoothedDifference(AbstractDifferentiator):
+    """Smoothing before every difference (de Silva et al. 2020, "Numerical differentiation").
+
+    The falling-ball paper's rule. With smoother S and difference D: states ``S(x)``, rate ``v = D(S(x))``, second
+    derivative ``a = D(S(v))``. The rate is smoothed once more before it is differentiated; the rate that is returned is
+    not.
+
+    Assumes what its smoother and its difference assume.
+
+    Parameters
+    ----------
+    smoother
+        S.
+    difference
+        D; only its first derivative is used.
+
+    Raises
+    ------
+    CommonlawError
+        If the smoother or the difference refuses the trial.
+    """
+
+    smoother: AbstractSmoother = field(default_factory=SavitzkyGolay)
+    difference: AbstractDifferentiator = field(default_factory=CenteredDifference)
+
+    def reach(self, order: int) -> int | None:
+        half, step = self.smoother.half_window, self.difference.reach(1)
+        return None if half is None or step is None else order * (half + step)
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        smoothed = self.smoother.smooth(times, states)
+        derivatives: list[Floats] = []
+        for k in range(order):
+            current = self.smoother.smooth(times, derivatives[-1]) if k else smoothed
+            derivatives += self.difference.differentiate(times, current, 1).derivatives
+        return Rates(smoothed, tuple(derivatives))
+
+
+def _check_window(window: int) -> None:
+    """Refuse a window that is not an odd number of samples, three or more: it has to have a sample in its middle."""
+    check_whole_number("window", window, 3)
+    if window % 2 == 0:
+        raise CommonlawError(f"window is {window}, an even number: give an odd one, such as {window + 1}")
+
+
+def _check_fit(count: int, window: int) -> None:
+    """Refuse a trial of fewer samples than the window."""
+    if count < window:
+        largest = count - 1 + count % 2
+        way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"
+        raise CommonlawError(f"{count} samples are fewer than the window of {window}; {way_out}")
