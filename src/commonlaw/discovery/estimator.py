@@ -1,9 +1,9 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from sklearn.utils import Tags
 
     from commonlaw.forecast import Forecast
+
+P = ParamSpec("P")
 
 _MANY_TERMS = 70
 """More terms for each equation make the likelihood of trajectories too slow to be the default."""
@@ -173,15 +175,22 @@ def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> A
     )
 
 
-def discover(
-    trials: Trials | TrialStream,
-    order: int = 1,
-    library: AbstractLibrary | str | None = None,
-    method: AbstractMethod | None = None,
-    known: Known | None = None,
-    universal: Sequence[Key] = (),
-    progress: ProgressCallback | None = None,
-) -> Law:
+def _with_parameters_of(
+    estimator: Callable[P, LawDiscovery],
+) -> Callable[[Callable[..., Law]], Callable[Concatenate[Trials | TrialStream, P], Law]]:
+    """Give a function of trials the parameters of an estimator, so that they are listed in one place."""
+
+    def decorate(function: Callable[..., Law]) -> Callable[Concatenate[Trials | TrialStream, P], Law]:
+        trials, *_ = inspect.signature(function).parameters.values()
+        own = inspect.signature(estimator).parameters.values()
+        vars(function)["__signature__"] = inspect.Signature([trials, *own], return_annotation=Law)
+        return function
+
+    return decorate
+
+
+@_with_parameters_of(LawDiscovery)
+def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law:
     """Find the law that the objects of these trials share.
 
     Parameters
@@ -205,7 +214,7 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    return LawDiscovery(order, library, method, known, universal, progress).fit(trials).law_
+    return LawDiscovery(*args, **parameters).fit(trials).law_
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

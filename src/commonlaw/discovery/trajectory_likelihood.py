@@ -10,7 +10,7 @@ from commonlaw.discovery.derivative_regression import DerivativeRegression, suit
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import PATH, CovarianceKind, find_law, known_noise
+from commonlaw.inference import PATH, CovarianceKind, finish, known_noise, search_supports, with_supports
 from commonlaw.law import Law, Provenance
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
@@ -75,16 +75,22 @@ class TrajectoryLikelihood(AbstractMethod):
         schema, terms = trials.schema, structure.terms(trials.schema)
         known = structure.known_coefficients(schema, trials.objects)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
-        return find_law(
+        found = search_supports(
             trials,
             Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance),
             known,
-            held_out_supports=lambda: DerivativeRegression().find(trials, structure, progress).support,
-            universal=structure.universal_coefficients(schema),
             solver=parsed(self.solver, parse_solver) or PATH,
             noise=None if self.noise is None else known_noise(self.noise, schema.states),
             huber_threshold=self.huber_threshold,
+            progress=progress,
+        )
+        if found.state.has_model_error:
+            progress("the measurements depart from every law of this library: choosing terms by trials held out")
+            found = with_supports(found, DerivativeRegression().find(trials, structure, progress).support)
+        return finish(
+            found,
             covariance=self.covariance,
+            universal=structure.universal_coefficients(schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=progress,

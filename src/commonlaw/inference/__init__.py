@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.covariance import CovarianceKind
-from commonlaw.inference.law_search import PATH, find_law
+from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_supports
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.search import SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
@@ -11,11 +11,14 @@ __all__ = [
     "HUBER_THRESHOLD",
     "PATH",
     "CovarianceKind",
+    "LawSearch",
     "SearchProblem",
     "SearchState",
-    "find_law",
+    "finish",
     "fit_supports",
     "known_noise",
     "prepare",
     "refine",
+    "search_supports",
+    "with_supports",
 ]

@@ -1,7 +1,9 @@
-"""The default way from trials to a law: search supports, perhaps take others, fit, and judge."""
+"""The default way from trials to a law: search supports, perhaps take others, finish.
 
-from collections.abc import Callable
-from dataclasses import replace
+Each step returns what the next one takes.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,48 +22,50 @@ PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
 
 
-def find_law(
+@dataclass(frozen=True, eq=False)
+class LawSearch:
+    """A search for a law, as far as it has come.
+
+    Parameters
+    ----------
+    frame
+        Terms, schema, order and objects of the law that is sought, and the coefficients that are known.
+    problem, state
+        What was measured, and what was found so far.
+    solver
+        Whose path lists the candidates of each equation.
+    """
+
+    frame: Law
+    problem: SearchProblem
+    state: SearchState
+    solver: AbstractSolver
+
+
+def search_supports(
     trials: Trials,
     frame: Law,
     known: Floats,
     *,
-    held_out_supports: Callable[[], Bools],
-    universal: Bools,
     solver: AbstractSolver,
     noise: Floats | None,
     huber_threshold: float,
-    covariance: CovarianceKind,
-    partial_pooling: bool,
-    seed: int,
     progress: ProgressCallback,
-) -> Law:
-    """Return the law of largest evidence: its terms, coefficients, their covariance, and every choice on the way.
+) -> LawSearch:
+    """Search for the supports of largest evidence.
 
     Parameters
     ----------
     trials
         What was measured.
-    frame
-        Terms, schema, order and objects of the law that is sought, and the coefficients that are known.
+    frame, solver
+        See `LawSearch`.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
-    held_out_supports
-        Chooses supports, shape (equations, terms), by trials held out. Called for measurements that follow no law of
-        the library: there evidence is gathered by terms that explain the model error.
-    universal
-        Coefficients that all objects have in common, shape (equations, terms).
-    solver
-        Whose path lists the candidates of each equation.
     noise
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
-    covariance
-        How the coefficients' covariance is found, see `covariance.covariances`.
-    partial_pooling
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
-    seed
-        Of what is drawn.
     progress
         Takes what is being done.
 
@@ -72,16 +76,56 @@ def find_law(
     """
     progress("estimating noise, smoothing")
     problem = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
-    problem, state = _searched(problem, solver, progress)
-    if state.has_model_error:
-        progress("the measurements depart from every law of this library: choosing terms by trials held out")
-        state = fit_supports(problem, held_out_supports() & problem.allowed)
+    return LawSearch(frame, *_searched(problem, solver, progress), solver)
+
+
+def with_supports(found: LawSearch, supports: Bools) -> LawSearch:
+    """Return a search with other supports, shape (equations, terms), and their model error of largest evidence.
+
+    For measurements that follow no law of the library: there evidence is gathered by terms that explain the model
+    error, and supports are better chosen otherwise.
+
+    Raises
+    ------
+    CommonlawError
+        If the likelihood cannot be computed.
+    """
+    return replace(found, state=fit_supports(found.problem, supports & found.problem.allowed))
+
+
+def finish(
+    found: LawSearch,
+    *,
+    covariance: CovarianceKind,
+    universal: Bools,
+    partial_pooling: bool,
+    seed: int,
+    progress: ProgressCallback,
+) -> Law:
+    """Return the law that was found: its terms, coefficients, their covariance, and every choice on the way.
+
+    Parameters
+    ----------
+    found
+        By `search_supports` or `with_supports`.
+    covariance
+        How the coefficients' covariance is found, see `covariance.covariances`.
+    universal
+        Coefficients that all objects have in common, shape (equations, terms).
+    partial_pooling
+        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+    seed
+        Of what is drawn.
+    progress
+        Takes what is being done.
+    """
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
         progress("choosing terms again on a finer mesh")
-        return polish(problem, state.supports, state.estimates, state.model_error, solver)
+        return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
 
-    problem, state = until_resolved(problem, state, again)
+    frame = found.frame
+    problem, state = until_resolved(found.problem, found.state, again)
     progress("judging terms and coefficients")
     compared = [
         [replace(each, support=each.support | given) for each in listed]
