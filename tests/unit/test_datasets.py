@@ -12,7 +12,7 @@ from commonlaw import datasets
 from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY, sphere_drag
 from commonlaw.errors import CommonlawError
 
-SIMULATED = [name for name, dataset in DATASETS.items() if dataset.truth is not None]
+SIMULATED = [name for name, dataset in DATASETS.items() if dataset.law is not None]
 
 # Published: radius in m, mass in kg, density in kg/m^3, cut off after the last digit
 BALLS = {

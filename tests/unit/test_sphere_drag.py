@@ -21,9 +21,6 @@ def test_slow_spheres_obey_stokes() -> None:
     assert sphere_drag.drag_coefficient(1e-9) == pytest.approx(24 / 1e-9, rel=1e-6)
     stokes = 3 * np.pi * AIR_DYNAMIC_VISCOSITY * 1e-6 * 1e-5
     assert sphere_drag.drag_force(1e-5, 1e-6) == pytest.approx(stokes, rel=1e-6)
-    weight = 1e-18 * 9.8
-    settling = weight / (3 * np.pi * AIR_DYNAMIC_VISCOSITY * 1e-7)
-    assert sphere_drag.terminal_velocity(1e-18, 1e-7) == pytest.approx(settling, rel=1e-6)
 
 
 def test_force_at_rest_is_zero_without_a_warning_while_the_coefficient_is_infinite() -> None:
@@ -36,13 +33,6 @@ def test_force_is_the_textbook_product_of_coefficient_area_and_dynamic_pressure(
     coefficient = sphere_drag.drag_coefficient(sphere_drag.reynolds_number(speed, diameter, 1e-6))
     expected = coefficient * np.pi * diameter**2 / 4 * 998.0 * speed**2 / 2
     np.testing.assert_allclose(sphere_drag.drag_force(speed, diameter, 998.0, 1e-6), expected, rtol=1e-13)
-
-
-def test_drag_balances_weight_at_terminal_velocity_for_every_sphere_of_an_array() -> None:
-    mass, diameter = np.array([[1e-15], [0.0454], [5.0]]), np.array([1e-6, 0.044, 0.24])
-    speed = sphere_drag.terminal_velocity(mass, diameter)
-    assert speed.shape == (3, 3)
-    np.testing.assert_allclose(sphere_drag.drag_force(speed, diameter), mass * 9.8 + 0 * diameter, rtol=1e-12)
 
 
 def test_the_correlation_is_known_to_end_at_2e5_and_is_evaluated_beyond() -> None:
@@ -62,9 +52,7 @@ def test_air_viscosity_is_kinematic() -> None:
         (lambda: sphere_drag.drag_coefficient(np.nan), "Reynolds number is nan"),
         (lambda: sphere_drag.drag_force(1.0, 0.1, density=-1.0), "density is -1"),
         (lambda: sphere_drag.drag_force(1.0, 0.1, viscosity=0.0), "viscosity is 0"),
-        (lambda: sphere_drag.terminal_velocity(-1.0, 0.1), "mass is -1"),
-        (lambda: sphere_drag.terminal_velocity(1.0, -0.1), "diameter is -0.1"),
-        (lambda: sphere_drag.terminal_velocity(1.0, 0.1, gravity=0.0), "gravity is 0"),
+        (lambda: sphere_drag.drag_force(1.0, -0.1), "diameter is -0.1"),
     ],
 )
 def test_values_that_cannot_be_are_refused_by_name(call, message) -> None:

@@ -1,7 +1,7 @@
 """Data sets by name: measured drops of balls, and simulated systems whose law is known."""
 
-from collections.abc import Callable, Mapping
-from functools import wraps
+from collections.abc import Mapping
+from functools import partial, update_wrapper
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,7 @@ __all__ = [
     "truth_of",
 ]
 
-DATASETS: "Mapping[str, Dataset[..., Callable[..., Law] | None]]" = {
+DATASETS: Mapping[str, Dataset[...]] = {
     each.name: each for each in (ball_drops, linear_drag, reynolds_drag, nonlinear_oscillator, lotka_volterra, lorenz)
 }
 
@@ -83,14 +83,10 @@ def truth_of(text: str) -> "Law | None":
     >>> truth_of("linear-drag:drag=-0.5:noise=0.1").equations()
     ("x'' = -9.8 - 0.5 v",)
     """
-    return parse_spec("data set", text, {name: _law_maker(dataset) for name, dataset in DATASETS.items()})
+    # Messages show the options as those of the data set
+    makers = {name: update_wrapper(partial(_known_truth, each), each.load) for name, each in DATASETS.items()}
+    return parse_spec("data set", text, makers)
 
 
-def _law_maker(dataset: "Dataset[..., Callable[..., Law] | None]") -> "Callable[..., Law | None]":
-    """Return `dataset.law_behind` with the signature of `dataset.load`, which messages show."""
-
-    @wraps(dataset.load)
-    def make(*args: Any, **options: Any) -> "Law | None":
-        return dataset.law_behind(*args, **options)
-
-    return make
+def _known_truth(dataset: Dataset[...], *args: Any, **options: Any) -> "Law | None":
+    return dataset.truth(*args, **options) if dataset.law else None

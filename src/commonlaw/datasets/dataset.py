@@ -3,15 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from inspect import signature
-from typing import TYPE_CHECKING, Generic, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec
 
+from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
 
 P = ParamSpec("P")
-Truth_co = TypeVar("Truth_co", bound="Callable[..., Law] | None", covariant=True)
 
 DE_SILVA_2020 = (
     "B. M. de Silva, D. M. Higdon, S. L. Brunton and J. N. Kutz, Discovery of Physics from Data: Universal Laws and "
@@ -20,7 +20,7 @@ DE_SILVA_2020 = (
 
 
 @dataclass(frozen=True)
-class Dataset(Generic[P, Truth_co]):
+class Dataset(Generic[P]):
     """Trials that can be had by name; calling the data set loads or simulates them.
 
     Parameters
@@ -33,15 +33,15 @@ class Dataset(Generic[P, Truth_co]):
         Where it comes from.
     load
         Returns the trials; its parameters are the data set's options, and its docstring says what they mean.
-    truth
-        Returns the law behind the trials, given those options that the law depends on; None where it is not known.
+    law
+        Returns the law behind the trials from those options that it depends on; None where it is not known.
     """
 
     name: str
     summary: str
     citation: str = field(repr=False)
     load: Callable[P, Trials] = field(repr=False)
-    truth: Truth_co = field(repr=False)
+    law: "Callable[..., Law] | None" = field(repr=False)
 
     def __post_init__(self) -> None:
         # So that help, completion and messages about options show those of `load`
@@ -52,10 +52,16 @@ class Dataset(Generic[P, Truth_co]):
         """Return the trials, see `load`."""
         return self.load(*args, **kwargs)
 
-    def law_behind(self, *args: P.args, **kwargs: P.kwargs) -> "Law | None":
-        """Return the law behind the trials that the same options load; None where it is not known."""
-        options = signature(self.load).bind(*args, **kwargs).arguments
-        if self.truth is None:
-            return None
-        taken = signature(self.truth).parameters
-        return self.truth(**{name: value for name, value in options.items() if name in taken})
+    def truth(self, *args: Any, **kwargs: Any) -> "Law":
+        """Return the law behind the trials that the same options load.
+
+        Raises
+        ------
+        CommonlawError
+            If it is not known, or an option cannot be.
+        """
+        if self.law is None:
+            raise CommonlawError(f"the law behind the data set {self.name!r} is not known: it was measured")
+        options = signature(self.load).bind(*args, **kwargs)
+        options.apply_defaults()
+        return self.law(**{name: options.arguments[name] for name in signature(self.law).parameters})

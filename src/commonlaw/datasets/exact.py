@@ -19,13 +19,7 @@ _TOLERANCE = 1e-11
 
 
 def trajectory(field: Callable[[float, Floats], Floats], initial: ArrayLike, times: Floats, name: str) -> Floats:
-    """Return the states at `times`, shape (n, d), of the object `name` that moves by ``y' = field(t, y)``.
-
-    Raises
-    ------
-    CommonlawError
-        If the object runs away.
-    """
+    """Return the states at `times`, shape (n, d), of the object `name` that moves by ``y' = field(t, y)``."""
     from commonlaw.integration import integrate
 
     result = integrate(field, np.asarray(initial, dtype=np.float64), times, relative_tolerance=_TOLERANCE, where=name)
@@ -34,6 +28,15 @@ def trajectory(field: Callable[[float, Floats], Floats], initial: ArrayLike, tim
             f"cannot simulate {name}: {result.outcome.text}; choose other coefficients or a shorter time"
         )
     return result.states
+
+
+def heights(acceleration: Callable[[float], float], start: float, times: Floats, name: str) -> Floats:
+    """Return the heights at `times`, shape (n, 1), of what moves by ``x'' = acceleration(x')`` from rest."""
+
+    def field(_: float, y: Floats) -> Floats:
+        return np.array([y[1], acceleration(y[1])])
+
+    return trajectory(field, (start, 0.0), times, name)[:, :1]
 
 
 def path(
@@ -57,18 +60,9 @@ def law(
     coefficients: Mapping[str, Sequence[Sequence[float]]],
     rates: Sequence[str] = (),
 ) -> "Law":
-    """Return a law that is known.
+    """Return a law that is known, from its terms as expressions, and by object a row of numbers for each equation.
 
-    Parameters
-    ----------
-    schema
-        Names and units of the states and the time.
-    terms
-        The terms as expressions: ``"v**2"``.
-    coefficients
-        By object, a row for each equation and in it a number for each term.
-    rates
-        Names of the states' rates if the law is of second order, else none.
+    Of second order it is if there are names of the states' rates.
     """
     from commonlaw.law import Law
     from commonlaw.library import Terms, Variables, parse_term

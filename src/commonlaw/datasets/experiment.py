@@ -29,23 +29,10 @@ Path = Callable[[NormalSource], Floats]
 
 @dataclass(frozen=True)
 class SimulatedExperiment:
-    """How simulated objects are measured.
+    """How simulated objects are measured: at `times`, shape (n,), in so many trials of each object.
 
-    Parameters
-    ----------
-    times
-        When samples are taken, shape (n,).
-    trials
-        Number of trials of each object.
-    noise
-        Standard deviation of the white noise that is added to every state, in the states' units.
-    seed
-        A whole number, or a source that is drawn from: object by object, trial by trial, at every noise level alike.
-
-    Raises
-    ------
-    CommonlawError
-        If the number of trials, the noise or the seed cannot be.
+    White noise of standard deviation `noise` is added to every state. A source given as the seed is drawn from object
+    by object, trial by trial, at every noise level alike.
     """
 
     times: Floats
@@ -66,15 +53,13 @@ class SimulatedExperiment:
         """Return the measured trials of objects by name; trials are called ``1``, ``2``, ..."""
         source = np.random.default_rng(self.seed) if isinstance(self.seed, int | np.integer) else self.seed
         measured = [
-            Trial(name, str(number), self.times, self._noisy(path(source), source))
+            Trial(name, str(number), self.times, states + self.noise * source.standard_normal(states.shape))
             for name, path in paths.items()
             for number in range(1, self.trials + 1)
+            for states in [path(source)]
         ]
         how = f"with white noise of standard deviation {self.noise:g}" if self.noise else "without noise"
         return Trials(tuple(measured), schema, properties or {}, (f"simulated, {how}",))
-
-    def _noisy(self, states: Floats, source: NormalSource) -> Floats:
-        return states + self.noise * source.standard_normal(states.shape)
 
 
 def fixed(states: Floats) -> Path:
@@ -83,25 +68,13 @@ def fixed(states: Floats) -> Path:
 
 
 def sample_times(samples: int, rate: float) -> Floats:
-    """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,).
-
-    Raises
-    ------
-    CommonlawError
-        If there are fewer than two samples, or the rate is not finite and positive.
-    """
+    """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,)."""
     check_whole_number("samples", samples, 2)
     return np.arange(samples) / numbers("rate", rate, positive=True)[0]
 
 
 def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:
-    """Return one or several numbers as a tuple.
-
-    Raises
-    ------
-    CommonlawError
-        If there is none, or one is not finite, or not positive where it must be.
-    """
+    """Return one or several numbers as a tuple, if they are finite, and positive where they must be."""
     found = tuple(float(each) for each in np.atleast_1d(values))
     if not found:
         raise CommonlawError(f"{name} is empty: give a number for each object")
@@ -112,13 +85,7 @@ def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[fl
 
 
 def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> dict[str, tuple[float, ...]]:
-    """Return the coefficients of objects called ``<kind> 1``, ``<kind> 2``, ...; a single number serves all objects.
-
-    Raises
-    ------
-    CommonlawError
-        If one is not finite, or not positive where it must be, or sequences differ in length.
-    """
+    """Return the coefficients of objects called ``<kind> 1``, ``<kind> 2``, ...; a single number serves all objects."""
     columns = {name: numbers(name, values, positive=positive) for name, values in coefficients.items()}
     longest = max(map(len, columns.values()))
     for name, column in columns.items():

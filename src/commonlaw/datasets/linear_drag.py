@@ -13,14 +13,12 @@ from commonlaw.trials import Schema, Trials
 if TYPE_CHECKING:
     from commonlaw.law import Law
 
-_DRAG = (-0.1, -0.3, -0.3, -0.5, -0.7)
-_GRAVITY = -9.8
 _SCHEMA = Schema(("x",), units={"x": "m", "t": "s", "drag": "1/s"})
 
 
 def _load(
-    drag: PerObject = _DRAG,
-    gravity: float = _GRAVITY,
+    drag: PerObject = (-0.1, -0.3, -0.3, -0.5, -0.7),
+    gravity: float = -9.8,
     trials: int = 2,
     samples: int = 49,
     rate: float = 15.0,
@@ -67,11 +65,7 @@ def _load(
     )
 
 
-def _truth(
-    drag: PerObject = _DRAG,
-    gravity: float = _GRAVITY,
-    quadratic: PerObject = 0.0,
-) -> "Law":
+def _truth(drag: PerObject, gravity: float, quadratic: PerObject) -> "Law":
     """Return the law of these balls: ``x'' = gravity + drag v``, and ``+ quadratic v^2`` where a ball has that."""
     balls = objects("Ball", drag=drag, quadratic=quadratic)
     terms = ["1", "v", "v**2"] if any(square for _, square in balls.values()) else ["1", "v"]
@@ -81,20 +75,11 @@ def _truth(
 
 def _drop(name: str, drag: float, quadratic: float, gravity: float, height: float, times: Floats) -> Floats:
     """Return the heights of a drop without noise, m, shape (n, 1)."""
-    if not quadratic:
-        return height + _fall(times, gravity, drag)[:, np.newaxis]
-
-    def field(_: float, y: Floats) -> Floats:
-        return np.array([y[1], gravity + drag * y[1] + quadratic * y[1] ** 2])
-
-    return exact.trajectory(field, (height, 0.0), times, name)[:, :1]
-
-
-def _fall(times: Floats, gravity: float, drag: float) -> Floats:
-    """Return the height gained since the start, m, shape (n,)."""
+    if quadratic:
+        return exact.heights(lambda v: gravity + drag * v + quadratic * v**2, height, times, name)
     from scipy.special import hyp1f1
 
-    return np.asarray(gravity * times**2 / 2 * hyp1f1(1.0, 3.0, drag * times))
+    return np.asarray(height + gravity * times**2 / 2 * hyp1f1(1.0, 3.0, drag * times))[:, np.newaxis]
 
 
 linear_drag = Dataset(

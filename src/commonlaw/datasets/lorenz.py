@@ -54,7 +54,7 @@ def _load(
     return SimulatedExperiment(times, trials, noise, seed).measure(paths, _SCHEMA)
 
 
-def _truth(sigma: PerObject = 10.0, rho: PerObject = 28.0, beta: PerObject = 8 / 3) -> "Law":
+def _truth(sigma: PerObject, rho: PerObject, beta: PerObject) -> "Law":
     """Return the law of these systems."""
     rows = {
         name: [[-s, s, 0.0, 0.0, 0.0], [r, -1.0, 0.0, 0.0, -1.0], [0.0, 0.0, -b, 1.0, 0.0]]

@@ -14,17 +14,13 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
 
 _SCHEMA = Schema(("x", "y"))
-_GROWTH = (1.0, 0.8, 1.2, 0.9, 1.1)
-_PREDATION = (0.1, 0.08, 0.1, 0.12, 0.09)
-_DECLINE = (1.5, 1.2, 1.0, 1.4, 1.3)
-_REPRODUCTION = (0.075, 0.06, 0.05, 0.07, 0.08)
 
 
 def _load(
-    growth: PerObject = _GROWTH,
-    predation: PerObject = _PREDATION,
-    decline: PerObject = _DECLINE,
-    reproduction: PerObject = _REPRODUCTION,
+    growth: PerObject = (1.0, 0.8, 1.2, 0.9, 1.1),
+    predation: PerObject = (0.1, 0.08, 0.1, 0.12, 0.09),
+    decline: PerObject = (1.5, 1.2, 1.0, 1.4, 1.3),
+    reproduction: PerObject = (0.075, 0.06, 0.05, 0.07, 0.08),
     trials: int = 2,
     samples: int = 200,
     rate: float = 10.0,
@@ -58,12 +54,7 @@ def _load(
     return SimulatedExperiment(times, trials, noise, seed).measure(paths, _SCHEMA)
 
 
-def _truth(
-    growth: PerObject = _GROWTH,
-    predation: PerObject = _PREDATION,
-    decline: PerObject = _DECLINE,
-    reproduction: PerObject = _REPRODUCTION,
-) -> "Law":
+def _truth(growth: PerObject, predation: PerObject, decline: PerObject, reproduction: PerObject) -> "Law":
     """Return the law of these pairs of species."""
     pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}

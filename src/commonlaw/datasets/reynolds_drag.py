@@ -22,17 +22,14 @@ and of their simulated drops were computed with 2/3e-5 m^2/s instead, and so are
 balls had the measured radii and masses (golf ball 1.6 oz); the table of them, the default here, has rounded values.
 """
 
-_RADIUS = (0.022, 0.033, 0.036, 0.035, 0.119)
-_MASS = (0.0454, 0.0567, 0.0283, 0.1417, 0.5103)
-_GRAVITY = -9.8
 _SCHEMA = Schema(("x",), units={"x": "m", "t": "s", "radius": "m", "mass": "kg"})
 
 
 def _load(
-    radius: PerObject = _RADIUS,
-    mass: PerObject = _MASS,
+    radius: PerObject = (0.022, 0.033, 0.036, 0.035, 0.119),
+    mass: PerObject = (0.0454, 0.0567, 0.0283, 0.1417, 0.5103),
     viscosity: float = AIR_VISCOSITY,
-    gravity: float = _GRAVITY,
+    gravity: float = -9.8,
     trials: int = 2,
     samples: int = 49,
     rate: float = 15.0,
@@ -69,13 +66,12 @@ def _load(
     CommonlawError
         If an option cannot be, such as a negative mass.
     """
-    balls = objects("Ball", positive=True, radius=radius, mass=mass)
+    balls = _balls(radius, mass, viscosity, density)
     times = sample_times(samples, rate)
-    _check_fluid(viscosity, density)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
     return SimulatedExperiment(times, trials, noise, seed).measure(
         {
-            name: fixed(_drop(name, size, weight, (viscosity, density), acceleration, start, times))
+            name: fixed(_drop(name, size, weight, (density, viscosity), acceleration, start, times))
             for name, (size, weight) in balls.items()
         },
         _SCHEMA,
@@ -83,29 +79,18 @@ def _load(
     )
 
 
-def _truth(
-    radius: PerObject = _RADIUS,
-    mass: PerObject = _MASS,
-    viscosity: float = AIR_VISCOSITY,
-    gravity: float = _GRAVITY,
-    density: float = AIR_DENSITY,
-) -> "Law":
+def _truth(radius: PerObject, mass: PerObject, viscosity: float, gravity: float, density: float) -> "Law":
     """Return the exact law of these balls.
 
     The correlation of Brown and Lawler makes the drag a sum of ``v``, ``|v|^1.681`` and ``v^3 / (|v| + c)``, where
     ``c = 8710 viscosity / diameter``: one such rational term for each distinct radius, with a coefficient for the balls
     of that radius only. All are odd in v, as drag is, and smooth enough at rest for exact derivatives.
     """
-    balls = objects("Ball", positive=True, radius=radius, mass=mass)
-    _check_fluid(viscosity, density)
+    balls = _balls(radius, mass, viscosity, density)
     radii = list(dict.fromkeys(each for each, _ in balls.values()))
     bends = [sphere_drag.TRANSITION * viscosity / (2 * each) for each in radii]
-    terms = [
-        "1",
-        "v",
-        f"sign(v)*abs(v)**{1 + sphere_drag.EXPONENT}",
-        *(f"v**3/(abs(v) + {bend!r})" for bend in bends),
-    ]
+    inertia = f"sign(v)*abs(v)**{1 + sphere_drag.EXPONENT}"
+    terms = ["1", "v", inertia, *(f"v**3/(abs(v) + {bend!r})" for bend in bends)]
     rows = {}
     for name, (size, weight) in balls.items():
         viscous, inertial, pressure = _coefficients(size, weight, viscosity, density)
@@ -124,19 +109,19 @@ def _coefficients(radius: float, mass: float, viscosity: float, density: float) 
 def _drop(
     name: str, radius: float, mass: float, fluid: tuple[float, float], gravity: float, height: float, times: Floats
 ) -> Floats:
-    """Return the heights of a drop without noise, m, shape (n, 1), in a fluid of some viscosity and density."""
-    viscosity, density = fluid
+    """Return the heights of a drop without noise, m, shape (n, 1), in a fluid of some density and viscosity."""
 
-    def field(_: float, y: Floats) -> Floats:
-        force = sphere_drag.drag_force(abs(y[1]), 2 * radius, density, viscosity)
-        return np.array([y[1], gravity - np.sign(y[1]) * force / mass])
+    def acceleration(v: float) -> float:
+        return gravity - float(np.sign(v) * sphere_drag.drag_force(abs(v), 2 * radius, *fluid)) / mass
 
-    return exact.trajectory(field, (height, 0.0), times, name)[:, :1]
+    return exact.heights(acceleration, height, times, name)
 
 
-def _check_fluid(viscosity: float, density: float) -> None:
+def _balls(radius: PerObject, mass: PerObject, viscosity: float, density: float) -> dict[str, tuple[float, ...]]:
+    """Return the checked radius and mass of each ball in a fluid that can be."""
     numbers("viscosity", viscosity, positive=True)
     numbers("density", density, positive=True)
+    return objects("Ball", positive=True, radius=radius, mass=mass)
 
 
 reynolds_drag = Dataset(

@@ -53,7 +53,7 @@ def reynolds_number(speed: ArrayLike, diameter: ArrayLike, viscosity: ArrayLike 
     >>> print(f"{reynolds_number(20, 0.044):.3g}")
     5.86e+04
     """
-    return _natural("speed", speed) * _positive("diameter", diameter) / _positive("viscosity", viscosity)
+    return _checked("speed", speed, positive=False) * _checked("diameter", diameter) / _checked("viscosity", viscosity)
 
 
 def drag_coefficient(reynolds: ArrayLike) -> Floats:
@@ -81,14 +81,14 @@ def drag_coefficient(reynolds: ArrayLike) -> Floats:
     >>> print(f"{drag_coefficient(1e5):.4f}")
     0.4661
     """
-    number = _natural("Reynolds number", reynolds)
+    number = _checked("Reynolds number", reynolds, positive=False)
     with np.errstate(divide="ignore"):
         return _coefficient_times(number) / number
 
 
 def in_valid_range(reynolds: ArrayLike) -> Bools:
     """Return where `drag_coefficient` rests on experiments: at Reynolds numbers below `MAX_REYNOLDS`."""
-    return np.asarray(_natural("Reynolds number", reynolds) < MAX_REYNOLDS)
+    return np.asarray(_checked("Reynolds number", reynolds, positive=False) < MAX_REYNOLDS)
 
 
 def drag_force(
@@ -121,56 +121,8 @@ def drag_force(
     0.0 0.171
     """
     reynolds = reynolds_number(speed, diameter, viscosity)
-    scale = _positive("density", density) * np.square(np.asarray(viscosity, dtype=np.float64))
+    scale = _checked("density", density) * np.square(np.asarray(viscosity, dtype=np.float64))
     return np.pi / 8 * scale * reynolds * _coefficient_times(reynolds)
-
-
-def terminal_velocity(
-    mass: ArrayLike,
-    diameter: ArrayLike,
-    gravity: ArrayLike = 9.8,
-    density: ArrayLike = AIR_DENSITY,
-    viscosity: ArrayLike = AIR_VISCOSITY,
-) -> Floats:
-    """Return the speed at which the drag on a falling sphere balances its weight, in m/s; buoyancy is left out.
-
-    Parameters
-    ----------
-    mass, diameter
-        kg and m, positive.
-    gravity
-        Its size, m/s^2, positive.
-    density, viscosity
-        Of the fluid, kg/m^3 and m^2/s (the kinematic viscosity), positive.
-
-    Raises
-    ------
-    CommonlawError
-        If a value is not finite, or not positive.
-
-    Examples
-    --------
-    >>> print(f"{terminal_velocity(0.0454, 0.044):.1f}")
-    32.2
-    """
-    weight = _positive("mass", mass) * _positive("gravity", gravity)
-    spheres = np.broadcast(weight, *map(np.asarray, (diameter, density, viscosity)))
-    speeds = [_balance(*(float(each) for each in sphere)) for sphere in spheres]
-    return np.array(speeds).reshape(spheres.shape)
-
-
-def _balance(weight: float, diameter: float, density: float, viscosity: float) -> float:
-    """Return the speed at which drag equals the weight in N; drag grows with speed, so there is one."""
-    from scipy.optimize import brentq
-
-    _positive("density", density)
-    # Drag is never below Stokes', so the speed is never above Stokes' terminal velocity
-    resistance = 3 * np.pi * density * float(_positive("viscosity", viscosity) * _positive("diameter", diameter))
-
-    def excess(speed: float) -> float:
-        return float(drag_force(speed, diameter, density, viscosity)) - weight
-
-    return float(brentq(excess, 0.0, 2 * weight / resistance, xtol=np.finfo(float).tiny))
 
 
 def _coefficient_times(reynolds: Floats) -> Floats:
@@ -178,17 +130,11 @@ def _coefficient_times(reynolds: Floats) -> Floats:
     return STOKES * (1 + INERTIA * reynolds**EXPONENT) + PRESSURE * reynolds**2 / (reynolds + TRANSITION)
 
 
-def _natural(name: str, values: ArrayLike) -> Floats:
+def _checked(name: str, values: ArrayLike, *, positive: bool = True) -> Floats:
+    """Return numbers that are finite, and positive or at least not negative."""
     array = np.asarray(values, dtype=np.float64)
-    return _checked(name, array, np.isfinite(array) & (array >= 0), "not be negative")
-
-
-def _positive(name: str, values: ArrayLike) -> Floats:
-    array = np.asarray(values, dtype=np.float64)
-    return _checked(name, array, np.isfinite(array) & (array > 0), "be positive")
-
-
-def _checked(name: str, array: Floats, good: Bools, rule: str) -> Floats:
+    good = np.isfinite(array) & ((array > 0) if positive else (array >= 0))
     if not np.all(good):
+        rule = "be positive" if positive else "not be negative"
         raise CommonlawError(f"{name} is {array[~good].flat[0]:g}: it must be finite and {rule}")
     return array
