@@ -266,13 +266,13 @@ def test_many_objects_give_what_each_gives_alone_also_from_threads(method):
 
 def test_objects_of_one_law_share_what_is_compiled():
     if "heyoka" in METHODS:
-        from commonlaw.integration.heyoka.compiled import _compiled
+        from commonlaw.integration.heyoka.compiled import compiled
 
         law = cl.datasets.truth_of("lotka-volterra")
-        _compiled.cache_clear()
+        compiled.cache_clear()
         law.simulate([0.0, 1.0], [20.0, 10.0])
         law.simulate([0.0, 2.0], [10.0, 20.0], dense=True)
-        assert _compiled.cache_info().misses == 1
+        assert compiled.cache_info().misses == 1
 
 
 def test_a_law_in_discrete_time_is_iterated_and_may_diverge():

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -82,23 +83,19 @@ def occurrences(
     events: Sequence[Event], found: Sequence[tuple[int, float, Floats]], width: int
 ) -> tuple[Occurrences, ...]:
     """Return what was found, (index of the event, time, states), by event and in order of time."""
-    lists = [
-        sorted(((t, y) for i, t, y in found if i == index), key=lambda each: each[0]) for index in range(len(events))
-    ]
+    ordered = sorted(found, key=lambda each: each[1])
     return tuple(
-        Occurrences(event, np.array([t for t, _ in each]), np.array([y for _, y in each]).reshape(len(each), width))
-        for event, each in zip(events, lists, strict=True)
+        Occurrences(
+            event,
+            np.array([t for i, t, _ in ordered if i == index]),
+            np.array([y for i, _, y in ordered if i == index]).reshape(-1, width),
+        )
+        for index, event in enumerate(events)
     )
 
 
 def event_terms(events: Sequence[Event], variables: Variables) -> Terms:
-    """Return the expressions of events as terms over these variables.
-
-    Raises
-    ------
-    CommonlawError
-        If an expression cannot be read, or names an unknown variable.
-    """
+    """Return the expressions of events as terms over these variables."""
     return Terms(variables, tuple(parse_term(event.expression, variables) for event in events))
 
 
@@ -108,11 +105,20 @@ class EventFunctions:
 
     events: tuple[Event, ...]
     field: VectorField
-    terms: Terms
+
+    @cached_property
+    def terms(self) -> Terms:
+        """The expressions."""
+        return event_terms(self.events, self.field.terms.variables)
+
+    @cached_property
+    def levels(self) -> Floats:
+        """The levels, shape (events,)."""
+        return np.array([event.level for event in self.events])
 
     def __call__(self, t: float, y: Floats) -> Floats:
         """Return their values at one time and state, shape (events,)."""
-        return np.asarray(self.terms.evaluate(self.field.point(t, y))[0] - self._levels)
+        return np.asarray(self.terms.evaluate(self.field.point(t, y))[0] - self.levels)
 
     def at_start(self, t: float, y: Floats, span: float) -> Floats:
         """Return their values at the start, and for one that is zero to rounding the sign that it takes just after.
@@ -121,13 +127,9 @@ class EventFunctions:
         """
         with np.errstate(all="ignore"):
             values = self(t, y)
-            zero = np.abs(values) <= _ROUNDING * (np.abs(values + self._levels) + np.abs(self._levels))
+            zero = np.abs(values) <= _ROUNDING * (np.abs(values + self.levels) + np.abs(self.levels))
             if zero.any():
                 step = 1e-6 * span
                 later = y + step * self.field(t, y + step * self.field(t, y))
                 values[zero] = np.sign(self(t + step, later)[zero]) * np.finfo(float).tiny
         return values
-
-    @property
-    def _levels(self) -> Floats:
-        return np.array([event.level for event in self.events])

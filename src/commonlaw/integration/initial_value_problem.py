@@ -68,13 +68,7 @@ class OutputOptions:
 
 
 def check_start(initial: Floats, times: Floats, where: str) -> None:
-    """Refuse initial states and times that cannot be integrated.
-
-    Raises
-    ------
-    CommonlawError
-        If the initial states or the times are not finite, or the times do not increase.
-    """
+    """Refuse initial states and times that cannot be integrated."""
     index = f"{where}: " if where else ""
     if not np.all(np.isfinite(initial)):
         raise CommonlawError(f"{index}the initial state {initial} is not finite; give numbers")

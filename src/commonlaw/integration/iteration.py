@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration.base import FAR, AbstractIntegrator
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
@@ -34,7 +33,11 @@ class Iteration(AbstractIntegrator):
         vector_field, width = problem.field, len(problem.initial)
         states = np.full((len(problem.times), width), np.nan)
         states[0] = problem.initial
-        sensitivities, limit = self._initial_sensitivities(problem), 0.0
+        sensitivities, limit, outcome, ended = None, 0.0, None, None
+        if self.options.sensitivities:
+            parameters = len(vector_field.parameters)
+            sensitivities = np.full((*states.shape, parameters + width), np.nan)
+            sensitivities[0] = np.eye(width, parameters + width, parameters)
         with np.errstate(all="ignore"):
             for k, t in enumerate(problem.times[:-1]):
                 following = vector_field(t, states[k])
@@ -42,27 +45,12 @@ class Iteration(AbstractIntegrator):
                 peak = np.max(np.abs(following))
                 if not peak <= limit:
                     why = f"a state reached {peak:.3g}" if np.isfinite(peak) else "a state is not finite"
-                    when = float(problem.times[k + 1])
-                    return Trajectory(
-                        problem.times,
-                        states,
-                        diverged(when, why, problem.where),
-                        when,
-                        (),
-                        sensitivities,
-                        method="steps",
-                    )
+                    ended = float(problem.times[k + 1])
+                    outcome = diverged(ended, why, problem.where)
+                    break
                 if sensitivities is not None:
                     _, (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states[k]))
                     sensitivities[k + 1] = by_states @ sensitivities[k]
                     sensitivities[k + 1, :, :-width] += by_parameters
                 states[k + 1] = following
-        return Trajectory(problem.times, states, sensitivities=sensitivities, method="steps")
-
-    def _initial_sensitivities(self, problem: InitialValueProblem) -> Floats | None:
-        if not self.options.sensitivities:
-            return None
-        width, parameters = len(problem.initial), len(problem.field.parameters)
-        sensitivities = np.full((len(problem.times), width, parameters + width), np.nan)
-        sensitivities[0] = np.hstack([np.zeros((width, parameters)), np.eye(width)])
-        return sensitivities
+        return Trajectory(problem.times, states, outcome, ended, (), sensitivities, method="steps")

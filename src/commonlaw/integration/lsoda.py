@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, Function, state_scale
-from commonlaw.integration.event import EventFunctions, event_terms, occurrences
+from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
 from commonlaw.integration.vector_field import VectorField
@@ -27,18 +27,20 @@ class LsodaIntegrator(AbstractIntegrator):
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; sensitivities solve the variational equations beside it."""
         options, vector_field, width = self.options, problem.field, len(problem.initial)
-        search = _event_search(problem, options) if options.events else None
-        rhs = RightHandSide(vector_field, vector_field.jacobian, width)
-        start, absolute = problem.initial, np.zeros(width)
+        rhs, start, scales = RightHandSide(vector_field, vector_field.jacobian, width), problem.initial, np.empty((width, 0))
+        search, sensitivities = None, None
+        if options.events:
+            functions = EventFunctions(options.events, vector_field)
+            first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
+            search = _EventSearch(functions, problem.start, first)
         if options.sensitivities:
-            rhs = _variational(vector_field, width)
-            start, absolute = _variational_start(problem, options.tolerance)
-        times, tolerance = problem.times, options.tolerance
-        result = solve(rhs, start, times, tolerance, absolute, problem.where, search=search, dense=options.dense)
-        found = occurrences(options.events, [] if search is None else search.found, width)
-        sensitivities = None
+            rhs, scales = _variational(vector_field, width), _sensitivity_scales(problem)
+            start = np.concatenate([start, np.eye(*scales.shape, scales.shape[1] - width).ravel()])
+        times, where = problem.times, problem.where
+        result = solve(rhs, start, times, options.tolerance, where, scales.ravel(), search, options.dense)
+        found = occurrences(options.events, search.found if search else [], width)
         if options.sensitivities:
-            sensitivities = result.states[:, width:].reshape(len(times), width, -1)
+            sensitivities = result.states[:, width:].reshape(len(times), *scales.shape)
         return replace(result, states=result.states[:, :width], events=found, sensitivities=sensitivities)
 
 
@@ -91,29 +93,15 @@ def solve(
     start: Floats,
     times: Floats,
     tolerance: float,
-    absolute: Floats,
     where: str,
-    *,
+    other_scales: Floats | tuple[()] = (),
     search: _EventSearch | None = None,
     dense: bool = False,
 ) -> Trajectory:
     """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
 
-    Parameters
-    ----------
-    rhs
-        What is integrated.
-    start, times
-        Shapes (d,) and (n,).
-    tolerance, absolute
-        The relative tolerance, and the absolute one of each number, shape (d,); for the states, which come first, it
-        is set here.
-    where
-        For the outcome.
-    search
-        Looks for events.
-    dense
-        Whether to keep every step.
+    The absolute tolerance is a thousandth of the relative one times the size of the states, which come first, and times
+    a scale of each other number.
     """
     states, width = np.full((len(times), len(start)), np.nan), rhs.width
     states[0] = start
@@ -126,14 +114,16 @@ def solve(
             return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
         others = start[width:]
         size = state_scale(start[:width], lambda t, y: rhs.derivatives(t, np.concatenate([y, others]))[:width], times)
-        absolute[:width] = 1e-3 * tolerance * size
+        absolute = 1e-3 * tolerance * np.concatenate([np.full(width, size), other_scales])
         # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
         # takes steps without end before a blow-up, and calls it a success where states have become infinite.
         span = times[0], start, times[-1]
         solver = LSODA(rhs.derivatives, *span, rtol=tolerance, atol=absolute, jac=rhs.jacobian)
         reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
         for _ in range(MAX_STEPS):
-            bad = _step(solver) or _runaway(solver.y[:width], size)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                bad = solver.step() or _runaway(solver.y[:width], size)
             if bad:
                 why = bad
                 break
@@ -145,7 +135,8 @@ def solve(
                     states[reached:until] = interpolant(times[reached:until]).T
                     reached = until
                 if track is not None:
-                    track.add(interpolant, float(solver.t))
+                    track.interpolants.append(interpolant)
+                    track.knots.append(float(solver.t))
             if stop is not None:
                 return Trajectory(times, states, None, stop, dense=track)
             if solver.status == "finished":
@@ -162,25 +153,12 @@ class _Track:
     knots: list[float]
     interpolants: list[DenseOutput] = field(default_factory=list)
 
-    def add(self, interpolant: DenseOutput, until: float) -> None:
-        """Keep a step."""
-        self.interpolants.append(interpolant)
-        self.knots.append(until)
-
     def __call__(self, times: Floats) -> Floats:
         """Return the states, shape (m, d); after the last step those at its end."""
         if not self.interpolants:
             return np.tile(self.start, (len(times), 1))
         whole = OdeSolution(self.knots, self.interpolants)
         return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
-
-
-def _event_search(problem: InitialValueProblem, options: OutputOptions) -> _EventSearch:
-    functions = EventFunctions(
-        options.events, problem.field, event_terms(options.events, problem.field.terms.variables)
-    )
-    span = float(problem.times[-1] - problem.times[0])
-    return _EventSearch(functions, problem.start, functions.at_start(problem.start, problem.initial, span))
 
 
 def _variational(vector_field: VectorField, width: int) -> RightHandSide:
@@ -204,22 +182,12 @@ def _variational(vector_field: VectorField, width: int) -> RightHandSide:
     return RightHandSide(derivatives, jacobian, width)
 
 
-def _variational_start(problem: InitialValueProblem, tolerance: float) -> tuple[Floats, Floats]:
-    """Return the initial states and sensitivities, and absolute tolerances in the units of each sensitivity."""
+def _sensitivity_scales(problem: InitialValueProblem) -> Floats:
+    """Return the size of each sensitivity, in its own unit, shape (states, parameters + states)."""
     parameters, width = problem.field.parameters, len(problem.initial)
-    matrix = np.hstack([np.zeros((width, len(parameters))), np.eye(width)])
     size = np.max(np.abs(problem.initial)) or 1.0
-    scale = np.where(parameters == 0, 1.0, np.abs(parameters))
-    rows = np.tile(np.concatenate([size / scale, np.ones(width)]), (width, 1))
-    absolute = 1e-3 * tolerance * rows.ravel()
-    return np.concatenate([problem.initial, matrix.ravel()]), np.concatenate([np.zeros(width), absolute])
-
-
-def _step(solver: LSODA) -> str | None:
-    """Take one step; return why it failed, or None."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return solver.step()
+    row = np.concatenate([size / np.where(parameters == 0, 1.0, np.abs(parameters)), np.ones(width)])
+    return np.tile(row, (width, 1))
 
 
 def _runaway(states: Floats, size: float) -> str | None:

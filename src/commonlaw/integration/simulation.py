@@ -100,7 +100,7 @@ def integrate(
     initial
         States at the first time, shape (d,).
     times
-        Where the states are options, increasing, shape (n,).
+        Where the states are wanted, increasing, shape (n,).
     jacobian
         Exact derivatives of the field by the states, shape (d, d); found by differences if not given.
     relative_tolerance
@@ -123,8 +123,7 @@ def integrate(
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
     check_start(initial, times, where)
-    right_hand_side = RightHandSide(field, jacobian, len(initial))
-    return solve(right_hand_side, initial, times, relative_tolerance, np.zeros(len(initial)), where)
+    return solve(RightHandSide(field, jacobian, len(initial)), initial, times, relative_tolerance, where)
 
 
 @dataclass(frozen=True)
@@ -144,20 +143,13 @@ class _Choice:
 
 
 def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _Choice:
-    """Return what integrates a law.
-
-    Raises
-    ------
-    CommonlawError
-        If the method cannot.
-    """
+    """Return what integrates a law; refuse a method that cannot."""
     if vector_field.order == 0:
         return _Choice(Iteration(options))
 
     def lsoda() -> AbstractIntegrator:
-        from commonlaw.integration.lsoda import (
-            LsodaIntegrator,  # SciPy's integrators take longer to import than a law to compile
-        )
+        # SciPy's integrators take longer to import than a law to compile
+        from commonlaw.integration.lsoda import LsodaIntegrator
 
         return LsodaIntegrator(options)
 
@@ -175,8 +167,7 @@ def _fast(vector_field: VectorField, options: OutputOptions) -> AbstractIntegrat
         return "the law has inputs"
     if find_spec("heyoka") is None:
         return "heyoka is not installed, pip install 'commonlaw[fast]'"
-    from commonlaw.integration.heyoka.integrator import HeyokaIntegrator
-    from commonlaw.integration.heyoka.translation import UnsupportedError
+    from commonlaw.integration.heyoka import HeyokaIntegrator, UnsupportedError
 
     try:
         return HeyokaIntegrator.of(vector_field, options)

@@ -12,17 +12,7 @@ from commonlaw.library import Terms
 
 
 class LinearizedField(NamedTuple):
-    """A vector field and its derivatives at n points.
-
-    Parameters
-    ----------
-    derivatives
-        ``f``, shape (n, D).
-    by_states
-        Its derivatives with respect to the states, shape (n, D, D).
-    by_parameters
-        Its derivatives with respect to the parameters, shape (n, D, parameters).
-    """
+    """A vector field at n points (n, D), its derivatives by states (n, D, D) and by parameters (n, D, parameters)."""
 
     derivatives: Floats
     by_states: Floats

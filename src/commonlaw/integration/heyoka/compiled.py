@@ -1,6 +1,5 @@
 """Laws compiled by heyoka: one structure, whatever the coefficients, the start and the levels of events."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,20 +28,9 @@ _LARGE = 100
 class Structure:
     """Everything that is compiled, and so nothing that differs between objects.
 
-    Parameters
-    ----------
-    terms
-        Those in some equation, over `size` variables, time the last.
-    pairs
-        Equation and index of the term of each coefficient, in the coefficients' order.
-    free
-        Which of these are parameters that sensitivities are wanted of; empty if none are wanted.
-    equations, order, size
-        How many equations, the order of the law, how many variables.
-    events
-        Expression, direction and whether it is terminal.
-    tolerance, sensitivities
-        As asked for.
+    The terms that are in some equation, over `size` variables (time is the last); for each coefficient, in their order,
+    its `pair`: the equation and the index of the term; the indices of those that sensitivities are wanted of, if any
+    (`free`); each event's expression, direction and whether it is terminal.
     """
 
     terms: tuple[AbstractTerm, ...]
@@ -77,20 +65,10 @@ class Structure:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """What heyoka made of a structure.
+    """What heyoka made of a structure: its integrator, which holds parameters, state and time, for `width` states.
 
-    Parameters
-    ----------
-    stepper
-        heyoka's integrator, which holds parameters, state and time.
-    width
-        The number of states.
-    terminal
-        The indices of the terminal events among all events.
-    found
-        What the other events write to: index, time, states.
-    initial_sensitivities
-        The initial sensitivities, row by row; empty without.
+    `terminal` are the indices of the terminal events; the others write to `found`. Initial sensitivities are row by
+    row, empty without.
     """
 
     stepper: Any
@@ -113,20 +91,15 @@ class Compiled:
             self.stepper.reset_cooldowns()
 
 
-def compiled(structure: Structure) -> Compiled:
-    """Return what was compiled for a structure; each thread has its own, since it holds a state.
+@lru_cache(maxsize=32)
+def compiled(structure: Structure, _thread: int) -> Compiled:
+    """Return what is compiled for a structure and one thread, as an integrator holds its own state.
 
     Raises
     ------
     UnsupportedError
         If the law or an event holds a function without Taylor series.
     """
-    return _compiled(structure, threading.get_ident())
-
-
-@lru_cache(maxsize=32)
-def _compiled(structure: Structure, _thread: int) -> Compiled:
-    """Compile a structure, for one thread: an integrator holds its own state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
     variables = [*states, heyoka.time]
     terms = [translated(term, variables) for term in structure.terms]
@@ -139,7 +112,7 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
     parameters, initial_sensitivities = len(structure.pairs), np.empty(0)
     if structure.sensitivities:
         system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
-        initial_sensitivities = np.hstack([np.zeros((len(states), len(structure.free))), np.eye(len(states))]).ravel()
+        initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
     terminal, found, events = _events(structure, variables)
     large = structure.sensitivities or parameters > _LARGE
     stepper = heyoka.taylor_adaptive(
@@ -156,11 +129,6 @@ def _compiled(structure: Structure, _thread: int) -> Compiled:
 
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:
     """Return the indices of terminal events, the list that others write to, and both as heyoka takes them."""
-    directions = {
-        1: heyoka.event_direction.positive,
-        -1: heyoka.event_direction.negative,
-        0: heyoka.event_direction.any,
-    }
     found: Found = []
     width = structure.equations * structure.order
 
@@ -175,9 +143,9 @@ def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Foun
     for i, (term, sign, ends) in enumerate(structure.events):
         crossed = translated(term, variables) - heyoka.par[len(structure.pairs) + i]
         if ends:
-            terminal.append(heyoka.t_event(crossed, direction=directions[sign]))
+            terminal.append(heyoka.t_event(crossed, direction=heyoka.event_direction(sign)))
             indices.append(i)
         else:
-            passing.append(heyoka.nt_event(crossed, writer(i), direction=directions[sign]))
+            passing.append(heyoka.nt_event(crossed, writer(i), direction=heyoka.event_direction(sign)))
     lists = {"t_events": terminal, "nt_events": passing}
     return indices, found, {name: each for name, each in lists.items() if each}

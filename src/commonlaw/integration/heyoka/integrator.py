@@ -4,6 +4,7 @@ Compiling takes 10 to 300 ms for each structure of a law. Coefficients are param
 objects share it. heyoka keeps what it has compiled on disk, where its HEYOKA_CACHE_DIR says.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, not_integrated, state_scale
-from commonlaw.integration.event import EventFunctions, event_terms, occurrences
+from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.heyoka.compiled import Compiled, Found, Structure, compiled
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
@@ -41,7 +42,7 @@ class HeyokaIntegrator(AbstractIntegrator):
         UnsupportedError
             If the law or an event holds a function without Taylor series.
         """
-        return cls(options, compiled(Structure.of(vector_field, options)))
+        return cls(options, compiled(Structure.of(vector_field, options), threading.get_ident()))
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; the outcome "not integrated" calls for another integrator."""
@@ -68,38 +69,22 @@ class HeyokaIntegrator(AbstractIntegrator):
         One that the start is on is moved by a rounding error, away from where the trajectory goes: heyoka would take
         the start for a crossing, and may miss others in the same step.
         """
-        events = self.options.events
-        levels = np.array([event.level for event in events])
-        if events:
-            functions = EventFunctions(events, problem.field, event_terms(events, problem.field.terms.variables))
-            before, after = (
-                functions(problem.start, problem.initial),
-                functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times))),
-            )
-            values = levels + before
-            aside = values - np.sign(after) * np.maximum(np.spacing(np.abs(values)), 1e-300)
-            levels = np.where(before == after, levels, aside)
-        return levels
+        functions = EventFunctions(self.options.events, problem.field)
+        if not functions.events:
+            return functions.levels
+        before = functions(problem.start, problem.initial)
+        after = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
+        values = functions.levels + before
+        aside = values - np.sign(after) * np.maximum(np.spacing(np.abs(values)), 1e-300)
+        return np.where(before == after, functions.levels, aside)
 
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """How far heyoka came.
+    """How far heyoka came: rows at the first times (at least at the first), what happened, and the states at any time.
 
-    Parameters
-    ----------
-    rows
-        At the first times, at least at the first.
-    found
-        What happened: index of the event, time, states.
-    dense
-        States at any time, if options.
-    ended
-        When it ended early, by a terminal event or for want of steps.
-    failure
-        Why it is not integrated to the end.
-    broke
-        Whether a number was not finite.
+    `ended` says when a terminal event or want of steps ended it early, `failure` why it is not integrated to the end,
+    `broke` whether a number was not finite.
     """
 
     rows: Floats
@@ -164,8 +149,7 @@ def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: flo
 def _before_runaway(problem: InitialValueProblem, states: Floats) -> int:
     """Return how many of the first rows are finite and not too far."""
     # The largest state of most trajectories is not even far from the initial ones: then the rates need not be known.
-    if not np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
-        limit = FAR * state_scale(problem.initial, problem.field, problem.times)
-        lost = np.flatnonzero(~(np.abs(states) <= limit).all(axis=1))
-        return int(lost[0]) if len(lost) else len(states)
-    return len(states)
+    if np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
+        return len(states)
+    limit = FAR * state_scale(problem.initial, problem.field, problem.times)
+    return int(np.logical_and.accumulate((np.abs(states) <= limit).all(axis=1)).sum())

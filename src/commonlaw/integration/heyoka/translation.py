@@ -1,6 +1,8 @@
 """From terms to expressions of heyoka."""
 
 import ast
+import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,19 +11,18 @@ import heyoka
 from commonlaw.library import AbstractTerm
 from commonlaw.library.grammar import constant
 
-FUNCTIONS: Mapping[str, Callable[[Any], Any]] = {
-    "sqrt": heyoka.sqrt,
-    "exp": heyoka.exp,
-    "log": heyoka.log,
-    "sin": heyoka.sin,
-    "cos": heyoka.cos,
-    "tan": heyoka.tan,
-    "sinh": heyoka.sinh,
-    "cosh": heyoka.cosh,
-    "tanh": heyoka.tanh,
-    "arctan": heyoka.atan,
+_NAMES = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
+FUNCTIONS: Mapping[str, Callable[[Any], Any]] = {name: getattr(heyoka, name) for name in _NAMES} | {
+    "arctan": heyoka.atan
 }
 """Functions that have Taylor series wherever they are defined; abs and sign have none at 0."""
+
+_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
 
 
 class UnsupportedError(Exception):
@@ -52,16 +53,7 @@ def _translated(tree: ast.expr, variables: Sequence[Any]) -> Any:
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             return _power(_translated(base, variables), constant(exponent))
         case ast.BinOp(op=op, left=left, right=right):
-            first, second = _translated(left, variables), _translated(right, variables)
-            match op:
-                case ast.Add():
-                    return first + second
-                case ast.Sub():
-                    return first - second
-                case ast.Mult():
-                    return first * second
-                case _:
-                    return first / second
+            return _OPERATORS[type(op)](_translated(left, variables), _translated(right, variables))
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
             return FUNCTIONS[name](_translated(argument, variables))
         case _:
@@ -72,7 +64,5 @@ def _power(base: Any, exponent: float | None) -> Any:
     """Return a power; a whole one as products, since heyoka's own power divides by the base."""
     if exponent is None or exponent != int(exponent):
         return base**exponent
-    result = heyoka.expression(1.0)
-    for _ in range(abs(int(exponent))):
-        result = result * base
+    result = math.prod([base] * abs(int(exponent)), start=heyoka.expression(1.0))
     return result if exponent >= 0 else 1.0 / result
