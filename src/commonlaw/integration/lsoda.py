@@ -27,7 +27,11 @@ class LsodaIntegrator(AbstractIntegrator):
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; sensitivities solve the variational equations beside it."""
         options, vector_field, width = self.options, problem.field, len(problem.initial)
-        rhs, start, scales = RightHandSide(vector_field, vector_field.jacobian, width), problem.initial, np.empty((width, 0))
+        rhs, start, scales = (
+            RightHandSide(vector_field, vector_field.jacobian, width),
+            problem.initial,
+            np.empty((width, 0)),
+        )
         search, sensitivities = None, None
         if options.events:
             functions = EventFunctions(options.events, vector_field)

@@ -1,11 +1,12 @@
 """Saved laws of earlier versions of the schema, by the names of version 3."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from commonlaw.law.provenance import Alternative
 
+_BAYES_FACTOR = "2 log B"
 _UNCERTAINTY = {
     "covariance": "covariance",
     "common": "shared_factor",
@@ -13,10 +14,7 @@ _UNCERTAINTY = {
     "inclusion": "inclusion_probabilities",
 }
 _PROVENANCE = ("differentiation", "outcomes", "alternatives", "history")
-_OUTCOME_KINDS = {"not obeyed": "model error"}
-_ALTERNATIVE = {"settings": "hyperparameters"}
-_BAYES_FACTOR = "2 log B"
-_MEASURES = {"evidence lost": _BAYES_FACTOR}
+_ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def renamed(document: dict[str, Any]) -> dict[str, Any]:
@@ -24,8 +22,8 @@ def renamed(document: dict[str, Any]) -> dict[str, Any]:
     moved = {*_UNCERTAINTY, *_PROVENANCE}
     provenance = {key: document[key] for key in _PROVENANCE if key in document}
     for key, rename in (("outcomes", _outcome), ("alternatives", _alternative)):
-        if key in provenance:
-            provenance[key] = _each(provenance[key], rename)
+        if isinstance(provenance.get(key), list):
+            provenance[key] = [rename(each) for each in provenance[key]]
     return {
         **{key: value for key, value in document.items() if key not in moved},
         "version": 3,
@@ -48,20 +46,13 @@ def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alterna
     return tuple(map(compared, alternatives))
 
 
-def _outcome(outcome: dict[str, Any]) -> dict[str, Any]:
-    kind = outcome.get("kind")
-    return outcome | {"kind": _OUTCOME_KINDS.get(str(kind), kind)}
+def _outcome(outcome: Any) -> Any:
+    known = isinstance(outcome, dict) and outcome.get("kind") == "not obeyed"
+    return outcome | {"kind": "model error"} if known else outcome
 
 
-def _alternative(alternative: dict[str, Any]) -> dict[str, Any]:
-    named = {_ALTERNATIVE.get(key, key): value for key, value in alternative.items()}
-    if isinstance(named.get("measures"), dict):
-        named["measures"] = {_MEASURES.get(key, key): value for key, value in named["measures"].items()}
-    return named
-
-
-def _each(values: Any, rename: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
-    """Return a list with every entry renamed; what is no list of entries is left to the validation."""
-    if not isinstance(values, list):
-        return values
-    return [rename(each) if isinstance(each, dict) else each for each in values]
+def _alternative(value: Any) -> Any:
+    """Return an alternative, or the measures in it, by the present names."""
+    if not isinstance(value, dict):
+        return value
+    return {_ALTERNATIVES.get(key, key): _alternative(each) for key, each in value.items()}

@@ -12,8 +12,9 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
 from commonlaw.law import text
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import Terms
+from commonlaw.library import Terms, term_unit
 from commonlaw.trials import Schema
+from commonlaw.trials.units import parse_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,7 +104,11 @@ class AbstractEquations(ABC):
         Zero for coefficients that are known, NaN for terms that are not in the law, and everywhere if the covariance is
         not known.
         """
-        return self.uncertainty.standard_errors(len(self.objects), self.support)
+        errors = np.full(self.coefficients.shape, np.nan)
+        if self.uncertainty.covariance is not None:
+            errors[:, self.support] = np.sqrt(np.diagonal(self.uncertainty.covariance, axis1=1, axis2=2))
+        errors.flags.writeable = False
+        return errors
 
     def intervals(self, level: float = 0.95) -> "pd.DataFrame":
         """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
@@ -205,10 +210,18 @@ class AbstractEquations(ABC):
 
     def coefficient_units(self) -> "dict[tuple[str, str], str]":
         """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
-        from commonlaw.law.units import coefficient_units
-
-        units = coefficient_units(self.terms, self.schema, self.order, self.support)
-        return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in units.items()}
+        units, states = dict(self.schema.units), self.states
+        if not {*states, self.schema.time} <= units.keys():
+            return {}
+        time, variables = parse_unit(units[self.schema.time]), self.terms.variables
+        units |= {rate: f"{parse_unit(units[state]) / time}" for state, rate in zip(states, self.rates, strict=False)}
+        found = {}
+        for j, k in np.argwhere(self.support):
+            below = term_unit(self.terms.terms[k], variables, units)
+            if below is not None:
+                left = parse_unit(units[states[j]]) / time**self.order
+                found[self.left_hand_sides[j], self.terms.names[k]] = f"{left / below:~P}"
+        return found
 
     def structure(self) -> tuple[str, ...]:
         """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``."""

@@ -16,11 +16,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import text
-from commonlaw.law.check import checked
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.provenance import Alternative, History, Provenance
-from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema, Trials
@@ -120,9 +119,10 @@ class Law(AbstractEquations):
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
         if found is None:
             return self
-        step = pooling_step(self.left_hand_sides, self.terms.names, self.support, found.shrinkage)
+        coefficients, uncertainty, shrinkage = found
+        step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
         provenance = replace(self.provenance, history=(*self.history, step))
-        return replace(self, coefficients=found.coefficients, uncertainty=found.uncertainty, provenance=provenance)
+        return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 
     # What is known of it
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,20 +15,13 @@ _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
 
 
-class PartiallyPooled(NamedTuple):
-    """Coefficients, and how far each was drawn to the mean over objects, from 0 to 1, shape (equations, terms)."""
-
-    coefficients: Floats
-    uncertainty: Uncertainty
-    shrinkage: Floats
-
-
 def partially_pooled(
     coefficients: Floats, uncertainty: Uncertainty, support: Bools, universal: Bools | None, others: bool
-) -> PartiallyPooled | None:
+) -> tuple[Floats, Uncertainty, Floats] | None:
     """Return coefficients drawn to their means over objects; None where nothing is to be drawn.
 
-    The arguments are those of `Law.partial_pooling`; masks have the shape (equations, terms).
+    Beside them their uncertainty, and how far each was drawn, from 0 to 1, shape (equations, terms). The arguments are
+    those of `Law.partial_pooling`.
     """
     covariance = uncertainty.known_covariance()
     if uncertainty.shared_factor is not None:
@@ -47,7 +39,7 @@ def partially_pooled(
     pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
-    return PartiallyPooled(pooled, replace(uncertainty, covariance=errors, shared_factor=factor), shrinkage)
+    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor), shrinkage
 
 
 def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools, shrinkage: Floats) -> Step:

@@ -1,14 +1,17 @@
 """How accurate a law is: the errors of its coefficients, the noise of measurements, the probability of its terms."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.check import checked, checked_covariance
+
+_ASYMMETRY = 1e-6
+"""Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,24 +77,9 @@ class Uncertainty:
             )
         return self.covariance
 
-    def standard_errors(self, objects: int, support: Bools) -> Floats:
-        """Return the standard error of every coefficient in the law, shape (objects, equations, terms), NaN elsewhere.
-
-        Of so many objects, and of the law's support, shape (equations, terms).
-        """
-        errors = np.full((objects, *support.shape), np.nan)
-        if self.covariance is not None:
-            errors[:, support] = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-        errors.flags.writeable = False
-        return errors
-
     def select(self, indices: Sequence[int]) -> "Uncertainty":
         """Return that of some objects, given by their indices."""
-        return replace(
-            self,
-            covariance=None if self.covariance is None else self.covariance[list(indices)],
-            shared_factor=None if self.shared_factor is None else self.shared_factor[list(indices)],
-        )
+        return self._changed(lambda matrices: matrices[list(indices)])
 
     def average(self) -> "Uncertainty":
         """Return that of the mean over objects, which are independent but for the shared factor."""
@@ -107,10 +95,11 @@ class Uncertainty:
 
     def restrict(self, parameters: Bools) -> "Uncertainty":
         """Return that of some parameters, shape (parameters,), when the others have left the law."""
-        covariance, factor = (
-            None if each is None else each[:, parameters][:, :, parameters]
-            for each in (self.covariance, self.shared_factor)
-        )
+        return self._changed(lambda matrices: matrices[:, parameters][:, :, parameters])
+
+    def _changed(self, change: Callable[[Floats], Floats]) -> "Uncertainty":
+        """Return that whose covariance and shared factor, where they are known, are changed alike."""
+        covariance, factor = (None if each is None else change(each) for each in (self.covariance, self.shared_factor))
         return replace(self, covariance=covariance, shared_factor=factor)
 
 
@@ -130,3 +119,34 @@ def normal_quantile(level: float) -> float:
     if not 0 < level < 1:
         raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
     return NormalDist().inv_cdf((1 + level) / 2)
+
+
+def checked(
+    values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
+) -> Floats:
+    """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise CommonlawError(f"the {what} of a law has shape {array.shape}, expected ({axes}) = {shape}")
+    if not np.all(np.isfinite(array)):
+        raise CommonlawError(f"the {what} of a law has a value that is not finite")
+    if not np.all((low <= array) & (array <= high)):
+        wrong = array[(array < low) | (array > high)][0]
+        raise CommonlawError(f"the {what} of a law has the value {wrong:g}, expected {low:g} to {high:g}")
+    array.flags.writeable = False
+    return array
+
+
+def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
+    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit."""
+    shape = (len(objects), parameters, parameters)
+    matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
+    variances = np.diagonal(matrices, axis1=1, axis2=2)
+    for name, matrix, own in zip(objects, matrices, variances, strict=True):
+        if np.any(own < 0):
+            raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
+        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.sqrt(np.outer(own, own))):
+            raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
+    symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2
+    symmetric.flags.writeable = False
+    return symmetric
