@@ -3,8 +3,8 @@
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_supports
 from commonlaw.inference.refinement import refine
-from commonlaw.inference.search import SearchState, fit_supports
-from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.inference.search import fit_supports
+from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
@@ -12,8 +12,6 @@ __all__ = [
     "PATH",
     "CovarianceKind",
     "LawSearch",
-    "SearchProblem",
-    "SearchState",
     "finish",
     "fit_supports",
     "known_noise",

@@ -101,7 +101,7 @@ def history(
         held_out = "the fewest within one standard error, on trials held out"
         reason = held_out if state.has_model_error else _why(law, listed)
         steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
-    return (*steps, model_error_step(state), coefficients_step(problem, state))
+    return (*steps, *fit_steps(problem, state))
 
 
 def noise_step(problem: SearchProblem) -> Step:
@@ -115,18 +115,14 @@ def noise_step(problem: SearchProblem) -> Step:
     return Step("noise", ", ".join(levels), reason)
 
 
-def model_error_step(state: SearchState) -> Step:
-    """Return whether the law has a model error."""
-    if not state.has_model_error:
-        return Step("model error", "none", "the trajectories are solutions of the law, up to the noise")
-    text = f"a random walk, in each step {state.model_error:g} times the noise"
-    return Step("model error", text, "the measurements depart from the law by more than their noise")
-
-
-def coefficients_step(problem: SearchProblem, state: SearchState) -> Step:
-    """Return how the coefficients were found, and what the trajectories leave."""
+def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, Step]:
+    """Return whether the law has a model error, how the coefficients were found, and what the trajectories leave."""
+    error = Step("model error", "none", "the trajectories are solutions of the law, up to the noise")
+    if state.has_model_error:
+        text = f"a random walk, in each step {state.model_error:g} times the noise"
+        error = Step("model error", text, "the measurements depart from the law by more than their noise")
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
-    return Step(
+    return error, Step(
         "coefficients",
         f"maximum likelihood of {len(problem.trials)} trajectories",
         f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",

@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.law_search import fitted_law
 from commonlaw.inference.mesh_refinement import until_resolved
-from commonlaw.inference.provenance import coefficients_step, model_error_step, noise_step
+from commonlaw.inference.provenance import fit_steps, noise_step
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.law import Law
@@ -90,8 +90,8 @@ def refine(
     state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
     problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
     refined = fitted_law(law, problem, state, covariance, seed)
-    steps = (noise_step(problem), model_error_step(state), coefficients_step(problem, state))
-    provenance = replace(law.provenance, history=(*law.history, *steps))
+    steps = (*law.history, noise_step(problem), *fit_steps(problem, state))
+    provenance = replace(law.provenance, history=steps)
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 

@@ -34,15 +34,13 @@ class Jacobians:
 def defects(field: VectorField, mesh: Mesh, states: Floats) -> Floats:
     """Return the defects of all steps, shape (n - 1, D); states are z = x, or z = (x, x'), of shape (n, D)."""
     derivatives = field.derivatives(_at_points(mesh, states))
-    middles = _middles(mesh, states, derivatives)
-    return _defects(mesh, states, derivatives, field.derivatives(_at_middles(mesh, middles)))
+    return _defects(mesh, states, derivatives, field.derivatives(_at_middles(mesh, states, derivatives)))
 
 
 def jacobians(field: VectorField, mesh: Mesh, states: Floats) -> Jacobians:
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
     derivatives, by_states, by_own = field.linearize(_at_points(mesh, states))
-    middles = _middles(mesh, states, derivatives)
-    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, middles))
+    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, states, derivatives))
     h, one = mesh.steps[:, np.newaxis, np.newaxis], np.eye(field.width)
     on = mesh.contiguous[:, np.newaxis, np.newaxis]
     start = -one - h / 6 * (by_states[:-1] + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * by_states[:-1]))
@@ -57,15 +55,11 @@ def _at_points(mesh: Mesh, states: Floats) -> Floats:
     return np.column_stack([states, mesh.inputs, mesh.times])
 
 
-def _at_middles(mesh: Mesh, states: Floats) -> Floats:
+def _at_middles(mesh: Mesh, states: Floats, derivatives: Floats) -> Floats:
     """Return the values of the variables in the middle of the steps, shape (n - 1, variables)."""
+    middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (derivatives[:-1] - derivatives[1:])
     inputs, times = mesh.inputs, mesh.times
-    return np.column_stack([states, (inputs[:-1] + inputs[1:]) / 2, (times[:-1] + times[1:]) / 2])
-
-
-def _middles(mesh: Mesh, states: Floats, derivatives: Floats) -> Floats:
-    """Return the states in the middle of the steps, shape (n - 1, D)."""
-    return (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (derivatives[:-1] - derivatives[1:])
+    return np.column_stack([middles, (inputs[:-1] + inputs[1:]) / 2, (times[:-1] + times[1:]) / 2])
 
 
 def _defects(mesh: Mesh, states: Floats, derivatives: Floats, middle: Floats) -> Floats:
