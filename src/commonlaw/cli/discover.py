@@ -10,11 +10,13 @@ import numpy as np
 
 from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import GroupedCommand, numbers, option
-from commonlaw.cli.output import print_history, print_json, print_notes, print_table, working
+from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from commonlaw.discovery import AbstractMethod
     from commonlaw.forecast import Forecast
     from commonlaw.law import Law
@@ -162,7 +164,7 @@ class _Discovery:
             click.echo(str(law))
         if law.alternatives:
             click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
-            print_table(*_candidate_rows(law))
+            print_frame(_shown_candidates(law))
         where = "held-out trials" if self.is_held_out else "trials it was learned from"
         click.echo(
             f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
@@ -208,19 +210,15 @@ class _Discovery:
         return columns
 
 
-def _candidate_rows(law: "Law") -> tuple[list[str], list[list[object]]]:
-    """Return head and rows of the table of candidates up to a few terms more than were chosen."""
-    shown = [name for name in _MEASURES if any(each.measures.get(name) is not None for each in law.alternatives)]
-    rows: list[list[object]] = []
-    for equation in law.left_hand_sides:
-        own = [each for each in law.alternatives if each.equation == equation]
-        most = next(len(each.terms) for each in own if each.chosen) + _MORE_TERMS
-        for each in own:
-            if len(each.terms) <= most:
-                values = (each.measures.get(name) for name in shown)
-                numbers = [np.nan if value is None else value for value in values]
-                rows.append(["*" if each.chosen else "", equation, " + ".join(each.terms) or "0", *numbers])
-    return ["", "equation", "terms", *shown], rows
+def _shown_candidates(law: "Law") -> "pd.DataFrame":
+    """Return the candidates up to a few terms more than were chosen, with the measures that are there."""
+    frame = law.candidates()
+    chosen = frame[frame["chosen"]].groupby("equation")["size"].first()
+    measures = [name for name in _MEASURES if name in frame and frame[name].notna().any()]
+    frame["terms"] = [" + ".join(each.terms) or "0" for each in law.alternatives]
+    frame[""] = np.where(frame["chosen"], "*", "")
+    few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
+    return frame.loc[few, ["", "equation", "terms", *measures]]
 
 
 def _with_unit(name: str, unit: str | None) -> str:

@@ -44,13 +44,7 @@ class AbstractMethod(ABC):
 
 
 def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, order: int) -> None:
-    """Refuse an order or a stream that a method does not take, before work starts.
-
-    Raises
-    ------
-    CommonlawError
-        Naming the method, and one that takes it.
-    """
+    """Refuse an order or a stream that a method does not take, before work starts, and name one that takes it."""
     name = type(method).__name__
     if order not in method.orders:
         other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"

@@ -39,18 +39,10 @@ _ROUNDS = 6
 
 @dataclass(frozen=True, eq=False)
 class SearchState:
-    """Supports, and the estimates of all objects with them.
+    """Supports, shape (equations, terms), and the estimates of all objects with them.
 
-    Parameters
-    ----------
-    supports
-        Shape (equations, terms).
-    estimates
-        One for each object.
-    model_error
-        Its standard deviation in each step, relative to the noise.
-    value
-        Minus twice the log-evidence, but for a constant.
+    The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
+    log-evidence, but for a constant.
     """
 
     supports: Bools
@@ -81,13 +73,7 @@ def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCal
 def polish(
     problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate], model_error: float, solver: AbstractSolver
 ) -> SearchState:
-    """Choose and fit at one model error until nothing gets better.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
+    """Choose and fit at one model error until nothing gets better."""
     best: SearchState | None = None
     for _ in range(_ROUNDS):
         state, evidence = _fitted(problem, estimates, supports, model_error)

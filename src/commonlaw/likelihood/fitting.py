@@ -17,7 +17,7 @@ from commonlaw.integration import VectorField
 from commonlaw.library import Terms
 from commonlaw.likelihood.collocation import defects, jacobians
 from commonlaw.likelihood.mesh import Mesh
-from commonlaw.likelihood.normal_equations import NotPositiveError, SchurComplement, eliminate_states
+from commonlaw.likelihood.normal_equations import NotPositiveError, eliminate_states
 from commonlaw.likelihood.observation_model import ObservationModel
 
 _SHORTEST = 1e-4
@@ -141,24 +141,15 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
 
-def _without_states(
-    model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
-) -> list[SchurComplement]:
-    found = []
-    field = model.field(estimate.coefficients, support)
-    with np.errstate(all="ignore"):
-        for mesh, states in zip(model.meshes, estimate.states, strict=True):
-            residuals = model.residuals(mesh, states)
-            weights = model.observation.weights(residuals)
-            precision = model.precision(mesh, model_error)
-            found.append(eliminate_states(jacobians(field, mesh, states), precision, weights, residuals))
-    return found
-
-
 def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:
     """Return the estimate after one Gauss-Newton step, shortened until it is better; None if none is."""
+    parts, field = [], model.field(estimate.coefficients, support)
     try:
-        parts = _without_states(model, estimate, support, model_error)
+        with np.errstate(all="ignore"):
+            for mesh, states in zip(model.meshes, estimate.states, strict=True):
+                residuals = model.residuals(mesh, states)
+                precision, weights = model.precision(mesh, model_error), model.observation.weights(residuals)
+                parts.append(eliminate_states(jacobians(field, mesh, states), precision, weights, residuals))
         total = np.sum([each.information for each in parts], axis=0)
         own = _solve(total, -np.sum([each.gradient for each in parts], axis=0))
     except (NotPositiveError, np.linalg.LinAlgError):
@@ -168,8 +159,8 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
     while fraction > _SHORTEST:
         coefficients = estimate.coefficients.copy()
         coefficients[support] += fraction * own
-        states = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
-        found = _evaluated(model, Estimate(states, coefficients), model_error)
+        moved = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
+        found = _evaluated(model, Estimate(moved, coefficients), model_error)
         if found.objective < estimate.objective:
             return found
         fraction *= 0.4

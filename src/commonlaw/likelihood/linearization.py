@@ -135,9 +135,8 @@ def _covariance(linear: Jacobians, variances: Floats, allowed: Floats, mesh: Mes
     diagonal[:, range(width), range(width)] += np.where(mesh.contiguous[:, np.newaxis], allowed, 1.0)
     beside = np.matmul(linear.start[1:], end[:-1].transpose(0, 2, 1))
     bands = np.zeros((2 * width, steps * width))
-    for i in range(width):
-        for j in range(width):
-            if i >= j:
-                bands[i - j, j::width] = diagonal[:, i, j]
-            bands[width + i - j, j : (steps - 1) * width : width] = beside[:, i, j]
+    for i, j in np.ndindex(width, width):
+        if i >= j:
+            bands[i - j, j::width] = diagonal[:, i, j]
+        bands[width + i - j, j : (steps - 1) * width : width] = beside[:, i, j]
     return bands

@@ -93,11 +93,10 @@ def _bands(linear: Jacobians, precision: Floats, weights: Floats) -> Floats:
     diagonal[1:] += np.matmul(end, linear.end)
     beside = np.matmul(start, linear.end)
     bands = np.zeros((2 * width, points * width))
-    for i in range(width):
-        for j in range(width):
-            if j >= i:
-                bands[2 * width - 1 + i - j, j::width] = diagonal[:, i, j]
-            bands[width - 1 + i - j, width + j :: width] = beside[:, i, j]
+    for i, j in np.ndindex(width, width):
+        if j >= i:
+            bands[2 * width - 1 + i - j, j::width] = diagonal[:, i, j]
+        bands[width - 1 + i - j, width + j :: width] = beside[:, i, j]
     return bands
 
 
