@@ -10,7 +10,7 @@ import pytest
 from commonlaw import datasets
 from commonlaw.plots import plot_trials
 from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, write_report
-from commonlaw.report.verdict import KINDS
+from commonlaw.report.document import KINDS
 
 CheckPage = Callable[[Path], None]
 

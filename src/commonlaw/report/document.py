@@ -1,15 +1,125 @@
-"""A report and its sections."""
+"""A report: its sections, and the parts of which they are made."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from commonlaw.report.blocks import Block, check_name
-from commonlaw.report.verdict import Verdict
+from commonlaw.errors import CommonlawError, unknown
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from commonlaw.plots import Figure
+
+KINDS = ("reproduced", "reproduced with correction", "differs", "beyond the paper", "left out")
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class _Named:
+    """What has a name that can be both a file's name and an anchor in a page."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", self.name):
+            raise CommonlawError(
+                f"{self.name!r} cannot name a part of a report: "
+                "use lower-case letters, digits, and hyphens between them"
+            )
+
+
+@dataclass(frozen=True)
+class Text:
+    r"""Paragraphs or lists: Markdown, with LaTeX mathematics between dollar signs.
+
+    Two dollar signs put a formula on its own line; ``\$`` is a dollar sign.
+    """
+
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Table(_Named):
+    """A table; every cell's full digits go into a file of comma-separated values.
+
+    Parameters
+    ----------
+    name
+        Name of the file: lower-case letters, digits and hyphens.
+    caption
+        What it shows, so that it can be read without the text; Markdown.
+    frame
+        Columns of numbers or text; the index is not shown. A missing value is an empty cell.
+    digits
+        Significant digits of the numbers on the page.
+
+    Raises
+    ------
+    CommonlawError
+        If the name is not of that kind.
+    """
+
+    caption: str
+    frame: "pd.DataFrame"
+    digits: int = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Picture(_Named):
+    """A figure; it is drawn when it is wanted.
+
+    Parameters
+    ----------
+    name
+        Name of the files: lower-case letters, digits and hyphens.
+    caption
+        What it shows, so that it can be read without the text; Markdown.
+    draw
+        Returns the figure.
+
+    Raises
+    ------
+    CommonlawError
+        If the name is not of that kind.
+    """
+
+    caption: str
+    draw: "Callable[[], Figure]"
+
+
+Block = Text | Table | Picture
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One sentence on how a result compares with what was published.
+
+    Parameters
+    ----------
+    kind
+        ``"reproduced"``; ``"reproduced with correction"``, where the print errs and the method gives something else;
+        ``"differs"``; ``"beyond the paper"``, where nothing was published; or ``"left out"``, where something that it
+        needs is missing.
+    text
+        The sentence, with the numbers; Markdown with mathematics between dollar signs.
+
+    Raises
+    ------
+    CommonlawError
+        If the kind is not one of these.
+    """
+
+    kind: str
+    text: str
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise unknown("kind of verdict", self.kind, KINDS)
+
+
+@dataclass(frozen=True, eq=False)
+class Section(_Named):
     """One part of a report.
 
     Parameters
@@ -32,14 +142,10 @@ class Section:
         If the name is not of that kind.
     """
 
-    name: str
     title: str
     blocks: tuple[Block, ...]
     verdicts: tuple[Verdict, ...] = ()
     results: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_name(self.name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,31 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from commonlaw.extras import optional_import
-from commonlaw.report.blocks import Block, Picture, Table, Text
-from commonlaw.report.document import Report
+from commonlaw.report.document import KINDS, Block, Picture, Report, Table, Text
 from commonlaw.report.markup import inline, markdown, plain
 from commonlaw.report.values import cell, is_number
-from commonlaw.report.verdict import KINDS
 
 _LONG = 28
 """Letters from which on a cell may have several lines."""
 
 
 def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
-    """Return the page.
-
-    Parameters
-    ----------
-    report
-        What it shows.
-    drawings
-        The pictures by name as SVG.
-
-    Raises
-    ------
-    CommonlawError
-        If a package that reports need is not installed, or a formula cannot be read.
-    """
+    """Return the page; `drawings` are the pictures by name as SVG."""
     for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
         optional_import(package, "making a report", "report")
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -43,18 +28,10 @@ def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
     environment.filters["markdown"] = lambda text: Markup(markdown(text))
     environment.filters["inline"] = lambda text: Markup(inline(text))
     environment.filters["plain"] = plain
-    sections = [
-        {
-            "name": section.name,
-            "title": section.title,
-            "verdicts": section.verdicts,
-            "blocks": [_shown(block, drawings) for block in section.blocks],
-        }
-        for section in report.sections
-    ]
+    environment.filters["shown"] = lambda block: _shown(block, drawings)
     reached = Counter(verdict.kind for section in report.sections for verdict in section.verdicts)
     counts = {kind: reached[kind] for kind in KINDS if reached[kind]}
-    page = environment.get_template("report.html").render(report=report, sections=sections, counts=counts)
+    page = environment.get_template("report.html").render(report=report, counts=counts)
     return page.encode()
 
 

@@ -20,11 +20,6 @@ _ALOUD = {"aloud": True}
 def markdown(text: str) -> str:
     """Return paragraphs as HTML; what looks like HTML in the text is shown as it stands.
 
-    Raises
-    ------
-    CommonlawError
-        If a formula cannot be read.
-
     >>> print(markdown("the *law* $x$ < 1").strip())
     <p>the <em>law</em> <math ...><mrow><mi>x</mi></mrow></math> &lt; 1</p>
     """
@@ -32,23 +27,12 @@ def markdown(text: str) -> str:
 
 
 def inline(text: str) -> str:
-    """Return one line as HTML, without a paragraph around it.
-
-    Raises
-    ------
-    CommonlawError
-        If a formula cannot be read.
-    """
+    """Return one line as HTML, without a paragraph around it."""
     return str(_parser().renderInline(text))
 
 
 def plain(text: str) -> str:
     """Return one line as bare text, for those who hear it.
-
-    Raises
-    ------
-    CommonlawError
-        If a formula cannot be read.
 
     >>> plain("**Drag** is $F = \\\\frac{1}{2} C v^2$ & small")
     'Drag is F=1/2Cv^2 & small'
@@ -57,13 +41,7 @@ def plain(text: str) -> str:
 
 
 def formula(latex: str, display: str = "inline") -> str:
-    """Return LaTeX mathematics as MathML, which browsers draw by themselves.
-
-    Raises
-    ------
-    CommonlawError
-        If it cannot be read, or has a command that is not known.
-    """
+    """Return LaTeX mathematics as MathML, which browsers draw by themselves; refuse what cannot be read."""
     from latex2mathml.converter import convert
 
     try:

@@ -7,8 +7,7 @@ from pathlib import Path
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
 from commonlaw.plots import render
-from commonlaw.report.blocks import Picture, Table
-from commonlaw.report.document import Report
+from commonlaw.report.document import Picture, Report, Table
 from commonlaw.report.html import to_html
 from commonlaw.report.values import to_json
 
