@@ -7,16 +7,9 @@ from commonlaw.errors import CommonlawError
 
 
 def optional_import(module: str, feature: str, extra: str) -> Any:
-    """Return a module of a package that not every installation has.
+    """Return a module of a package that not every installation has, such as ``"pyarrow.parquet"``.
 
-    Parameters
-    ----------
-    module
-        The module, such as ``"pyarrow.parquet"``.
-    feature
-        What needs it, for the message: ``"reading Parquet files"``.
-    extra
-        The extra of commonlaw that brings the package.
+    The feature, such as ``"reading Parquet files"``, is what needs it, and the extra of commonlaw brings it.
 
     Raises
     ------

@@ -12,13 +12,7 @@ P = TypeVar("P", bound=str | os.PathLike[str])
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write `content` to `path` so that a reader sees the old file or the whole new one.
-
-    Raises
-    ------
-    CommonlawError
-        If the folder does not exist or cannot be written to.
-    """
+    """Write `content` to `path` so that a reader sees the old file or the whole new one."""
     write_all({path: content})
 
 
@@ -49,13 +43,7 @@ def write_all(contents: Mapping[P, bytes]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if a file can have it.
-
-    Raises
-    ------
-    CommonlawError
-        If it is a folder, or lies in a folder that does not exist.
-    """
+    """Return `path` if a file can have it."""
     target = Path(path)
     if target.is_dir():
         raise CommonlawError(f"cannot write {target}: it is a folder; name a file in it")

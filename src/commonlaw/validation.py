@@ -8,21 +8,9 @@ from commonlaw.errors import CommonlawError
 def check_whole_number(
     name: str, value: object, least: int, most: int | None = None, *, optional: bool = False
 ) -> None:
-    """Refuse an argument that is no whole number from `least` to `most`; None of `most` is no bound.
+    """Refuse an argument that is no whole number from `least` to `most`, if there is a most.
 
-    Parameters
-    ----------
-    name, value
-        The argument.
-    least, most
-        The smallest and the largest value that fit.
-    optional
-        Whether None fits.
-
-    Raises
-    ------
-    CommonlawError
-        If the argument does not fit; the message names it.
+    None fits where it is `optional`.
     """
     if value is None and optional:
         return
@@ -33,24 +21,7 @@ def check_whole_number(
 
 
 def check_number(name: str, value: object, least: float, *, above: bool = False, optional: bool = False) -> None:
-    """Refuse an argument that is no finite number of at least `least`.
-
-    Parameters
-    ----------
-    name, value
-        The argument.
-    least
-        The smallest value that fits.
-    above
-        Whether `least` itself does not fit.
-    optional
-        Whether None fits.
-
-    Raises
-    ------
-    CommonlawError
-        If the argument does not fit; the message names it.
-    """
+    """Refuse an argument that is no finite number of at least `least`, or `above` it; None fits where it is `optional`."""
     if value is None and optional:
         return
     size = np.nan

@@ -7,8 +7,7 @@ from math import factorial
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import need_samples
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_whole_number
 

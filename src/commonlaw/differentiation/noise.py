@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.checks import need_samples
+from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
 _LEAST = 8
@@ -132,12 +132,7 @@ def _scale(differences: Floats, order: int) -> float:
 def _smallest_that_agrees(estimates: Floats, count: int) -> Floats:
     """Return for each state the estimate of the smallest order that agrees with all higher ones, shape (d,).
 
-    Parameters
-    ----------
-    estimates
-        Those of order 1, 2, ..., shape (orders, d).
-    count
-        Number of differences.
+    The estimates, shape (orders, d), are of order 1, 2, ... and each from `count` differences.
     """
     chosen: Floats = estimates[-1]
     for k in range(len(estimates) - 1, 0, -1):

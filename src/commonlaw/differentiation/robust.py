@@ -4,17 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.noise import MEDIAN_SIZE, differences
 from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_number
-
-Flags = Bools
-Whole = NDArray[np.int64]
 
 _LEAST = 5
 """Measured values that a spline takes."""
@@ -101,7 +97,7 @@ class RobustSpline(AbstractDifferentiator):
             return [each[:, 0] for each in (rates.states, *rates.derivatives)]
         return _natural(known[kept], rates.states[:, 0], times, order)
 
-    def _outliers(self, times: Floats, values: Floats) -> Flags:
+    def _outliers(self, times: Floats, values: Floats) -> Bools:
         """Return which values of one state are outliers, spikes apart, shape (n,)."""
         from scipy.ndimage import binary_opening
 
@@ -140,7 +136,7 @@ class RobustSpline(AbstractDifferentiator):
         return curve
 
 
-def _without_spikes(times: Floats, values: Floats) -> Whole:
+def _without_spikes(times: Floats, values: Floats) -> Indices:
     """Return the indices of the values that are left when spikes are taken out, the largest first.
 
     A spike is in the middle of the largest difference, and those around are a tenth of it at most without the value.
@@ -202,9 +198,9 @@ def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
     return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
 
 
-def _beside(kept: Flags, strangeness: Floats) -> Floats:
+def _beside(kept: Bools, strangeness: Floats) -> Floats:
     """Return the strangeness of the kept samples, shape (kept,), at those next to each sample, shape (n,)."""
-    before: Whole = np.cumsum(kept) - kept
+    before: Indices = np.cumsum(kept) - kept
     return np.maximum(strangeness[np.maximum(before - 1, 0)], strangeness[np.minimum(before, len(strangeness) - 1)])
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
-from commonlaw.differentiation.checks import check_uniform
+from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates, check_uniform
 from commonlaw.differentiation.differences import CenteredDifference
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_whole_number

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import check_uniform, need_samples
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates, check_uniform, need_samples
 from commonlaw.validation import check_number
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.checks import need_samples
+from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
 from commonlaw.differentiation.curvature import INNER, slope_bands, solve
 from commonlaw.validation import check_number
 

@@ -18,13 +18,7 @@ class AbstractLibrary(ABC):
 
     @abstractmethod
     def bind(self, variables: Variables) -> Terms:
-        """Return the family's terms over these variables.
-
-        Raises
-        ------
-        CommonlawError
-            If the family names a variable or a term that is not there, cannot be read, or has no or too many terms.
-        """
+        """Return the family's terms over these variables."""
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented

@@ -12,15 +12,7 @@ from commonlaw.library.grammar import FUNCTIONS, Algebra
 
 @dataclass(frozen=True)
 class Dual:
-    """A value and its derivatives.
-
-    Parameters
-    ----------
-    value
-        Shape (n,).
-    slopes
-        The derivative by each variable that the value depends on, by column, shape (n,) or a number.
-    """
+    """A value, shape (n,), and its derivatives by the variables it depends on, by column, of that shape or numbers."""
 
     value: Any
     slopes: Mapping[int, Any]

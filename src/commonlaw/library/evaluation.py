@@ -14,14 +14,7 @@ Operation = tuple[np.ufunc, int, int]
 def slope(operation: np.ufunc, left: Floats, right: Floats, d_left: Floats, d_right: Floats) -> Floats:
     """Return the derivative of a product (`numpy.multiply`) or a quotient (`numpy.divide`).
 
-    Parameters
-    ----------
-    operation
-        What makes the term out of its two parts.
-    left, right
-        Values of the parts, shape (n,).
-    d_left, d_right
-        Their derivatives by every variable, shape (variables, n).
+    The values of the two parts have shape (n,), their derivatives by every variable (variables, n).
     """
     if operation is np.multiply:
         result: Floats = d_left * right + left * d_right

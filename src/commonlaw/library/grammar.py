@@ -64,13 +64,7 @@ Compiled = Callable[[Any, Algebra], Any]
 
 
 def read(text: str, names: Sequence[str]) -> ast.expr:
-    """Return the tree of an expression, the variable of column i written as the name ``v<i>``.
-
-    Raises
-    ------
-    CommonlawError
-        If the text is not an expression of the language, or too long, too deep or too large.
-    """
+    """Return the tree of an expression, the variable of column i written as the name ``v<i>``."""
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > LONGEST:
         raise CommonlawError(f"the term {shown!r} has {len(text)} characters: write it in at most {LONGEST}")

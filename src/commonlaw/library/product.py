@@ -79,13 +79,7 @@ def multiply(terms: Iterable[AbstractTerm], size: int) -> AbstractTerm:
 
 
 def multiply_powers(powers: Mapping[AbstractTerm, int], size: int) -> AbstractTerm:
-    """Return the product of whole powers of terms over `size` variables; a negative power divides.
-
-    Raises
-    ------
-    CommonlawError
-        If the powers add up to more than 100.
-    """
+    """Return the product of whole powers of terms over `size` variables; a negative power divides."""
     exponents, others = [0] * size, Counter[AbstractTerm]()
 
     def collect(term: AbstractTerm, power: int) -> None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.library.latex import expression_latex
-from commonlaw.library.symbolic import sympy_form
+from commonlaw.library.notation import expression_latex, sympy_form
 
 if TYPE_CHECKING:
     import sympy

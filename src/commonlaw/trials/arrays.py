@@ -1,7 +1,7 @@
 """Trials from arrays."""
 
+import itertools
 import os
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import given_properties
-from commonlaw.trials.roles import PropertyTable
-from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
+from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3
 """Samples that a note lists."""
@@ -29,13 +28,7 @@ def trials_from_arrays(
     units: Mapping[str, str] | None,
     properties: str | os.PathLike[str] | PropertyTable | Any,
 ) -> TrialData:
-    """Return the trials in arrays, see `Trials.from_arrays`.
-
-    Raises
-    ------
-    CommonlawError
-        If the arrays do not fit together, or hold what cannot be used.
-    """
+    """Return the trials in arrays, see `Trials.from_arrays`."""
     single = _is_one(times)
     runs: list[Any] = [times] if single else list(times)
     count = len(runs)
@@ -102,12 +95,8 @@ def _per_trial(what: str, values: Any, count: int) -> list[Any]:
 
 def _counted(objects: Sequence[str]) -> list[str]:
     """Return labels that count the trials of each object from 1."""
-    seen: Counter[str] = Counter()
-    labels = []
-    for name in objects:
-        seen[name] += 1
-        labels.append(str(seen[name]))
-    return labels
+    counters = {name: itertools.count(1) for name in objects}
+    return [str(next(counters[name])) for name in objects]
 
 
 def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:

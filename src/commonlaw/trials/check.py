@@ -8,7 +8,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Floats
-from commonlaw.trials.clip import regular_length
 from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
@@ -85,15 +84,7 @@ class Report:
 
 
 def check(data: TrialData, tolerance: float) -> Report:
-    """Return figures of every trial and what is odd about them.
-
-    Parameters
-    ----------
-    data
-        The trials and what goes with them.
-    tolerance
-        How far a step may be from the median step before `clip_irregular` would clip there, in the unit of the times.
-    """
+    """Return figures of every trial and what is odd about them, see `Trials.check`."""
     trials, schema, _, notes = data
     names = schema.states
     rows = tuple(_figures(trial, names, tolerance) for trial in trials)
@@ -202,3 +193,16 @@ def _without_unit(schema: Schema) -> list[str]:
     if not bare:
         return []
     return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units="]
+
+
+def regular_length(times: Floats, tolerance: float) -> int:
+    """Return the number of samples, from the first, that clipping at the last irregular frame keeps.
+
+    With steps dt = diff(t), a frame i is irregular if abs(dt[i] - median(dt)) > tolerance; the samples up to the last
+    such frame are kept.
+    """
+    if len(times) < 2:
+        return len(times)
+    steps = np.diff(times)
+    irregular = np.flatnonzero(np.abs(steps - np.median(steps)) > tolerance)
+    return int(irregular[-1]) + 1 if len(irregular) else len(times)

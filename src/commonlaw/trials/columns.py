@@ -1,11 +1,11 @@
-"""A table as it came in: named columns, their units, and where each row stands."""
+"""A table as it came in: named columns, their units, and where each row stands; and frames as such tables."""
 
 import numbers
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import find_name, split_headers
+
+if TYPE_CHECKING:
+    import narwhals as nw
 
 Codes = NDArray[np.int64]
 Column = NDArray[Any]
@@ -49,11 +52,6 @@ class Table:
         What was noticed on reading.
     parsed
         Columns of text that have been read as numbers so far, and None for those that cannot be.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no row.
     """
 
     source: str
@@ -76,13 +74,7 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
     def find(self, name: str) -> str:
-        """Return the name of a column, which may be given with its unit.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no such column.
-        """
+        """Return the name of a column, which may be given with its unit."""
         try:
             return find_name(name, self.columns)
         except CommonlawError as error:
@@ -100,20 +92,7 @@ class Table:
         return sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > 0.5 * len(cells)
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
-        """Return a column as numbers, shape (n,).
-
-        Parameters
-        ----------
-        name
-            The column.
-        missing
-            Whether cells may be empty; they are NaN then.
-
-        Raises
-        ------
-        CommonlawError
-            If a cell is not a number, is empty, or is not finite; the message names the first one.
-        """
+        """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""
         values = self._values(name)
         bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
         if len(bad):
@@ -126,17 +105,7 @@ class Table:
     def encoded(self, name: str, read: Callable[[object], object] = _stripped) -> tuple[Codes, list[object]]:
         """Return a column as codes, shape (n,), and the values that they stand for; -1 where a cell is empty.
 
-        Parameters
-        ----------
-        name
-            The column.
-        read
-            What makes a value of a cell; it is called once for each different cell.
-
-        Raises
-        ------
-        CommonlawError
-            If the cells are lists or other things that cannot be told apart.
+        `read` makes a value of a cell; it is called once for each different one.
         """
         import pandas as pd
 
@@ -197,13 +166,7 @@ def filled_table(
     loose: Sequence[int] = (),
     locate: Callable[[int], str] = lambda row: f"row {row + 1}",
 ) -> Table:
-    """Return the table of these columns without the rows and the nameless columns in which nothing stands.
-
-    Raises
-    ------
-    CommonlawError
-        If a header is missing or there twice, or there is no row.
-    """
+    """Return the table of these columns without the rows and the nameless columns in which nothing stands."""
     empty = [_missing(column) for column in columns]
     used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
     names, units = split_headers(source, [headers[i] for i in used])
@@ -230,6 +193,35 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
         return column.astype(np.int64 if whole and len(column) else np.float64), False
     except OverflowError:
         return column.astype(np.float64), False
+
+
+def frame_table(frame: Any, source: str = "the frame") -> Table:
+    """Return the table in a pandas, polars or pyarrow frame, or in any other that narwhals reads."""
+    import narwhals as nw
+
+    try:
+        data = nw.from_native(frame)
+        eager = data.collect() if isinstance(data, nw.LazyFrame) else data
+        headers = [str(name) for name in eager.columns]
+    except nw.exceptions.DuplicateError as error:
+        text = " ".join(str(error).split())
+        raise CommonlawError(f"{source}: {text}; give each column a name of its own") from None
+    except TypeError:
+        raise CommonlawError(
+            f"cannot read a table from {type(frame).__name__}: give a pandas, polars or pyarrow frame"
+        ) from None
+    columns = [_series_column(each) for each in eager.iter_columns()]
+    loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
+    return filled_table(source, headers, [column for column, _ in columns], loose=loose)
+
+
+def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
+    """Return a column of a frame, and whether it was of several kinds and became text."""
+    if series.dtype.is_integer() or series.dtype.is_float():
+        values = series.to_numpy()
+        if values.dtype.kind in "iuf":
+            return values, False
+    return column_of(series.to_list())
 
 
 def _family(kind: type) -> type:

@@ -10,8 +10,7 @@ from commonlaw.files import write_whole
 from commonlaw.trials.columns import Column
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.parquet import write_parquet
-from commonlaw.trials.roles import Property
-from commonlaw.trials.trial import TrialData
+from commonlaw.trials.trial import Property, TrialData
 from commonlaw.trials.units import check_unit
 
 if TYPE_CHECKING:

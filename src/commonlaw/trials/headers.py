@@ -44,13 +44,7 @@ def join_header(name: str, unit: str) -> str:
 
 
 def find_name(name: str, known: Iterable[str]) -> str:
-    """Return that of the known names which is meant by a name, given as it is or as a header with its unit.
-
-    Raises
-    ------
-    CommonlawError
-        If there is none.
-    """
+    """Return that of the known names which is meant by a name, given as it is or as a header with its unit."""
     names = list(known)
     for each in (str(name).strip(), split_header(str(name))[0]):
         if each in names:
@@ -61,23 +55,9 @@ def find_name(name: str, known: Iterable[str]) -> str:
 def joined_units(
     headers: Mapping[str, str], given: Mapping[str, str] | None, known: Iterable[str], used: Iterable[str]
 ) -> dict[str, str]:
-    """Return the units of the columns that are used.
+    """Return the units of the columns that are used: those from the headers, or where the user gave one that.
 
-    Parameters
-    ----------
-    headers
-        Units from the headers, by column.
-    given
-        Units that the user gave, by column; they take precedence, and an empty one takes a unit away.
-    known
-        Columns that can have a unit.
-    used
-        Columns whose units are wanted.
-
-    Raises
-    ------
-    CommonlawError
-        If a unit is given for a column that is not known, or pint does not know it.
+    An empty unit takes the one from the header away. Units can be given for the known columns.
     """
     units, known = dict(headers), list(known)
     for name, unit in (given or {}).items():
@@ -93,11 +73,6 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     """Return the names of columns and the units by name.
 
     Columns whose names differ in their units alone keep their whole header as the name.
-
-    Raises
-    ------
-    CommonlawError
-        If two headers are the same or a header is empty.
     """
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.files import write_whole
-from commonlaw.trials.columns import Column, Table
-from commonlaw.trials.frames import frame_table
+from commonlaw.trials.columns import Column, Table, frame_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -21,13 +20,7 @@ _METADATA = b"commonlaw"  # the key under which a file keeps the roles of its co
 
 
 def parquet_table(source: str, content: bytes) -> Table:
-    """Return the table in a Parquet file.
-
-    Raises
-    ------
-    CommonlawError
-        If pyarrow is not installed, or the file is damaged.
-    """
+    """Return the table in a Parquet file."""
     arrow, parquet = _arrow("reading Parquet files")
     try:
         data = parquet.read_table(arrow.BufferReader(content))
@@ -38,13 +31,7 @@ def parquet_table(source: str, content: bytes) -> Table:
 
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
-    """Return a Parquet file to read batches of rows from, and the names of its columns by role.
-
-    Raises
-    ------
-    CommonlawError
-        If pyarrow is not installed, or the file cannot be read.
-    """
+    """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
     arrow, parquet = _arrow("streaming Parquet files")
     try:
         file = parquet.ParquetFile(path)
@@ -64,13 +51,7 @@ def batch_table(batch: "pa.RecordBatch") -> Table:
 def write_parquet(
     path: str | os.PathLike[str], columns: Mapping[str, Column], roles: Mapping[str, object], notes: Sequence[str]
 ) -> None:
-    """Write columns, empty where they are NaN or None, with their roles and notes.
-
-    Raises
-    ------
-    CommonlawError
-        If pyarrow is not installed, or the file cannot be written.
-    """
+    """Write columns, empty where they are NaN or None, with their roles and notes."""
     arrow, parquet = _arrow("writing Parquet files")
     kept = json.dumps({"roles": roles, "notes": notes}).encode()
     table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})

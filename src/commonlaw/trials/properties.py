@@ -9,11 +9,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials.columns import Codes, Table
-from commonlaw.trials.frames import frame_table
-from commonlaw.trials.roles import Property
+from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.sources import read_table
-from commonlaw.trials.trial import label
+from commonlaw.trials.trial import Property, label
 
 
 @dataclass(frozen=True)
@@ -31,19 +29,9 @@ class Properties:
 
 
 def column_properties(table: Table, names: Sequence[str], codes: Codes, objects: Sequence[str]) -> Properties:
-    """Return the properties in columns of a table.
+    """Return the properties in columns of a table, in which an empty cell says nothing.
 
-    Parameters
-    ----------
-    table, names
-        The table and its columns of properties; an empty cell says nothing.
-    codes, objects
-        The object of each row, shape (n,), as an index into the objects' names.
-
-    Raises
-    ------
-    CommonlawError
-        If a property has two values for one object.
+    The codes, shape (n,), are the object of each row as an index into `objects`.
     """
     values: dict[str, dict[str, Property]] = {}
     for name in names:
@@ -84,19 +72,8 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes) -> list[s
 def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties:
     """Return the properties in a mapping from object to values by name, or in a table with a row for each object.
 
-    Parameters
-    ----------
-    given
-        The mapping; or a file or a frame; or None.
-    key
-        The column of the table that holds the objects' names.
-    objects
-        The objects that have trials; those of them that have no properties are named in a note.
-
-    Raises
-    ------
-    CommonlawError
-        If the mapping is not one of mappings, the table has no such column, or a row names no object.
+    The table, a file or a frame, has the objects' names in the column `key`. Those of `objects` that have no
+    properties are named in a note.
     """
     if given is None:
         return Properties()
@@ -124,13 +101,7 @@ def _tabled(given: Any, key: str) -> Properties:
 
 
 def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, list[str]]:
-    """Return the label of each row as codes, shape (n,), and the labels.
-
-    Raises
-    ------
-    CommonlawError
-        If a label is missing; the message names the row.
-    """
+    """Return the label of each row as codes, shape (n,), and the labels."""
     codes, labels = table.encoded(name, label)
     missing = np.flatnonzero(codes < 0)
     if len(missing):

@@ -10,9 +10,8 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.parquet import batch_table, opened
-from commonlaw.trials.roles import Roles
 from commonlaw.trials.tables import Rows, read_rows
-from commonlaw.trials.trial import Schema, Trial, check_measured
+from commonlaw.trials.trial import Roles, Schema, Trial, check_measured
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq

@@ -11,8 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials.columns import Codes, Table
-from commonlaw.trials.frames import frame_table
+from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import (
     column_properties,
@@ -20,34 +19,21 @@ from commonlaw.trials.properties import (
     given_properties,
     object_codes,
 )
-from commonlaw.trials.roles import Roles
 from commonlaw.trials.sources import read_table
-from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured, label
+from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label
 
 _SHOWN = 3
 """Locations that a note lists."""
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
-    """Return the trials in a file, see `Trials.read`.
-
-    Raises
-    ------
-    CommonlawError
-        If the file or a column is not there, or a value cannot be used.
-    """
+    """Return the trials in a file, see `Trials.read`."""
     table = read_table(path, sheet)
     return _collected(read_rows(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)})))
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> TrialData:
-    """Return the trials in a frame, see `Trials.from_frame`.
-
-    Raises
-    ------
-    CommonlawError
-        If a column is not there, or a value cannot be used.
-    """
+    """Return the trials in a frame, see `Trials.from_frame`."""
     return _collected(read_rows(frame_table(frame), "object", _checked(roles)))
 
 
@@ -81,13 +67,7 @@ def _checked(roles: Roles) -> Roles:
 
 
 def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
-    """Return the trials in a table, which may end within a trial, whose columns have these roles.
-
-    Raises
-    ------
-    CommonlawError
-        If a column is not there or has two roles, or a value cannot be used; the message names column and row.
-    """
+    """Return the trials in a table, which may end within a trial, whose columns have these roles."""
     objects_in, trials_in = _role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",))
     time = _role(table, roles, "time", ("t", "time"))
     if time is None:

@@ -25,13 +25,7 @@ _QUOTED_MISSING = re.compile(rb'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?
 
 
 def text_table(source: str, content: bytes) -> Table:
-    """Return the table in text with separators, every cell as text.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not UTF-8, or a row has more or fewer cells than the header.
-    """
+    """Return the table in text with separators, every cell as text."""
     import pandas as pd
 
     content = _decodable(source, content)

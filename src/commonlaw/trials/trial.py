@@ -1,18 +1,54 @@
-"""One run of one object, and the names of what was measured in it."""
+"""One run of one object, the names of what was measured in it, and the keywords that say which column is what."""
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.trials.roles import Property
+
+Property = float | str
+PropertyTable = Mapping[Any, Mapping[str, Property]]
 
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
+
+
+class Roles(TypedDict, total=False):
+    """Which column is what; a column is named by its header with or without the unit in it.
+
+    Parameters
+    ----------
+    object
+        Column of the objects' names. Default: ``object`` if there is such a column, else the table is of one object.
+    trial
+        Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
+    time
+        Column of the times. Default: ``t`` or ``time``.
+    states
+        Columns of the measured states. Default: the columns of numbers that have no other role and are not constant
+        for each object.
+    inputs
+        Columns of the measured inputs. Default: none.
+    properties
+        Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
+        mapping from object to property values by name. Default: the columns without another role that are constant
+        for each of at least two objects.
+    units
+        Units by column; they take precedence over those in the headers.
+    """
+
+    object: str | None
+    trial: str | None
+    time: str | None
+    states: str | Sequence[str] | None
+    inputs: str | Sequence[str]
+    properties: str | os.PathLike[str] | Sequence[str] | PropertyTable | Any
+    units: Mapping[str, str] | None
 
 
 @dataclass(frozen=True)
@@ -153,13 +189,7 @@ class TrialData(NamedTuple):
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:
-    """Refuse a trial in which a state with gaps has too few measured values to say anything.
-
-    Raises
-    ------
-    CommonlawError
-        If there is such a state; the message names it.
-    """
+    """Refuse a trial in which a state with gaps has too few measured values to say anything."""
     for name, column in zip(states, trial.states.T, strict=True):
         count = int(np.sum(~np.isnan(column)))
         if count < min(_LEAST, len(trial)):

@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.arrays import trials_from_arrays
-from commonlaw.trials.check import Report, check
-from commonlaw.trials.clip import clip_irregular
+from commonlaw.trials.check import Report, check, regular_length
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
-from commonlaw.trials.roles import Property, PropertyTable, Roles
 from commonlaw.trials.tables import read_trials, trials_from_frame
-from commonlaw.trials.trial import Schema, Trial, TrialData, label
+from commonlaw.trials.trial import Property, PropertyTable, Roles, Schema, Trial, TrialData, label
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,8 +236,16 @@ class Trials:
         discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle
         takes everything behind it along.
         """
-        kept, note = clip_irregular(self.trials, tolerance)
-        return self.with_trials(kept, note) if note else self
+        if not tolerance > 0:
+            raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
+        kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
+        clipped = [
+            f"{before.label} from {len(before)} to {len(after)} samples"
+            for before, after in zip(self.trials, kept, strict=True)
+            if len(after) < len(before)
+        ]
+        reason = f"irregular frame, a step more than {tolerance:g} off the trial's median step"
+        return self.with_trials(kept, f"clipped {'; '.join(clipped)}: {reason}") if clipped else self
 
     def check(self, tolerance: float = 0.005) -> Report:
         """Return figures of every trial and what is odd about them.

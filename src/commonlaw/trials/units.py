@@ -45,20 +45,7 @@ def parse_unit(text: str) -> "pint.Unit":
 
 
 def check_unit(text: str, where: str) -> str:
-    """Return a unit's text without outer blanks, having made sure that pint reads it.
-
-    Parameters
-    ----------
-    text
-        The unit, such as ``"kg m^2"``.
-    where
-        What has this unit, for the message: ``"column 'height'"``.
-
-    Raises
-    ------
-    CommonlawError
-        If pint does not know the unit.
-    """
+    """Return a unit's text without outer blanks; refuse one that pint does not read, saying `where`: ``"column 'height'"``."""
     if _parsed(text) is None:
         raise CommonlawError(f"{where}: {_unknown_unit(text)}")
     return text.strip()

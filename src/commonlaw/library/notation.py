@@ -1,11 +1,17 @@
-"""Expressions in LaTeX, written from what the grammar reads."""
+"""What the grammar reads in other notations: LaTeX and SymPy."""
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
+from typing import TYPE_CHECKING, Any
 
 from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
+from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, Algebra, compiled
 from commonlaw.library.naming import latex_name
+
+if TYPE_CHECKING:
+    import sympy
 
 
 class _Binding(IntEnum):
@@ -77,3 +83,23 @@ def _number(number: float) -> _Formula:
     if not power:
         return digits, _Binding.WHOLE
     return rf"{digits} \cdot 10^{{{int(power)}}}", _Binding.PRODUCT
+
+
+def sympy_form(code: str, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
+    """Return what `commonlaw.library.grammar.write` returned as a SymPy expression in symbols, one for each column."""
+    sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
+    renamed = {"abs": "Abs", "arctan": "atan"}
+    functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}
+    return compiled(code)(symbols, Algebra(sympy.sympify, functions))
+
+
+def _guarded(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return the SymPy function for arguments that it can take without computing for ever."""
+
+    def apply(argument: Any) -> Any:
+        number = None if argument.free_symbols else argument.evalf(5)
+        if number is not None and not (number.is_finite and abs(number) <= LARGEST_NUMBER):
+            raise CommonlawError(f"a number in a term is not finite or beyond {LARGEST_NUMBER:g}; write it without")
+        return function(argument)
+
+    return apply
