@@ -21,7 +21,7 @@ def check_whole_number(
 
 
 def check_number(name: str, value: object, least: float, *, above: bool = False, optional: bool = False) -> None:
-    """Refuse an argument that is no finite number of at least `least`, or `above` it; None fits where it is `optional`."""
+    """Refuse an argument that is no finite number of at least `least`, or `above` it; `optional` ones may be None."""
     if value is None and optional:
         return
     size = np.nan

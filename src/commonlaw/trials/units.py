@@ -45,7 +45,7 @@ def parse_unit(text: str) -> "pint.Unit":
 
 
 def check_unit(text: str, where: str) -> str:
-    """Return a unit's text without outer blanks; refuse one that pint does not read, saying `where`: ``"column 'height'"``."""
+    """Return a unit's text without outer blanks; refuse one, of ``"column 'height'"`` say, that pint does not read."""
     if _parsed(text) is None:
         raise CommonlawError(f"{where}: {_unknown_unit(text)}")
     return text.strip()
