@@ -2,11 +2,10 @@
 
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.compress import MOST_GROUPS, CompressedTrials, compress, refuse_constant_states
-from commonlaw.formulation.differentiation_bias import differentiation_bias
 from commonlaw.formulation.discrete import DiscreteForm
-from commonlaw.formulation.effective_sample_size import effective_share
 from commonlaw.formulation.irls import reweight
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, leave_one_out, merge
+from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.variables import law_variables
 from commonlaw.formulation.weak import WeakForm

@@ -32,7 +32,6 @@ _NEAR, _DEGREE = 16, 9
 _NODES = 8
 """Gauss nodes in a step of an irregular grid."""
 
-
 _SHARE = 4
 """The largest radius that is chosen is a trial's length divided by this, which leaves several test functions side by
 side."""

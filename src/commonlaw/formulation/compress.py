@@ -1,5 +1,6 @@
 """Trials compressed, object by object, as they come."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -77,16 +78,16 @@ def compress(
         If a trial cannot be used, or a state of an object never changes.
     """
     found: dict[str, list[list[LeastSquaresProblem]]] = {}
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     extremes: dict[str, Floats] = {}
     for trial, problems in _with_problems(trials, form, terms, segments, n_jobs):
         groups = found.setdefault(trial.object, [])
-        index = counts.get(trial.object, 0) % MOST_GROUPS
+        index = counts[trial.object] % MOST_GROUPS
         if index < len(groups):
             groups[index] = [one + other for one, other in zip(groups[index], problems, strict=True)]
         else:
             groups.append(problems)
-        counts[trial.object] = counts.get(trial.object, 0) + 1
+        counts[trial.object] += 1
         ends = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
         before = extremes.get(trial.object, ends)
         extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])

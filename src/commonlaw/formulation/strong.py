@@ -13,6 +13,8 @@ from commonlaw.formulation.base import AbstractSampledForm, Segment
 from commonlaw.formulation.variables import check_order
 from commonlaw.trials import Trial
 
+_WHOLE = slice(None)
+
 _SEGMENT = 8192
 """Samples that are differentiated together: few enough to stay in cache."""
 
@@ -59,15 +61,12 @@ class StrongForm(AbstractSampledForm):
     def takes_missing(self) -> bool:
         return self.differentiation.takes_missing and self.library_states == "smoothed"
 
-    def rates(self, trial: Trial) -> Rates:
-        """Return smoothed states and derivatives of one trial; errors name the trial."""
-        return self._rates(trial, slice(None))
-
-    def _rates(self, trial: Trial, segment: slice) -> Rates:
+    def rates(self, trial: Trial, segment: slice = _WHOLE) -> Rates:
+        """Return smoothed states and derivatives of one trial, or of a segment of it; errors name the trial."""
         try:
             return self.differentiation.differentiate(trial.times[segment], trial.states[segment], self.order)
         except CommonlawError as error:
-            if segment != slice(None):
+            if segment != _WHOLE:
                 self.rates(trial)  # Its message counts the samples of the whole trial
             raise CommonlawError(f"{trial.label}: {error}") from None
 
@@ -91,7 +90,7 @@ class StrongForm(AbstractSampledForm):
         for start, stop in pairwise(edges):
             before = max(0, start - halo)
             if rates is None or local:
-                rates = self._rates(trial, slice(before, stop + halo) if local else slice(None))
+                rates = self.rates(trial, slice(before, stop + halo) if local else _WHOLE)
             inside = slice(start - before, stop - before)
             states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
             lower = [each[inside] for each in rates.derivatives[: self.order - 1]]

@@ -147,10 +147,8 @@ class WeakForm(AbstractFormulation):
 
     def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
         """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
-        methods: list[AbstractDifferentiator] = [self.differentiation or SmoothingSpline()] * len(noise)
-        if self.differentiation is None:
-            clean = noise <= _EXACT * np.ptp(trial.states, axis=0)
-            methods = [FiniteDifference(8) if exact else SmoothingSpline() for exact in clean]
+        clean = noise <= _EXACT * np.ptp(trial.states, axis=0)
+        methods = [self.differentiation or (FiniteDifference(8) if exact else SmoothingSpline()) for exact in clean]
         try:
             each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]
         except CommonlawError as error:

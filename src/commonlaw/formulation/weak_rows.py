@@ -49,17 +49,17 @@ class WeakRows:
         size = trial.states.shape[1]
         weights = test_functions.weights(trial.times, order)
         target = (-1) ** order * weights[order]
-        primitives = [antiderivative(term, size) if order == 2 else None for term in terms.terms]
-        by_parts = [i for i, each in enumerate(primitives) if each is not None]
+        primitives = {i: antiderivative(term, size) for i, term in enumerate(terms.terms) if order == 2}
+        by_parts = {i: each for i, each in primitives.items() if each is not None}
         library = weights[0] @ terms.evaluate(values)
         slopes = terms.jacobian(values)
         # Where a slope is not finite, as that of a root at 0, the noise of one sample is taken for nothing
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         parted = np.zeros((len(values), len(terms), size))
-        for i, (factor, term) in ((i, each) for i, each in enumerate(primitives) if each is not None):
+        for i, (factor, term) in by_parts.items():
             library[:, i] = weights[1] @ (-factor * term.evaluate(values))
             parted[:, i] = -factor * term.gradient(values)[:, :size]
-        slopes[:, by_parts] = 0
+        slopes[:, [*by_parts]] = 0
         pairs = [(weights[0], slopes[:, :, :size])]
         if order == 2:
             # Noise on a rate is the derivative of that on its state; by parts it goes to the test function and to the

@@ -1,8 +1,7 @@
 """Selection: which of the equations that a solver found is the law, and why."""
 
 from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic, log_choices
-from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError
-from commonlaw.selection.folds import Fold, ProblemGroups, make_folds
+from commonlaw.selection.cross_validation import CrossValidationScore, Fold, ProblemGroups, ResidualError, make_folds
 from commonlaw.selection.forecasts import ForecastError
 from commonlaw.selection.laws import chosen_law, fitted_law, ill_conditions
 from commonlaw.selection.rules import RULES, ScoredCandidate, Selection, choose

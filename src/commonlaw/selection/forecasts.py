@@ -8,8 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.selection.cross_validation import CrossValidationScore
-from commonlaw.selection.folds import Fold
+from commonlaw.selection.cross_validation import CrossValidationScore, Fold
 from commonlaw.trials import Trials
 
 

@@ -18,23 +18,18 @@ _ILL_CONDITIONED = 1e8
 
 def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
-    coefficients = _with(law, [selection.chosen for selection in selections])
     outcomes, alternatives = [], []
     for equation, selection in zip(law.left_hand_sides, selections, strict=True):
         remedy = "name a solver with a value of its hyperparameter to choose yourself"
         outcomes.append(Outcome(OutcomeKind.CHOSEN, equation, selection.reason, remedy))
         for i, each in enumerate(selection.table):
-            used = np.flatnonzero(each.candidate.support.any(axis=0))
-            names = tuple(law.terms.names[k] for k in used)
+            names = tuple(law.terms.names[k] for k in np.flatnonzero(each.candidate.support.any(axis=0)))
             chosen = i == selection.index
             alternatives.append(
                 Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.hyperparameters)
             )
-    return replace(
-        law,
-        coefficients=coefficients,
-        provenance=replace(law.provenance, outcomes=tuple(outcomes), alternatives=tuple(alternatives)),
-    )
+    provenance = replace(law.provenance, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
+    return replace(law, coefficients=_with(law, [each.chosen for each in selections]), provenance=provenance)
 
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
@@ -59,12 +54,8 @@ def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver)
             "add objects to let them vote on the terms",
         )
     if not all(each.converged for each in candidates):
-        yield Outcome(
-            OutcomeKind.NOT_CONVERGED,
-            "",
-            "the solver stopped before it was done",
-            "give it more max_iterations or nodes",
-        )
+        remedy = "give it more max_iterations or nodes"
+        yield Outcome(OutcomeKind.NOT_CONVERGED, "", "the solver stopped before it was done", remedy)
     for j, (equation, candidate) in enumerate(zip(law.left_hand_sides, candidates, strict=True)):
         if not law.support[j].any():
             yield Outcome(

@@ -7,12 +7,12 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.formulation import LeastSquaresProblem, merge
+from commonlaw.formulation import merge
 from commonlaw.selection.criteria import CRITERIA, FitStatistics
-from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError
-from commonlaw.selection.folds import ProblemGroups, make_folds
+from commonlaw.selection.cross_validation import CrossValidationScore, ProblemGroups, ResidualError, make_folds
 from commonlaw.selection.stability import Stability
 from commonlaw.solvers import Candidate
+from commonlaw.solvers.candidate import Problems, least_squares
 
 _ROUNDING = 1e-20
 """Share of a target's sum of squares below which a residual is rounding: ten digits of the target agree."""
@@ -99,7 +99,6 @@ def choose(
     rule: str = "one-standard-error",
     rows: Floats | None = None,
     differentiation_bias: Callable[[Floats], Floats] | None = None,
-    folds: int = 10,
     score: Callable[[Bools], CrossValidationScore] | None = None,
     stability: Stability | None = None,
 ) -> Selection:
@@ -128,10 +127,9 @@ def choose(
         error that the differentiator makes in each object's target, shape (objects,), see
         `formulation.differentiation_bias`. A fit that is better by less than that may explain the differentiator and
         not the object, and does not count. Default: rounding only, a relative error of 1e-10.
-    folds
-        How many folds an object's trials make at most, see `make_folds`.
     score
-        From a support to its errors on held-out data, such as a `ForecastError`; default: a `ResidualError`.
+        From a support to its errors on held-out data, such as a `ForecastError`; default: a `ResidualError` on the
+        folds of `make_folds`.
     stability
         What the solver finds on resampled data.
 
@@ -145,7 +143,7 @@ def choose(
         raise unknown("rule", rule, RULES)
     if not candidates:
         raise CommonlawError("there is no candidate to choose from: give the path of a solver")
-    measure = score or ResidualError(make_folds(groups, folds), target)
+    measure = score or ResidualError(make_folds(groups), target)
     scored = sorted(
         ((each, values, measure(each.support)) for each, values in _distinct(candidates)),
         key=lambda row: (int(row[0].support.sum()), row[2].mean),
@@ -156,11 +154,10 @@ def choose(
     bias = _ROUNDING * sizes + (0.0 if differentiation_bias is None else differentiation_bias(best.coefficients))
     effective = np.array([problem.rows for problem in problems], dtype=float) if rows is None else rows
     criteria = _criteria([each for each, _, _ in scored], problems, target, int(allowed.sum()), effective, bias)
+    certainties = [np.nan if stability is None else stability.certainty(each.support) for each, _, _ in scored]
     table = [
-        ScoredCandidate(
-            each, own, errors, np.nan if stability is None else stability.certainty(each.support), hyperparameters
-        )
-        for (each, hyperparameters, errors), own in zip(scored, criteria, strict=True)
+        ScoredCandidate(each, own, errors, certainty, hyperparameters)
+        for (each, hyperparameters, errors), own, certainty in zip(scored, criteria, certainties, strict=True)
     ]
     share = float(np.mean(bias / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `ResidualError`
     return Selection(tuple(table), *_by_rule(table, rule, share if score is None else _ROUNDING))
@@ -176,31 +173,24 @@ def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[
     if not np.isfinite(best.held_out.mean):
         raise CommonlawError("forecasts diverge for every candidate: choose on held-out residuals instead")
     excesses = (each.held_out.excess(best.held_out) for each in table)
-    weight = 1.0 if rule == "one-standard-error" else 0.0
+    weight, slack = 0.0, "the accuracy of the derivatives"
+    if rule == "one-standard-error":
+        weight, slack = 1.0, f"one standard error and {slack}"
     index = next(i for i, (excess, error) in enumerate(excesses) if excess <= bias + weight * error)
     each = table[index]
     text = f"its held-out error is {each.held_out.mean:.3g}"
     if each is best:
-        return index, rule, f"{text}, and that of every smaller candidate is larger by more than {_slack(rule)}"
+        return index, rule, f"{text}, and that of every smaller candidate is larger by more than {slack}"
     smallest = f"the smallest is {best.held_out.mean:.3g} with {best.terms} terms"
-    return index, rule, f"{text}, {smallest}, and no smaller candidate is within {_slack(rule)} of that"
-
-
-def _slack(rule: str) -> str:
-    accuracy = "the accuracy of the derivatives"
-    return f"one standard error and {accuracy}" if rule == "one-standard-error" else accuracy
+    return index, rule, f"{text}, {smallest}, and no smaller candidate is within {slack} of that"
 
 
 def _criteria(
-    candidates: Sequence[Candidate],
-    problems: Sequence[LeastSquaresProblem],
-    target: int,
-    library: int,
-    rows: Floats,
-    bias: Floats,
+    candidates: Sequence[Candidate], problems: Problems, target: int, library: int, rows: Floats, bias: Floats
 ) -> list[dict[str, float]]:
     """Return the information criteria of each candidate; fits as good as the best but for `bias` are equal."""
-    variances = np.array([_variances(each, problems, target) for each in candidates])
+    fits = [zip(problems, least_squares(problems, target, each.support), strict=True) for each in candidates]
+    variances = np.array([[problem.rss(own, target) / problem.rows for problem, own in pairs] for pairs in fits])
     variances = np.maximum(variances, variances.min(axis=0) + np.maximum(bias, np.finfo(float).tiny))
     found = []
     for each, own in zip(candidates, variances, strict=True):
@@ -210,21 +200,11 @@ def _criteria(
     return found
 
 
-def _variances(candidate: Candidate, problems: Sequence[LeastSquaresProblem], target: int) -> Floats:
-    """Return the mean squared residual of each object after least squares on the support, shape (objects,)."""
-    pairs = zip(problems, candidate.support, strict=True)
-    return np.array([each.rss(each.least_squares(own, target), target) / each.rows for each, own in pairs])
-
-
 def _distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, tuple[float, ...]]]:
     """Return one candidate of each support, a proven one if there is one, and the hyperparameters that give it."""
     found: dict[bytes, list[Candidate]] = {}
     for each in candidates:
         found.setdefault(each.support.tobytes(), []).append(each)
-    return [
-        (
-            max(same, key=lambda each: each.proven),
-            tuple(sorted(each.hyperparameter for each in same if np.isfinite(each.hyperparameter))),
-        )
-        for same in found.values()
-    ]
+    chosen = [max(same, key=lambda each: each.proven) for same in found.values()]
+    values = [[each.hyperparameter for each in same if np.isfinite(each.hyperparameter)] for same in found.values()]
+    return [(each, tuple(sorted(own))) for each, own in zip(chosen, values, strict=True)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import (
     AbstractFormulation,
     CompressedTrials,
-    LeastSquaresProblem,
     StrongForm,
     differentiation_bias,
     effective_share,
@@ -19,7 +18,7 @@ from commonlaw.library import Terms
 from commonlaw.selection.cross_validation import CrossValidationScore
 from commonlaw.selection.rules import Selection, choose
 from commonlaw.selection.stability import stability
-from commonlaw.solvers import AbstractSolver, Candidate
+from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial
 
 SEGMENTS = 4
@@ -97,13 +96,8 @@ def select(
     rows = accuracy.rows([problem.rows for problem in rest.problems])
 
     def selection(target: int) -> Selection:
-        def path(problems: Sequence[LeastSquaresProblem]) -> Sequence[Candidate]:
-            return solvers[0].path(problems, target, free[target])
-
-        def bias(own: Floats) -> Floats:
-            return accuracy.differentiation_bias(target, own + given[:, target])
-
-        listed = list(chain.from_iterable(solver.path(rest.problems, target, free[target]) for solver in solvers))
+        paths = [partial(solver.path, target=target, allowed=free[target]) for solver in solvers]
+        listed = [candidate for path in paths for candidate in path(rest.problems)]
         return choose(
             listed if len(solvers) == 1 else [replace(each, hyperparameter=np.nan) for each in listed],
             rest.groups,
@@ -111,9 +105,9 @@ def select(
             free[target],
             rule=rule,
             rows=rows,
-            differentiation_bias=bias,
+            differentiation_bias=lambda own: accuracy.differentiation_bias(target, own + given[:, target]),
             score=None if scores is None else scores[target],
-            stability=stability(rest.groups, path, n_resamples, seed) if n_resamples else None,
+            stability=stability(rest.groups, paths[0], n_resamples, seed) if n_resamples else None,
         )
 
     return tuple(selection(target) for target in range(len(free)))

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, merge
-from commonlaw.selection.folds import ProblemGroups
+from commonlaw.selection.cross_validation import ProblemGroups
 from commonlaw.solvers import Candidate
 
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
@@ -30,9 +30,11 @@ class Stability:
     def frequencies(self, size: int) -> Floats:
         """Return how often each term was chosen for each object, shape (objects, terms).
 
-        From each resample the largest support of at most `size` coefficients over all objects is taken.
+        From each resample the largest support of at most `size` coefficients over all objects is taken, or no term.
         """
-        return np.asarray(np.mean([_of_size(path, size) for path in self.supports], axis=0))
+        small = [[support for support in path if support.sum() <= size] for path in self.supports]
+        nothing = np.zeros_like(self.supports[0][0])
+        return np.asarray(np.mean([max(path, key=np.sum, default=nothing) for path in small], axis=0))
 
     def certainty(self, support: Bools) -> float:
         """Return how often the least certain term of a support, shape (objects, terms), was among as many."""
@@ -77,9 +79,3 @@ def _draw(blocks: Sequence[LeastSquaresProblem], generator: np.random.Generator)
     """Return the problem of as many blocks as there are, drawn with replacement."""
     counts = np.bincount(generator.integers(len(blocks), size=len(blocks)), minlength=len(blocks))
     return merge(block.weighted(count) for block, count in zip(blocks, counts, strict=True) if count)
-
-
-def _of_size(path: Sequence[Bools], size: int) -> Bools:
-    """Return the largest support of a path that has at most so many coefficients, or none if there is none."""
-    small = [support for support in path if support.sum() <= size]
-    return max(small, key=np.sum) if small else np.zeros_like(path[0])

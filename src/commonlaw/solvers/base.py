@@ -1,14 +1,16 @@
-"""What every solver is."""
+"""What every solver is, and the paths that several have."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values
+from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
+from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 
 class AbstractSolver(ABC):
@@ -89,6 +91,45 @@ def each_support_once(path: Candidates) -> Candidates:
     """Return a path without the candidates that have the support of the one before."""
     changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
     return (path[0], *changed)
+
+
+@dataclass(frozen=True, eq=False)
+class Subset:
+    """The indices of the terms that were chosen, among those allowed; see `Candidate` for the rest."""
+
+    indices: Indices
+    proven: bool = False
+    converged: bool = True
+
+
+def fixed_cardinality(
+    choose: Callable[[StandardizedProblem, Sequence[int]], Mapping[int, Subset]],
+    shared: bool,
+    problems: Problems,
+    target: int,
+    allowed: Bools,
+    values: Values,
+) -> Candidates:
+    """Return one candidate for each number of terms, or with all allowed terms where these are fewer.
+
+    From the problem of objects that have one support, `choose` makes the subset for each of some numbers of terms.
+    Without values these are all numbers from all to none. Objects with own supports have as many terms each.
+    """
+    most = int(allowed.sum())
+    sizes = range(most, -1, -1) if values is None else [min(int(value), most) for value in values]
+
+    def candidates(group: Problems) -> list[Candidate]:
+        chosen = choose(StandardizedProblem.of(group, target, allowed), sizes)
+        return [candidate(group, size, chosen[size]) for size in sizes]
+
+    def candidate(group: Problems, size: int, chosen: Subset) -> Candidate:
+        support = np.zeros((len(group), len(allowed)), dtype=bool)
+        support[:, np.flatnonzero(allowed)[chosen.indices]] = True
+        found = least_squares(group, target, support)
+        return Candidate(support, found, float(size), chosen.proven, chosen.converged, float(most))
+
+    by_group = [candidates(group) for group in groups(problems, shared)]
+    return tuple(Candidate.join(own) for own in zip(*by_group, strict=True))
 
 
 def check_shared(shared: object) -> None:

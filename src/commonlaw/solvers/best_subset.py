@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
-from commonlaw.solvers.base import AbstractSolver, check_shared
+from commonlaw.solvers.base import AbstractSolver, Subset, check_shared, fixed_cardinality
 from commonlaw.solvers.candidate import Candidates, Problems, Values
-from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
 from commonlaw.validation import check_whole_number
@@ -149,10 +148,9 @@ class _Search:
         top = int(np.argmax(costs))
         inside = np.append(node.inside, open_[top])
         children = [_Node(inside, node.entering.take(top), node.leaving.drop(top), node.bound)]
-        if node.bound + costs[top] < self._bar:
-            children.append(
-                _Node(node.inside, node.entering.drop(top), node.leaving.take(top), node.bound + costs[top])
-            )
+        bound = node.bound + costs[top]
+        if bound < self._bar:
+            children.append(_Node(node.inside, node.entering.drop(top), node.leaving.take(top), bound))
         return children
 
 

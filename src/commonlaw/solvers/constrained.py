@@ -76,8 +76,12 @@ class Constrained(AbstractSolver):
         if target != self.equation:
             return path
         if values is None:
-            path = tuple(each for each in path if can_be_met(each.support, *self._constraints(each.support)))
+            path = tuple(each for each in path if self._can_be_met(each.support))
         return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in path)
+
+    def _can_be_met(self, support: Bools) -> bool:
+        matrix, right = self._constraints(support)
+        return _solutions(matrix[:, support.ravel()], right) is not None
 
     def _refit(self, problems: Problems, support: Bools) -> Floats:
         variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
@@ -89,13 +93,10 @@ class Constrained(AbstractSolver):
         objects, terms = support.shape
         if any(not 0 <= index < terms for index in self.equal):
             raise CommonlawError(f"equal terms {self.equal} do not fit: indices of terms are from 0 to {terms - 1}")
-        rows = []
-        for index in self.equal:
-            own = np.flatnonzero(support[:, index]) * terms + index
-            for pair in pairwise(own):
-                rows.append(np.zeros(objects * terms))
-                rows[-1][[*pair]] = 1.0, -1.0
-        matrix = np.reshape(rows, (-1, objects * terms))
+        pairs = [pair for index in self.equal for pair in pairwise(np.flatnonzero(support[:, index]) * terms + index)]
+        matrix = np.zeros((len(pairs), objects * terms))
+        for row, pair in zip(matrix, pairs, strict=True):
+            row[[*pair]] = 1.0, -1.0
         right = np.zeros(len(matrix))
         if self.matrix is None or self.right is None:
             return matrix, right
@@ -141,20 +142,16 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
         (problem.factor[:, :terms] / own)[:, row] for problem, own, row in zip(problems, scales, support, strict=True)
     ]
     columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
-    point, along = _solutions(matrix[:, support.ravel()] / scales[support], right)
+    solutions = _solutions(matrix[:, support.ravel()] / scales[support], right)
+    if solutions is None:
+        raise CommonlawError(
+            "the terms that are in cannot meet the constraints: leave constraints out, or let terms in"
+        )
+    point, along = solutions
     point = point + along @ np.linalg.lstsq(columns @ along, goal - columns @ point, rcond=1e-14)[0]
     coefficients = np.zeros(support.shape)
     coefficients[support] = point / scales[support]
     return coefficients
-
-
-def can_be_met(support: Bools, matrix: Floats, right: Floats) -> bool:
-    """Return whether constraints can be met with a support, shape (objects, terms)."""
-    try:
-        _solutions(matrix[:, support.ravel()], right)
-    except CommonlawError:
-        return False
-    return True
 
 
 def _check(matrix: Floats, right: Floats, support: Bools) -> None:
@@ -174,14 +171,12 @@ def _unit_rows(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
     return matrix / norms[:, np.newaxis], right / norms
 
 
-def _solutions(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """Return one solution of ``matrix @ x = right`` and an orthonormal basis of the ways to move from it."""
+def _solutions(matrix: Floats, right: Floats) -> tuple[Floats, Floats] | None:
+    """Return one solution of ``matrix @ x = right``, if any, and an orthonormal basis of the ways to move from it."""
     matrix, right = _unit_rows(matrix, right)
     left, values, rows = np.linalg.svd(matrix)
     rank = int(np.sum(values > _RANK * max(matrix.shape, default=1)))
     point = rows[:rank].T @ ((left[:, :rank].T @ right) / values[:rank])
     if np.abs(matrix @ point - right).max(initial=0.0) > _MET * np.abs(right).max(initial=0.0):
-        raise CommonlawError(
-            "the terms that are in cannot meet the constraints: leave constraints out, or let terms in"
-        )
+        return None
     return point, rows[rank:].T

@@ -64,9 +64,7 @@ class Lasso(AbstractSolver):
         path = tuple(found[value] for value in wanted)
         return each_support_once(path) if values is None else path
 
-    def _candidates(
-        self, problems: Problems, target: int, allowed: Bools, penalties: Sequence[float]
-    ) -> list[Candidate]:
+    def _candidates(self, problems: Problems, target: int, allowed: Bools, penalties: Sequence[float]) -> Candidates:
         """Return the candidates of objects with one support at falling penalties."""
         standardized = StandardizedProblem.of(problems, target, allowed)
         gram = np.matmul(standardized.columns.transpose(0, 2, 1), standardized.columns)
@@ -83,7 +81,7 @@ class Lasso(AbstractSolver):
             same = bool(found) and np.array_equal(found[-1].support, supports)
             coefficients = found[-1].coefficients if same else least_squares(problems, target, supports)
             found.append(Candidate(supports, coefficients, float(penalty), converged=converged, largest=1.0))
-        return found
+        return tuple(found)
 
 
 def minimize(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, threshold_path
 from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
 from commonlaw.validation import check_number, check_whole_number
@@ -55,58 +55,33 @@ class SR3(AbstractSolver):
         check_shared(self.shared)
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
-        relaxation = self._relaxation(problems, target, allowed)
+        norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
+        scale = np.sqrt(np.mean(norms**2, axis=0))
+        scale = np.where(allowed & (scale > 0), scale, 1.0)
+        unit = np.ones(terms) if self.normalize else scale
+        columns = np.array([problem.factor[:, :terms] * allowed for problem in problems]) / scale
+        right = np.array([problem.factor[:, terms + target] for problem in problems])
+        # Of the normal equations of b, and the b that follows from w = 0
+        inverse = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(terms) / self.nu)
+        pulled = np.matmul(inverse, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
+        start = least_squares(problems, target, np.repeat(allowed[np.newaxis], len(problems), axis=0)) * scale
 
         def candidate_at(threshold: float) -> Candidate:
-            support, compared, converged = self._relax(relaxation, allowed, threshold)
-            stayed, coefficients = compared[support].min(initial=np.inf), least_squares(problems, target, support)
+            """Let all objects take their turns together, also those with own terms: one product of arrays for all."""
+            sparse, converged = start, False
+            for _ in range(self.max_iterations):
+                dense = pulled + np.matmul(inverse, sparse[..., np.newaxis])[..., 0] / self.nu
+                sizes = np.abs(dense) / unit
+                compared = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
+                support = allowed & (compared >= threshold)
+                following = np.where(support, dense, 0.0)
+                change, sparse = np.abs(following - sparse).max(initial=0.0), following
+                converged = bool(change <= 1e-10 * np.abs(sparse).max(initial=0.0))
+                if converged:
+                    break
+            coefficients, stayed = least_squares(problems, target, support), compared[support].min(initial=np.inf)
             largest = float(compared[:, allowed].max(initial=0.0))
             return Candidate(support, coefficients, threshold, False, converged, largest, float(stayed))
 
         path = threshold_path(candidate_at, values)
         return each_support_once(path) if values is None else path
-
-    def _relaxation(self, problems: Problems, target: int, allowed: Bools) -> "_Relaxation":
-        norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms
-        scale = np.sqrt(np.mean(norms**2, axis=0))
-        scale = np.where(allowed & (scale > 0), scale, 1.0)
-        columns = np.array([problem.factor[:, :terms] * allowed for problem in problems]) / scale
-        right = np.array([problem.factor[:, terms + target] for problem in problems])
-        inverse = np.linalg.inv(np.matmul(columns.transpose(0, 2, 1), columns) + np.eye(terms) / self.nu)
-        pulled = np.matmul(inverse, np.einsum("oqt,oq->ot", columns, right)[..., np.newaxis])[..., 0]
-        start = least_squares(problems, target, np.repeat(allowed[np.newaxis], len(problems), axis=0)) * scale
-        return _Relaxation(start, np.ones(terms) if self.normalize else scale, inverse, pulled)
-
-    def _relax(self, relaxation: "_Relaxation", allowed: Bools, threshold: float) -> tuple[Bools, Floats, bool]:
-        """Return the support at rest, what was compared with the threshold last, and whether it came to rest.
-
-        All objects take their turns together, where each has its own terms too: one product of arrays for all.
-        """
-        sparse, converged = relaxation.start, False
-        for _ in range(self.max_iterations):
-            pull = np.matmul(relaxation.inverse, sparse[..., np.newaxis])[..., 0] / self.nu
-            dense = relaxation.pulled + pull
-            sizes = np.abs(dense) / relaxation.unit
-            compared = np.broadcast_to(np.linalg.norm(sizes, axis=0), sizes.shape) if self.shared else sizes
-            support = allowed & (compared >= threshold)
-            following = np.where(support, dense, 0.0)
-            change, sparse = np.abs(following - sparse).max(initial=0.0), following
-            converged = bool(change <= 1e-10 * np.abs(sparse).max(initial=0.0))
-            if converged:
-                break
-        return support, compared, converged
-
-
-@dataclass(frozen=True, eq=False)
-class _Relaxation:
-    """What the iteration needs at every threshold.
-
-    It starts from least squares on all allowed terms in scaled columns, shape (objects, terms). Coefficients are
-    divided by `unit`, shape (terms,), for the threshold; `inverse` is that of the normal equations of b, shape
-    (objects, terms, terms), and `pulled` the b that follows from w = 0, shape (objects, terms).
-    """
-
-    start: Floats
-    unit: Floats
-    inverse: Floats
-    pulled: Floats

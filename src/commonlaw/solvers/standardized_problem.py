@@ -46,10 +46,14 @@ class StandardizedProblem:
         columns = factors[:, :, : problems[0].terms][:, :, allowed] / np.where(norms > 0, norms, 1.0)[:, np.newaxis]
         right = factors[:, :, problems[0].terms + target, np.newaxis]
         ridge = np.broadcast_to(np.eye(size, size + 1) * _RIDGE, (len(problems), size, size + 1))
-        reduced = _triangles(np.concatenate([np.concatenate([columns, right], axis=2), ridge], axis=1))
+        stacked = np.concatenate([np.concatenate([columns, right], axis=2), ridge], axis=1)
+        reduced = np.asarray(np.linalg.qr(stacked, mode="r"))
         rest = reduced[:, size, size] ** 2
         rows = np.array([problem.rows for problem in problems])
-        variance = _variance(rest, np.sum(right[..., 0] ** 2, axis=1), rows, size)
+        mean = np.sum(right[..., 0] ** 2, axis=1) / np.maximum(rows, 1)
+        variance = np.where(rows > size, rest / np.maximum(rows - size, 1), mean)
+        variance = np.maximum(variance, _EXACT**2 * mean)
+        variance = np.where(variance > 0, variance, 1.0)
         scaled = reduced[:, :size, size] / np.sqrt(variance)[:, np.newaxis]
         return cls(reduced[:, :size, :size], scaled, float(np.sum(rest / variance)), variance)
 
@@ -85,21 +89,8 @@ class StandardizedProblem:
     def residual(self, indices: Sequence[int] | Indices) -> float:
         """Return the sum over objects of scaled squared residuals of least squares on these of the allowed terms."""
         chosen = np.concatenate([self.columns[:, :, indices], self.right[:, :, np.newaxis]], axis=2)
-        last = _triangles(chosen)[:, len(indices) :, -1] if len(indices) < self.size else np.zeros(1)
-        return self.rest + float(np.sum(last**2))
-
-
-def _triangles(matrices: Floats) -> Floats:
-    """Return the triangular factors of several matrices."""
-    return np.asarray(np.linalg.qr(matrices, mode="r"))
-
-
-def _variance(rest: Floats, total: Floats, rows: Indices, terms: int) -> Floats:
-    """Return each object's residual variance: from its residual and total sums of squares, all of shape (objects,)."""
-    mean = total / np.maximum(rows, 1)
-    variance = np.where(rows > terms, rest / np.maximum(rows - terms, 1), mean)
-    variance = np.maximum(variance, _EXACT**2 * mean)
-    return np.where(variance > 0, variance, 1.0)
+        triangle = np.asarray(np.linalg.qr(chosen, mode="r"))
+        return self.rest + float(np.sum(triangle[:, len(indices) :, -1] ** 2))
 
 
 @dataclass(frozen=True, eq=False)

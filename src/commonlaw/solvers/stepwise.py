@@ -8,9 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
-from commonlaw.solvers.base import AbstractSolver, check_shared
+from commonlaw.solvers.base import AbstractSolver, Subset, check_shared, fixed_cardinality
 from commonlaw.solvers.candidate import Candidates, Problems, Values
-from commonlaw.solvers.fixed_cardinality import Subset, fixed_cardinality
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_whole_number
 

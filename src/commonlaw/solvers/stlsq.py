@@ -66,11 +66,9 @@ class STLSQ(AbstractSolver):
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
-
-        def candidate_at(threshold: float) -> Candidate:
-            return Candidate.join([self._threshold(each, allowed, threshold) for each in fits])
-
-        return threshold_path(candidate_at, values)
+        return threshold_path(
+            lambda threshold: Candidate.join([self._threshold(each, allowed, threshold) for each in fits]), values
+        )
 
     def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:
         """Return what objects of one support come to, and with it how far the threshold may rise to give the same."""
