@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration.vector_field import VectorField
-from commonlaw.library import Terms, Variables, parse_term
+from commonlaw.library import Terms, parse_term
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
 _ROUNDING = 4 * np.finfo(float).eps
@@ -94,11 +94,6 @@ def occurrences(
     )
 
 
-def event_terms(events: Sequence[Event], variables: Variables) -> Terms:
-    """Return the expressions of events as terms over these variables."""
-    return Terms(variables, tuple(parse_term(event.expression, variables) for event in events))
-
-
 @dataclass(frozen=True, eq=False)
 class EventFunctions:
     """The expressions of events minus their levels, as functions of time and state; an event is where one is zero."""
@@ -109,7 +104,8 @@ class EventFunctions:
     @cached_property
     def terms(self) -> Terms:
         """The expressions."""
-        return event_terms(self.events, self.field.terms.variables)
+        variables = self.field.terms.variables
+        return Terms(variables, tuple(parse_term(event.expression, variables) for event in self.events))
 
     @cached_property
     def levels(self) -> Floats:

@@ -12,13 +12,7 @@ from commonlaw.integration.trajectory import Trajectory, diverged
 
 @dataclass(frozen=True)
 class Iteration(AbstractIntegrator):
-    """``x[k+1] = f(x[k])``, one step for each time; inputs are those of the earlier time.
-
-    Raises
-    ------
-    CommonlawError
-        If events or dense output are wanted: between the steps there is nothing.
-    """
+    """``x[k+1] = f(x[k])``, one step for each time; inputs are those of the earlier time."""
 
     options: OutputOptions
 

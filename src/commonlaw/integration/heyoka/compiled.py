@@ -9,7 +9,7 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.event import event_terms
+from commonlaw.integration.event import EventFunctions
 from commonlaw.integration.heyoka.translation import translated
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.vector_field import VectorField
@@ -47,8 +47,7 @@ class Structure:
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
         """Return the structure of a vector field without inputs."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
-        variables = vector_field.terms.variables
-        events = event_terms(options.events, variables).terms
+        events = EventFunctions(options.events, vector_field).terms.terms
         free = np.flatnonzero(vector_field.parameter_mask[vector_field.kept] & options.sensitivities)
         return cls(
             tuple(vector_field.terms.terms[k] for k in used),
@@ -56,7 +55,7 @@ class Structure:
             tuple(int(i) for i in free),
             len(vector_field.coefficients),
             vector_field.order,
-            len(variables.names),
+            len(vector_field.terms.variables.names),
             tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
             max(options.tolerance, float(np.finfo(float).eps)),
             options.sensitivities,
@@ -93,13 +92,7 @@ class Compiled:
 
 @lru_cache(maxsize=32)
 def compiled(structure: Structure, _thread: int) -> Compiled:
-    """Return what is compiled for a structure and one thread, as an integrator holds its own state.
-
-    Raises
-    ------
-    UnsupportedError
-        If the law or an event holds a function without Taylor series.
-    """
+    """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
     variables = [*states, heyoka.time]
     terms = [translated(term, variables) for term in structure.terms]

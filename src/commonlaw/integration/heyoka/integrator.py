@@ -35,13 +35,7 @@ class HeyokaIntegrator(AbstractIntegrator):
 
     @classmethod
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "HeyokaIntegrator":
-        """Return the integrator for vector fields of this one's terms, order and support.
-
-        Raises
-        ------
-        UnsupportedError
-            If the law or an event holds a function without Taylor series.
-        """
+        """Return the integrator for vector fields of this one's terms, order and support, see `translated`."""
         return cls(options, compiled(Structure.of(vector_field, options), threading.get_ident()))
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
