@@ -100,7 +100,9 @@ def discover(
             universal=[_key(name) for name in universal],
             progress=show,
         )
-        forecast = law.predict(_known(law, held_out) or training, return_std=bool(plot) and law.has_std)
+        of_known = [trial for trial in held_out or () if trial.object in law.objects]
+        checked = training if held_out is None or not of_known else held_out.with_trials(of_known)
+        forecast = law.predict(checked, return_std=bool(plot) and law.has_std)
         discovery = _Discovery(training, law, forecast, truth_of(source.dataset) if source.dataset else None)
         outputs = discovery.files(save, plot)
     write_all(outputs)
@@ -119,12 +121,6 @@ def _key(name: str) -> str | tuple[str, str]:
     """Return a term, or state and term of ``state:term``."""
     state, colon, term = name.partition(":")
     return (state, term) if colon else name
-
-
-def _known(law: "Law", trials: "Trials | None") -> "Trials | None":
-    """Return the trials whose objects the law knows."""
-    kept = [trial for trial in trials or () if trial.object in law.objects]
-    return trials.with_trials(kept) if trials is not None and kept else None
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,16 @@ def search_supports(
     """
     progress("estimating noise, smoothing")
     problem = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
-    return LawSearch(frame, *_searched(problem, solver, progress), solver)
+    state = search(problem, solver, progress)
+    while state.has_model_error:  # As a coarse mesh looks, too
+        # The random walk is to be the same in twice as many steps
+        finer = on_finer_mesh(problem, state, (state.model_error / np.sqrt(2),))
+        if finer is None:
+            break
+        progress("searching again on a finer mesh")
+        problem, _ = finer
+        state = search(problem, solver, progress)
+    return LawSearch(frame, problem, state, solver)
 
 
 def with_supports(found: LawSearch, supports: Bools) -> LawSearch:
@@ -143,22 +152,6 @@ def finish(
         ),
     )
     return law.partial_pooling(universal, partial_pooling)
-
-
-def _searched(
-    problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback
-) -> tuple[SearchProblem, SearchState]:
-    """Return what a search finds, on a finer mesh where a coarse one looks like a model error."""
-    state = search(problem, solver, progress)
-    while state.has_model_error:
-        # The random walk is to be the same in twice as many steps
-        finer = on_finer_mesh(problem, state, (state.model_error / np.sqrt(2),))
-        if finer is None:
-            break
-        progress("searching again on a finer mesh")
-        problem, _ = finer
-        state = search(problem, solver, progress)
-    return problem, state
 
 
 def fitted_law(law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind, seed: int) -> Law:

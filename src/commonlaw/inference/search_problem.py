@@ -33,26 +33,10 @@ _DEPENDENT = 1e-8
 class SearchProblem:
     """What was measured on each object, ready to be searched for a law.
 
-    Parameters
-    ----------
-    trials
-        What was measured.
-    models
-        Of the trajectories, one for each object.
-    starts
-        Smoothed states, and coefficients of all allowed terms by least squares on smoothed rates.
-    smoothed
-        Smoothed states (and rates) of each object's trials, each of shape (n, D).
-    measured
-        How many numbers were measured on each object.
-    noise
-        Standard deviation of each state, shape (d,).
-    noise_is_given
-        Whether it was given, not estimated.
-    known
-        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
-    points
-        Points of the meshes for each sampling step.
+    The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
+    are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
+    measured on each object. The noise of each state has shape (d,). Coefficients that are known have shape (objects,
+    equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step.
     """
 
     trials: Trials

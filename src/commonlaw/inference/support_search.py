@@ -35,20 +35,11 @@ class ComparedSupport:
 
 @dataclass(frozen=True, eq=False)
 class SupportEvidence:
-    """The evidence for supports of all equations of all objects.
+    """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
 
-    Parameters
-    ----------
-    problems
-        One for each object, of unit variance: columns are all terms of the first equation, then of the second, ...
-    allowed
-        Which terms may enter which equation, shape (equations, terms).
-    measured
-        How many numbers were measured.
-    most
-        No equation has more terms.
-    offset
-        What is added to the value of all supports, for a comparison with those of other problems.
+    Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
+    ... Which terms may enter which equation has shape (equations, terms). Measured numbers are counted, and the offset
+    is added to the value of all supports, for a comparison with those of other problems.
     """
 
     problems: Sequence[LeastSquaresProblem]

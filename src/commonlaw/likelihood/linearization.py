@@ -30,15 +30,10 @@ it."""
 class Linearization:
     """The likelihood of one object's trajectories about an estimate.
 
-    Parameters
-    ----------
-    problem
-        Its columns are all terms of the first equation, then of the second, and so on; one target; residuals have unit
-        variance.
-    log_determinant
-        Logarithm of the determinant of the covariance that was removed, less twice that of the change from states to
-        defects: added to the squared residuals, it makes twice the negative log-likelihood of the states at the ends
-        of all steps, so that model errors and estimates can be compared.
+    Columns of the problem are all terms of the first equation, then of the second, and so on; it has one target, and
+    residuals of unit variance. The logarithm of the determinant of the covariance that was removed, less twice that of
+    the change from states to defects, added to the squared residuals, makes twice the negative log-likelihood of the
+    states at the ends of all steps, so that model errors and estimates can be compared.
     """
 
     problem: LeastSquaresProblem
