@@ -14,14 +14,8 @@ _WORDS: Mapping[str, object] = {"True": True, "False": False, "None": None}
 def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> T:
     """Make what `text` names: ``name``, ``name:argument`` or ``name:argument:option=value``.
 
-    Parameters
-    ----------
-    kind
-        What is being named, for messages: ``"solver"``.
-    text
-        The name of a maker and its arguments. Numbers, True, False and None are read as in Python, all else as text.
-    makers
-        What can be named.
+    Numbers, True, False and None among the arguments are read as in Python, all else as text. What is named is of a
+    kind, such as ``"solver"``, and made by one of the makers.
 
     Raises
     ------

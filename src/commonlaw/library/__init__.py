@@ -67,11 +67,6 @@ def parse_library(text: str) -> AbstractLibrary:
     >>> parse_library("poly:1 + terms:v*abs(v)").bind(Variables(("x", "v"))).names
     ('1', 'x', 'v', 'v*abs(v)')
     """
-    sums = [[_one(each) for each in part.split(" * ")] for part in text.strip().split(" + ")]
-    return reduce(add, (reduce(mul, factors) for factors in sums))
-
-
-def _one(text: str) -> AbstractLibrary:
     makers: dict[str, Callable[..., AbstractLibrary]] = {
         "poly": PolynomialLibrary,
         "fourier": FourierLibrary,
@@ -79,7 +74,8 @@ def _one(text: str) -> AbstractLibrary:
         "terms": _listed,
         "constant": ConstantLibrary,
     }
-    return parse_spec("library", text.strip(), makers)
+    sums = [[parse_spec("library", each.strip(), makers) for each in part.split(" * ")] for part in text.split(" + ")]
+    return reduce(add, (reduce(mul, factors) for factors in sums))
 
 
 def _listed(expressions: str) -> AbstractLibrary:

@@ -29,17 +29,12 @@ class Plan:
 
     A polynomial then costs one multiplication a term: ``x^2 v`` is the column ``x^2`` times the column ``v``. Each
     term has one way of being computed, so its value does not depend on the others.
-
-    Parameters
-    ----------
-    steps
-        What is computed, in order: a term, and either the operation and the earlier steps that make it, or nothing.
-    indices
-        The step that gives each wanted term.
     """
 
     steps: tuple[tuple[AbstractTerm, Operation | None], ...]
+    """What is computed, in order: a term, and either the operation and the earlier steps that make it, or nothing."""
     indices: tuple[int, ...]
+    """The step that gives each wanted term."""
 
     @classmethod
     def of(cls, terms: Sequence[AbstractTerm]) -> "Plan":

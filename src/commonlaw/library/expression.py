@@ -54,13 +54,8 @@ class Expression(AbstractTerm):
         """Return ``abs(v)``, ``1 + x**2``."""
         return with_names(self.code, [quoted(name) for name in names])
 
-    @property
-    def is_sum(self) -> bool:
-        """Whether it needs parentheses in a product."""
+    def needs_parentheses(self, power: int) -> bool:
+        """Say whether it stands in parentheses as that power in a product."""
         tree = ast.parse(self.code, mode="eval").body
-        return isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
-
-    @property
-    def is_call(self) -> bool:
-        """Whether it needs no parentheses anywhere."""
-        return isinstance(ast.parse(self.code, mode="eval").body, ast.Call)
+        is_sum = isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
+        return is_sum or (power > 1 and not isinstance(tree, ast.Call))

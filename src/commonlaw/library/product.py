@@ -52,8 +52,8 @@ class Product(AbstractTerm):
     def parts(self) -> tuple[np.ufunc, AbstractTerm, AbstractTerm]:
         """Return numerator and denominator, or without one the last factor and all before it."""
         if self.divisors:
-            return np.divide, self._of(self.factors), self._of(self.divisors)
-        return np.multiply, self._of(self.factors[:-1]), self.factors[-1]
+            return np.divide, _product(self.factors, (), self.size), _product(self.divisors, (), self.size)
+        return np.multiply, _product(self.factors[:-1], (), self.size), self.factors[-1]
 
     def columns(self) -> frozenset[int]:
         return frozenset().union(*(each.columns() for each in (*self.factors, *self.divisors)))
@@ -68,9 +68,6 @@ class Product(AbstractTerm):
         """Return ``x**2*sin(x)``."""
         above, below = (_powers(side, names, "**") for side in (self.factors, self.divisors))
         return _fraction(above, below, "*")
-
-    def _of(self, factors: tuple[AbstractTerm, ...]) -> AbstractTerm:
-        return _product(factors, (), self.size)
 
 
 def multiply(terms: Iterable[AbstractTerm], size: int) -> AbstractTerm:
@@ -138,6 +135,6 @@ def _fraction(above: list[str], below: list[str], separator: str) -> str:
 
 def _raised(term: AbstractTerm, text: str, power: int, sign: str) -> str:
     """Return a power of a factor, in parentheses where they are needed."""
-    if isinstance(term, Expression) and (term.is_sum or (power > 1 and not term.is_call)):
+    if isinstance(term, Expression) and term.needs_parentheses(power):
         text = f"({text})"
     return text if power == 1 else f"{text}{sign}{power}"

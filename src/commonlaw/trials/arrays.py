@@ -11,10 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import given_properties
-from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, check_measured, label
-
-_SHOWN = 3
-"""Samples that a note lists."""
+from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, check_measured, label, shown
 
 
 def trials_from_arrays(
@@ -47,7 +44,11 @@ def trials_from_arrays(
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
     schema = Schema(*columns, units=joined_units(known.units, units, used, used))
-    gaps = [f"{each.label}: {_shown(here)}" for each, here in zip(made, empty, strict=True) if len(here)]
+    gaps = [
+        f"{each.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
+        for each, here in zip(made, empty, strict=True)
+        if len(here)
+    ]
     notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
     return TrialData(made, schema, known.values, (*known.notes, *notes))
 
@@ -71,12 +72,6 @@ def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, empty: NDA
         times, states = np.delete(times, empty), np.delete(np.asarray(states, dtype=np.float64), empty, axis=0)
         inputs = np.delete(inputs, empty, axis=0) if np.size(inputs) else inputs
     return Trial(name, run, times, states, inputs)
-
-
-def _shown(samples: NDArray[np.int64]) -> str:
-    """Return how many samples there are, and the first of them."""
-    listed = ", ".join(str(i + 1) for i in samples[:_SHOWN])
-    return f"{len(samples)} (sample {listed}{', ...' if len(samples) > _SHOWN else ''})"
 
 
 def _is_one(times: Any) -> bool:

@@ -91,7 +91,7 @@ def check(data: TrialData, tolerance: float) -> Report:
     oddities = [
         f"{trial.label}: {oddity}"
         for trial, row in zip(trials, rows, strict=True)
-        for oddity in (*_sampling(row), *_gaps(row), *_values(trial, names, len(trial) - row.clipped))
+        for oddity in (*_sampling(row), *_values(trial, names, len(trial) - row.clipped))
     ]
     return Report(rows, (*oddities, *_uneven(trials), *_without_unit(schema)), notes)
 
@@ -115,7 +115,7 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialChe
 
 
 def _sampling(row: TrialCheck) -> list[str]:
-    """Return what is odd about a trial's length and steps."""
+    """Return what is odd about a trial's length, steps and gaps."""
     found = []
     if row.samples < _SHORT:
         found.append(f"very short, {row.samples} samples")
@@ -127,12 +127,8 @@ def _sampling(row: TrialCheck) -> list[str]:
         found.append(
             f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
         )
+    found += [f"{name} is missing in {count} of {row.samples} samples" for name, count in row.missing.items() if count]
     return found
-
-
-def _gaps(row: TrialCheck) -> list[str]:
-    """Return which states were not measured in how many samples."""
-    return [f"{name} is missing in {count} of {row.samples} samples" for name, count in row.missing.items() if count]
 
 
 def _values(trial: Trial, names: tuple[str, ...], stop: int) -> list[str]:

@@ -30,39 +30,23 @@ def _stripped(value: object) -> object:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of numbers and of text, all of the same length.
-
-    Parameters
-    ----------
-    source
-        Where the table came from, for messages: ``drops.csv``.
-    columns
-        Arrays by column name, see `Column`.
-    units
-        Unit by column name, from the headers.
-    locate
-        From the index of a row to its location for the reader: ``row 17 (line 18)``.
-    loose
-        Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet.
-    decimal_comma
-        Whether numbers in text are written with a comma.
-    roles
-        Names of columns by role, where the file says so itself.
-    notes
-        What was noticed on reading.
-    parsed
-        Columns of text that have been read as numbers so far, and None for those that cannot be.
-    """
+    """Columns of numbers and of text, all of the same length, with at least one row."""
 
     source: str
+    """Where the table came from, for messages: ``drops.csv``."""
     columns: Mapping[str, Column]
     units: Mapping[str, str]
+    """Unit by column name, from the headers."""
     locate: Callable[[int], str]
+    """From the index of a row to its location for the reader: ``row 17 (line 18)``."""
     loose: frozenset[str] = frozenset()
+    """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
     decimal_comma: bool = False
     roles: Mapping[str, str | list[str]] = field(default_factory=dict)
+    """Names of columns by role, where the file says so itself."""
     notes: tuple[str, ...] = ()
     parsed: dict[str, Floats | None] = field(default_factory=dict)
+    """Columns of text that have been read as numbers so far, and None for those that cannot be."""
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -130,7 +114,12 @@ class Table:
             raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
         parsed = self._parsed(name)
         if parsed is None:
-            raise self._no_number(name)
+            cells = self._cells(name)
+            row = next(i for i, cell in enumerate(cells) if cell and _parsed(np.array([cell], dtype=object)) is None)
+            shown = self.columns[name][row].strip()
+            raise CommonlawError(
+                f"{self._where(name, row)}: {shown!r} is not a number; repair the cell or leave the column out"
+            )
         return parsed
 
     def _cells(self, name: str) -> list[str]:
@@ -146,13 +135,6 @@ class Table:
             if self.parsed[name] is None:
                 self.parsed[name] = _parsed(np.array([cell or np.nan for cell in self._cells(name)], dtype=object))
         return self.parsed[name]
-
-    def _no_number(self, name: str) -> CommonlawError:
-        row = next(i for i, cell in enumerate(self._cells(name)) if cell and _parsed(np.array([cell], object)) is None)
-        cell = self.columns[name][row].strip()
-        return CommonlawError(
-            f"{self._where(name, row)}: {cell!r} is not a number; repair the cell or leave the column out"
-        )
 
     def _where(self, name: str, row: int) -> str:
         return f"{self.source}: column {name!r}, {self.locate(row)}"

@@ -10,7 +10,7 @@ from commonlaw.files import write_whole
 from commonlaw.trials.columns import Column
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.parquet import write_parquet
-from commonlaw.trials.trial import Property, TrialData
+from commonlaw.trials.trial import Property, TrialData, property_names
 from commonlaw.trials.units import check_unit
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
         "time": schema.time,
         "states": schema.states,
         "inputs": schema.inputs,
-        "properties": _property_names(data),
+        "properties": property_names(data.properties),
     }
     write_parquet(path, _with_units(data), roles, data.notes)
 
@@ -62,7 +62,7 @@ def _columns(data: TrialData) -> dict[str, Column]:
     }
     values = np.concatenate([np.hstack([trial.states, trial.inputs]) for trial in trials])
     columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
-    for name in _property_names(data):
+    for name in property_names(data.properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns
 
@@ -82,7 +82,3 @@ def _cells(column: Column) -> list[str]:
 
 def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"'
-
-
-def _property_names(data: TrialData) -> list[str]:
-    return list(dict.fromkeys(name for values in data.properties.values() for name in values))

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials.units import check_unit, is_unit
+from commonlaw.trials.units import check_unit, known_unit
 
 _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
@@ -24,10 +24,10 @@ def split_header(header: str) -> tuple[str, str]:
     square = _SQUARE.fullmatch(text)
     if square:
         unit = square[2].strip()
-        return (square[1], unit) if not unit or is_unit(unit) else (text, "")
+        return (square[1], unit) if not unit or known_unit(unit) is not None else (text, "")
     rounded = _ROUND.fullmatch(text)
     # x(t) is a function of time, not a mass of x tonnes
-    if rounded and is_unit(rounded[3]) and (rounded[2] or rounded[3] != "t"):
+    if rounded and known_unit(rounded[3]) is not None and (rounded[2] or rounded[3] != "t"):
         return rounded[1], rounded[3].strip()
     return text, ""
 

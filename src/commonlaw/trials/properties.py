@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.sources import read_table
-from commonlaw.trials.trial import Property, label
+from commonlaw.trials.trial import Property, label, property_names
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Properties:
     @property
     def names(self) -> list[str]:
         """Names of the properties, in order of first appearance."""
-        return list(dict.fromkeys(name for values in self.values.values() for name in values))
+        return property_names(self.values)
 
 
 def column_properties(table: Table, names: Sequence[str], codes: Codes, objects: Sequence[str]) -> Properties:

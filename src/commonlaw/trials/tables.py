@@ -20,10 +20,7 @@ from commonlaw.trials.properties import (
     object_codes,
 )
 from commonlaw.trials.sources import read_table
-from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label
-
-_SHOWN = 3
-"""Locations that a note lists."""
+from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
@@ -185,7 +182,7 @@ def _cut(
             late.append(where)
         _refuse_twice(table, values[rows, 0], rows, where)
         if not measured[rows].all():
-            gaps.append(f"{where}: {_shown([table.locate(int(row)) for row in rows[~measured[rows]]])}")
+            gaps.append(f"{where}: {shown([table.locate(int(row)) for row in rows[~measured[rows]]])}")
         cells = values[rows[measured[rows]]]
         if len(cells):
             made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
@@ -194,11 +191,6 @@ def _cut(
     notes = [f"sorted by time: {'; '.join(late)}"] if late else []
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
     return tuple(made), tuple(empty), notes
-
-
-def _shown(locations: Sequence[str]) -> str:
-    """Return how many locations there are, and the first of them."""
-    return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
 
 
 def _refuse_twice(table: Table, times: Floats, rows: Codes, where: str) -> None:

@@ -14,6 +14,8 @@ from commonlaw.errors import CommonlawError
 Property = float | str
 PropertyTable = Mapping[Any, Mapping[str, Property]]
 
+_SHOWN = 3
+"""Locations that a note lists."""
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 
@@ -186,6 +188,16 @@ class TrialData(NamedTuple):
     schema: Schema
     properties: Mapping[str, Mapping[str, Property]]
     notes: tuple[str, ...]
+
+
+def shown(locations: Sequence[str]) -> str:
+    """Return how many locations there are, and the first of them, for a note."""
+    return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
+
+
+def property_names(properties: Mapping[str, Mapping[str, Property]]) -> list[str]:
+    """Return the names of properties of objects, in order of first appearance."""
+    return list(dict.fromkeys(name for values in properties.values() for name in values))
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, regular_length
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
 from commonlaw.trials.tables import read_trials, trials_from_frame
-from commonlaw.trials.trial import Property, PropertyTable, Roles, Schema, Trial, TrialData, label
+from commonlaw.trials.trial import Property, PropertyTable, Roles, Schema, Trial, TrialData, label, property_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -360,7 +360,7 @@ class Trials:
                 if each not in present:
                     raise unknown(name, each, dict.fromkeys(present))
             return lambda trial: _name_of(trial, name) in labels
-        known = dict.fromkeys(key for values in self.properties.values() for key in values)
+        known = property_names(self.properties)
         if name not in known:
             raise unknown("property", name, known)
         fits = wanted if callable(wanted) else _listed(wanted).__contains__

@@ -38,7 +38,7 @@ def parse_unit(text: str) -> "pint.Unit":
     >>> print(parse_unit("m/s^2"))
     meter / second ** 2
     """
-    unit = _parsed(text)
+    unit = known_unit(text)
     if unit is None:
         raise CommonlawError(_unknown_unit(text))
     return unit
@@ -46,18 +46,14 @@ def parse_unit(text: str) -> "pint.Unit":
 
 def check_unit(text: str, where: str) -> str:
     """Return a unit's text without outer blanks; refuse one, of ``"column 'height'"`` say, that pint does not read."""
-    if _parsed(text) is None:
+    if known_unit(text) is None:
         raise CommonlawError(f"{where}: {_unknown_unit(text)}")
     return text.strip()
 
 
-def is_unit(text: str) -> bool:
-    """Say whether a text is a unit that pint knows."""
-    return _parsed(text) is not None
-
-
 @cache
-def _parsed(text: str) -> "pint.Unit | None":
+def known_unit(text: str) -> "pint.Unit | None":
+    """Return the unit that a text stands for, or None if pint knows none."""
     import pint
 
     if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
@@ -72,7 +68,7 @@ def _parsed(text: str) -> "pint.Unit | None":
 def _unknown_unit(text: str) -> str:
     """Return the message for an unknown unit, about that one of its words that pint does not know."""
     words = re.findall(r"[^\W\d_]+", text)
-    word = next((each for each in words if _parsed(each) is None), text)
+    word = next((each for each in words if known_unit(each) is None), text)
     near = get_close_matches(word, [name for name in registry() if len(name) > 2], n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     whole = "" if word == text else f" in {text!r}"
