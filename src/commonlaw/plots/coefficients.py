@@ -54,14 +54,7 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
 class HeatMaps:
     """Magnitudes of coefficients, objects by terms, one panel for each equation.
 
-    Parameters
-    ----------
-    law
-        The law.
-    chosen
-        Which terms get a column, shape (terms,); all of them if it is none.
-    truth
-        The true law; cells of terms that are in it get a frame.
+    The terms `chosen`, shape (terms,), get a column, all of them if it is none; terms of the true law get a frame.
     """
 
     law: Law

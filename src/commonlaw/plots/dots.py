@@ -22,34 +22,15 @@ from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
-_OPEN: Mapping[str, Any] = {
-    "color": "black",
-    "marker": "o",
-    "linestyle": "",
-    "markersize": 9,
-    "markerfacecolor": "none",
-    "markeredgewidth": 1.2,
-}
+_FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
+_OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of every object.
+    """One coefficient of every object: the index of its equation, labels, and values of shape (objects,).
 
-    Parameters
-    ----------
-    equation
-        The number of its equation.
-    term
-        Its term as a label.
-    letter
-        Its letter in the law as a label; empty if only the truth has it.
-    unit
-        Its unit as a label; empty if not known.
-    learned, true
-        Values, shape (objects,); NaN where the term is absent or the truth is not known.
-    errors
-        Standard errors, shape (objects,); zero where they are not known.
+    A letter or unit that is not known is empty, and so are values NaN; standard errors that are not known are zero.
     """
 
     equation: int

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,6 +32,8 @@ _MOST_POINTS = 150
 
 _LIGHT = 0.18
 """Opacity of a band."""
+
+_POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth": 0}
 
 
 @styled()
@@ -132,21 +135,15 @@ class _Pair:
 def _curves(forecast: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
     """Return the curves of state `j` of one object."""
     curves = []
-    margins = _margins(forecast)
-    for trial, trajectory, margin in zip(forecast.trials, forecast.trajectories, margins, strict=True):
+    known = None if forecast.std is None else forecast.margins(measured=forecast.noise is not None)
+    for i, (trial, trajectory) in enumerate(zip(forecast.trials, forecast.trajectories, strict=True)):
         if trial.object == name:
             states = trajectory.states[:, j]
             reached = states[: int(np.argmin(np.isfinite(np.append(states, np.nan))))]
             diverged = trajectory.outcome is not None
-            own = np.nan_to_num(margin[: len(reached), j], nan=np.inf)
-            curves.append(_Curve(trial.times, trial.states[:, j], reached, diverged, colors[trial.name], own))
+            margin = 0 * reached if known is None else np.nan_to_num(known[i][: len(reached), j], nan=np.inf)
+            curves.append(_Curve(trial.times, trial.states[:, j], reached, diverged, colors[trial.name], margin))
     return curves
-
-
-def _margins(forecast: Forecast) -> tuple[Floats, ...]:
-    if forecast.std is None:
-        return tuple(np.zeros(trial.states.shape) for trial in forecast.trials)
-    return forecast.margins(measured=forecast.noise is not None)
 
 
 def _draw_pair(pair: _Pair) -> None:
@@ -155,16 +152,7 @@ def _draw_pair(pair: _Pair) -> None:
     error.axhline(0, color=GREY, linewidth=0.8)
     for curve in curves:
         every = -(-len(curve.times) // _MOST_POINTS)
-        state.plot(
-            curve.times,
-            curve.measured,
-            "o",
-            color=curve.color,
-            markersize=3,
-            alpha=0.45,
-            markeredgewidth=0,
-            markevery=every,
-        )
+        state.plot(curve.times, curve.measured, "o", color=curve.color, markevery=every, **_POINTS)
     for curve in curves:
         reached = curve.times[: len(curve.forecast)]
         for panel, values in ((state, curve.forecast), (error, curve.error)):
@@ -172,9 +160,8 @@ def _draw_pair(pair: _Pair) -> None:
             if curve.diverged:
                 panel.axvline(reached[-1], color=curve.color, linestyle=":")
                 # The cross stands at the foot of the panel: the last value may be far outside
-                panel.plot(
-                    reached[-1], 0.08, "X", color=curve.color, transform=panel.get_xaxis_transform(), clip_on=False
-                )
+                foot = panel.get_xaxis_transform()
+                panel.plot(reached[-1], 0.08, "X", color=curve.color, transform=foot, clip_on=False)
 
 
 def _draw_bands(pair: _Pair) -> None:
@@ -213,10 +200,7 @@ def _trial_colors(trials: Trials) -> dict[str, str]:
 def forecast_keys(forecast: Forecast) -> list[Line2D]:
     """Return the legend: what points and lines are, and the trials if there are several, but not very many."""
     colors = _trial_colors(forecast.trials)
-    keys = [
-        key("measured", color=GREY, marker="o", markersize=4, linestyle=""),
-        key("forecast", color=GREY),
-    ]
+    keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key("forecast", color=GREY)]
     if forecast.std is not None:
         keys.append(key("95 % band", color=GREY, linewidth=8, alpha=_LIGHT))
     if forecast.outcomes:

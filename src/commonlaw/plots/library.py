@@ -1,7 +1,6 @@
 """Candidate functions along a trial."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,11 +11,9 @@ from commonlaw.plots.style import COLORS, axis_label, columns_for, frozen_layout
 from commonlaw.trials import Trial
 from commonlaw.trials.units import parse_unit
 
-_NO_UNITS: Mapping[str, str] = MappingProxyType({})
-
 
 @styled()
-def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[str, str] = _NO_UNITS) -> Figure:
+def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[str, str] | None = None) -> Figure:
     """Plot every candidate function along one trial, one panel each (the founding paper's figure of the library).
 
     Parameters
@@ -39,7 +36,7 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
     names, columns = terms.variables.names, columns_for(len(terms))
-    known = _with_rates(units, terms.variables, form.order)
+    known = _with_rates(units or {}, terms.variables, form.order)
     lines = -(-len(terms) // columns)
     figure = Figure(figsize=(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
     figure.suptitle(plain(trial.label, 60))
@@ -52,17 +49,14 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
         panel.set_ylabel("" if unit is None else f"{unit:~P}")
         panels.append(panel)
     time = terms.variables.time
-    show_lowest_ticks(panels, columns, axis_label(time, units.get(time, "")))
+    show_lowest_ticks(panels, columns, axis_label(time, known.get(time, "")))
     return frozen_layout(figure)
 
 
 def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> dict[str, str]:
     """Return the units with those of the states' rates, where both the state and time have one."""
-    states = variables.states[: len(variables.states) // order]
-    rates = variables.states[len(states) :]
-    pairs = [
-        (state, rate) for state, rate in zip(states, rates, strict=False) if {state, variables.time} <= units.keys()
-    ]
-    return dict(units) | {
-        rate: f"{parse_unit(units[state]) / parse_unit(units[variables.time])}" for state, rate in pairs
-    }
+    states, time, known = variables.states, variables.time, dict(units)
+    for state, rate in zip(states, states[len(states) // order :], strict=False):
+        if {state, time} <= units.keys():
+            known[rate] = f"{parse_unit(units[state]) / parse_unit(units[time])}"
+    return known

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -48,10 +47,9 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     for (above, below), equation, label in zip(panels.T, law.left_hand_sides, left_hand_sides(law), strict=True):
         own = path[path["equation"] == equation]
         edges = _edges(own, marks)
-        _step(above, edges, own["size"].to_numpy(dtype=np.float64), COLORS[0])
-        error = own[_ERROR].to_numpy(dtype=np.float64)
-        deviation = own[_DEVIATION].to_numpy(dtype=np.float64)
-        _step(below, edges, error, COLORS[1])
+        size, error, deviation = own[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
+        above.step(edges, _closed(size), where="post", color=COLORS[0])
+        below.step(edges, _closed(error), where="post", color=COLORS[1])
         # A band that went down to zero would have no end on a logarithmic axis
         low, high = np.maximum(error - deviation, error / 10), error + deviation
         below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
@@ -81,10 +79,6 @@ def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:
     low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
     margin = max((high / low) ** 0.08, 1.5)
     return np.array([*np.maximum(begins, low / margin), high * margin])
-
-
-def _step(panel: Axes, edges: Floats, values: Floats, color: str) -> None:
-    panel.step(edges, _closed(values), where="post", color=color)
 
 
 def _closed(values: Floats) -> Floats:

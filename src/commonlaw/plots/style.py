@@ -5,7 +5,6 @@ import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import ceil, sqrt
 from typing import Any
 
@@ -55,14 +54,6 @@ SETTINGS: Mapping[str, Any] = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-@dataclass(frozen=True)
-class Look:
-    """Colour and marker of one object."""
-
-    color: str
-    marker: str
-
-
 @contextmanager
 def styled() -> Iterator[None]:
     """Use the look of these figures, whatever the user's settings are, and restore those afterwards."""
@@ -85,10 +76,10 @@ def frozen_layout(figure: Figure) -> Figure:
     return figure
 
 
-def looks(names: Sequence[str]) -> dict[str, Look]:
-    """Return a look for each name: ten colours, and with the markers a hundred looks before one comes twice."""
+def looks(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return colour and marker for each name: ten colours, and with the markers a hundred before one comes twice."""
     return {
-        name: Look(COLORS[i % len(COLORS)], MARKERS[(i + i // len(COLORS)) % len(MARKERS)])
+        name: {"color": COLORS[i % len(COLORS)], "marker": MARKERS[(i + i // len(COLORS)) % len(MARKERS)]}
         for i, name in enumerate(names)
     }
 

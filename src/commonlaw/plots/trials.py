@@ -1,7 +1,6 @@
 """Measured states against time."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,13 @@ from commonlaw.errors import unknown
 from commonlaw.plots.style import DASHES, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
 from commonlaw.trials import Trials
 
-_NONE: Mapping[str, tuple[ArrayLike, ArrayLike]] = MappingProxyType({})
-
 
 @styled()
 def plot_trials(
     trials: Trials,
     state: str | None = None,
     objects: Sequence[str] | None = None,
-    references: Mapping[str, tuple[ArrayLike, ArrayLike]] = _NONE,
+    references: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
 ) -> Figure:
     """Plot measured states against time: a colour and marker for each object, a line style for each trial.
 
@@ -48,7 +45,7 @@ def plot_trials(
     chosen = trials if objects is None else trials.select(object=objects if isinstance(objects, str) else list(objects))
     figure = Figure(figsize=(9, 2 + 3 * len(states)), layout="constrained")
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
-    look, dashes = looks(trials.objects), _dashes(chosen)
+    look, dashes, references = looks(trials.objects), _dashes(chosen), references or {}
     for panel, name in zip(panels, states, strict=True):
         column, unit = schema.states.index(name), schema.units.get(name, "")
         for trial in chosen:
@@ -56,15 +53,14 @@ def plot_trials(
                 trial.times,
                 trial.states[:, column],
                 dashes.get(trial.name, "-"),
-                color=look[trial.object].color,
-                marker=look[trial.object].marker,
                 markevery=max(1, len(trial) // 12),
+                **look[trial.object],
             )
         for i, curve in enumerate(references.values()):
             panel.plot(*map(np.asarray, curve), **_reference(i))
         panel.set_ylabel(axis_label(name, unit))
     panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
-    keys = [key(plain(name), color=look[name].color, marker=look[name].marker) for name in chosen.objects]
+    keys = [key(plain(name), **look[name]) for name in chosen.objects]
     keys += [key(plain(f"{schema.trial} {name}"), color=GREY, linestyle=dash) for name, dash in dashes.items()]
     keys += [key(plain(label), **_reference(i)) for i, label in enumerate(references)]
     add_legend(figure, keys)

@@ -21,13 +21,12 @@ def plot_displacement(trials: Trials) -> Figure:
     figure = Figure(figsize=(9, 5), layout="constrained")
     panel = figure.subplots()
     for trial in trials:
-        own = look[trial.object]
-        panel.plot(*_displacement(trial), color=own.color, marker=own.marker, markevery=max(1, len(trial) // 12))
+        panel.plot(*_displacement(trial), **look[trial.object], markevery=max(1, len(trial) // 12))
     name, time = schema.states[0], schema.time
     panel.set_ylabel(axis_label(f"|{name} − {name}(start)|", schema.units.get(name, "")))
     panel.set_xlabel(axis_label(f"{time} since start", schema.units.get(time, "")))
     _guide(panel, name)
-    add_legend(figure, [key(plain(each), color=own.color, marker=own.marker) for each, own in look.items()])
+    add_legend(figure, [key(plain(each), **own) for each, own in look.items()])
     return frozen_layout(figure)
 
 

@@ -77,7 +77,7 @@ def _draw_ranges(panel: Axes, ranges: Mapping[str, tuple[float, float]]) -> None
     """Draw a bar for each object, the first at the top."""
     look = looks(list(ranges))
     for i, (name, (low, high)) in enumerate(ranges.items()):
-        panel.plot([low, high], [i, i], color=look[name].color, linewidth=6, solid_capstyle="butt")
+        panel.plot([low, high], [i, i], color=look[name]["color"], linewidth=6, solid_capstyle="butt")
     panel.set_yticks(range(len(ranges)), [plain(name, 60) for name in ranges])
     panel.set_ylim(len(ranges) - 0.4, -0.6)
     panel.grid(False, axis="y")

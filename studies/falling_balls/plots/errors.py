@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.array_types import Floats
-from commonlaw.plots.style import SETTINGS, Look, add_legend, columns_for, frozen_layout, key, looks, plain, styled
+from commonlaw.plots.style import SETTINGS, add_legend, columns_for, frozen_layout, key, looks, plain, styled
 
 _APART = 1.3 * SETTINGS["lines.markersize"]
 """Least distance between the middles of two dots, points."""
@@ -48,7 +48,7 @@ def plot_errors(panels: Mapping[str, Mapping[str, Mapping[str, float]]], y_label
             panel.set_ylabel(y_label)
         drawn.append(panel)
     look = looks(list(dict.fromkeys(name for groups in panels.values() for group in groups.values() for name in group)))
-    keys = [key(plain(name), color=each.color, marker=each.marker, linestyle="") for name, each in look.items()]
+    keys = [key(plain(name), **each, linestyle="") for name, each in look.items()]
     keys.append(key("median", **_MEDIAN))
     if len(finite) < len(values):
         keys.append(key("infinite", color="black", marker="o", linestyle="", markerfacecolor="none"))
@@ -61,17 +61,15 @@ def plot_errors(panels: Mapping[str, Mapping[str, Mapping[str, float]]], y_label
     return figure
 
 
-def _draw(panel: Axes, index: int, group: Mapping[str, float], look: Mapping[str, Look]) -> None:
+def _draw(panel: Axes, index: int, group: Mapping[str, float], look: Mapping[str, Mapping[str, Any]]) -> None:
     """Draw the dots and the median of one category."""
     values = np.array(list(group.values()))
     heights = np.where(np.isfinite(values), values, panel.get_ylim()[1])
     scale = np.abs(np.diff(panel.transData.transform([(0, 0), (1, 1)]), axis=0)[0]) * 72 / panel.figure.dpi
     across = index + _spread(heights * scale[1]) / scale[0]
     for name, value, x, y in zip(group, values, across, heights, strict=True):
-        fill = look[name].color if np.isfinite(value) else "none"
-        panel.plot(
-            x, y, look[name].marker, color=look[name].color, markerfacecolor=fill, clip_on=False, zorder=3, label=name
-        )
+        fill = look[name]["color"] if np.isfinite(value) else "none"
+        panel.plot(x, y, **look[name], linestyle="", markerfacecolor=fill, clip_on=False, zorder=3, label=name)
     median = np.median(values)
     if np.isfinite(median):
         panel.plot([index - 0.3, index + 0.3], [median, median], **_MEDIAN)

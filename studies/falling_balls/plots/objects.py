@@ -41,9 +41,7 @@ def plot_by_object(
             panel.axvspan(low, high, **_SPAN)
         for label, group in series.items():
             heights = [indices[name] for name in group]
-            panel.plot(
-                list(group.values()), heights, look[label].marker, color=look[label].color, alpha=0.9, clip_on=False
-            )
+            panel.plot(list(group.values()), heights, **look[label], linestyle="", alpha=0.9, clip_on=False)
         panel.set_title(plain(title, 60))
         panel.set_xlabel(x_label)
         panel.tick_params(axis="y", labelleft=i % columns == 0, length=0)
@@ -52,7 +50,7 @@ def plot_by_object(
         first.set_yticks(range(len(names)), [plain(name) for name in names])
         first.set_ylim(len(names) - 0.5, -0.5)
         first.set_xlim(left=0)
-    keys = [key(plain(label), color=each.color, marker=each.marker, linestyle="") for label, each in look.items()]
+    keys = [key(plain(label), **each, linestyle="") for label, each in look.items()]
     keys += [key(plain(label), **{**_SPAN, "linewidth": 8}) for label in spans or {}]
     add_legend(figure, keys)
     return frozen_layout(figure)

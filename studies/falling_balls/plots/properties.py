@@ -48,7 +48,7 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
     for i, (title, points) in enumerate(values.items()):
         panel: Axes = figure.add_subplot(lines, columns, i + 1, sharex=first, sharey=first)
         for each in filter(indices.__contains__, points):
-            panel.plot(indices[each], points[each], look[each].marker, color=look[each].color, **_OPEN)
+            panel.plot(indices[each], points[each], **look[each], **_OPEN)
         panel.set_title(plain(title, 60))
         panel.set_xlabel(axis_label(name, trials.schema.units.get(name, "")))
         if i % columns == 0:
@@ -57,7 +57,7 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
             panel.set_xscale("log")
         first = first or panel
     shown = [each for each in indices if any(each in points for points in values.values())]
-    add_legend(figure, [key(plain(each), color=look[each].color, marker=look[each].marker, **_OPEN) for each in shown])
+    add_legend(figure, [key(plain(each), **look[each], **_OPEN) for each in shown])
     return frozen_layout(figure)
 
 

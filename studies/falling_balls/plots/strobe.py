@@ -44,8 +44,7 @@ def plot_strobe(trials: Trials, every: int = 3, state: str | None = None) -> Fig
     panel = figure.subplots()
     panel.plot(np.arange(len(trials)), table, color="#c4c4c4", linewidth=0.8)
     for i, (trial, values) in enumerate(zip(trials, shown, strict=True)):
-        each = look[trial.object]
-        panel.plot(np.full(len(values), i), values, each.marker, color=each.color, markersize=7, clip_on=False)
+        panel.plot(np.full(len(values), i), values, **look[trial.object], linestyle="", markersize=7, clip_on=False)
     one_label = len({trial.name for trial in trials}) == 1
     labels = [plain(trial.object if one_label else trial.label, 12) for trial in trials]
     panel.set_xticks(range(len(trials)), labels)
