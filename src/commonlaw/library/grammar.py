@@ -37,7 +37,7 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sign": np.sign,
 }
 _OTHER_NAMES = {"atan": "arctan"}
-_OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
+OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
     ast.Add: add,
     ast.Sub: sub,
     ast.Mult: mul,
@@ -203,7 +203,7 @@ def _compiled(tree: ast.expr) -> Compiled:
                 return inner
             return lambda variables, algebra: neg(inner(variables, algebra))
         case ast.BinOp(op=op, left=left, right=right):
-            operator, first, second = _OPERATORS[type(op)], _compiled(left), _compiled(right)
+            operator, first, second = OPERATORS[type(op)], _compiled(left), _compiled(right)
             return lambda variables, algebra: operator(first(variables, algebra), second(variables, algebra))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             inner = _compiled(argument)

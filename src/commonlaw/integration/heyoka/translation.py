@@ -2,27 +2,19 @@
 
 import ast
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import heyoka
 
 from commonlaw.library import AbstractTerm
-from commonlaw.library.grammar import constant
+from commonlaw.library.grammar import OPERATORS, constant
 
 _NAMES = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = {name: getattr(heyoka, name) for name in _NAMES} | {
     "arctan": heyoka.atan
 }
 """Functions that have Taylor series wherever they are defined; abs and sign have none at 0."""
-
-_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-}
 
 
 class UnsupportedError(Exception):
@@ -53,7 +45,7 @@ def _translated(tree: ast.expr, variables: Sequence[Any]) -> Any:
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             return _power(_translated(base, variables), constant(exponent))
         case ast.BinOp(op=op, left=left, right=right):
-            return _OPERATORS[type(op)](_translated(left, variables), _translated(right, variables))
+            return OPERATORS[type(op)](_translated(left, variables), _translated(right, variables))
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
             return FUNCTIONS[name](_translated(argument, variables))
         case _:
