@@ -17,10 +17,9 @@ from commonlaw.library.monomial import Monomial
 from commonlaw.library.parse import parse_term
 from commonlaw.library.product import Product
 from commonlaw.library.term import AbstractTerm
-from commonlaw.library.terms import Terms
+from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.library.units import term_unit
-from commonlaw.library.variables import Variables
 from commonlaw.spec import parse_spec
 
 __all__ = [

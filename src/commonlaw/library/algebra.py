@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.product import multiply
-from commonlaw.library.terms import Terms
-from commonlaw.library.variables import Variables
+from commonlaw.library.terms import Terms, Variables
 
 
 class AbstractLibrary(ABC):

@@ -11,9 +11,8 @@ from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parse import parse_term
 from commonlaw.library.product import multiply, multiply_powers
-from commonlaw.library.terms import Terms
+from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
-from commonlaw.library.variables import Variables
 from commonlaw.validation import check_whole_number
 
 _MOST_TERMS = 100_000

@@ -9,8 +9,8 @@ from commonlaw.library.grammar import constant, read, write
 from commonlaw.library.monomial import variable
 from commonlaw.library.product import multiply_powers
 from commonlaw.library.term import AbstractTerm
+from commonlaw.library.terms import Variables
 from commonlaw.library.trigonometric import Trigonometric
-from commonlaw.library.variables import Variables
 
 _REMEDY = "a term has no numeric factor of its own, the fit finds its coefficient: leave out the {}"
 

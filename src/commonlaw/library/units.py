@@ -12,7 +12,7 @@ from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.product import Product
 from commonlaw.library.term import AbstractTerm
-from commonlaw.library.variables import Variables
+from commonlaw.library.terms import Variables
 from commonlaw.trials.units import check_unit, parse_unit, registry
 
 if TYPE_CHECKING:

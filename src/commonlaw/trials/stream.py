@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, cast
+from typing import TYPE_CHECKING, Unpack, cast
 
 import numpy as np
 
@@ -99,7 +99,5 @@ def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Rows]:
 
 
 def _joined(first: Trial, second: Trial) -> Trial:
-    def both(name: str) -> Any:
-        return np.concatenate([getattr(first, name), getattr(second, name)])
-
-    return Trial(first.object, first.name, both("times"), both("states"), both("inputs"))
+    parts = zip((first.times, first.states, first.inputs), (second.times, second.states, second.inputs), strict=True)
+    return Trial(first.object, first.name, *(np.concatenate(part) for part in parts))

@@ -5,6 +5,7 @@ import numbers
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
@@ -355,11 +356,12 @@ class Trials:
         """Return the function that says whether a trial fits one condition."""
         if name in ("object", "trial"):
             labels = [label(each) for each in _listed(wanted)]
-            present = [_name_of(trial, name) for trial in self.trials]
+            name_of = attrgetter("object" if name == "object" else "name")
+            present = [name_of(trial) for trial in self.trials]
             for each in labels:
                 if each not in present:
                     raise unknown(name, each, dict.fromkeys(present))
-            return lambda trial: _name_of(trial, name) in labels
+            return lambda trial: name_of(trial) in labels
         known = property_names(self.properties)
         if name not in known:
             raise unknown("property", name, known)
@@ -367,10 +369,6 @@ class Trials:
         return lambda trial: bool(
             name in self.properties.get(trial.object, {}) and fits(self.properties[trial.object][name])
         )
-
-
-def _name_of(trial: Trial, what: str) -> str:
-    return trial.object if what == "object" else trial.name
 
 
 def _listed(value: object) -> list[Any]:
