@@ -1,7 +1,6 @@
 """Simulated experiments: which objects there are, when samples are taken, and how noise comes in."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -27,39 +26,34 @@ Path = Callable[[NormalSource], Floats]
 """Simulates one trial: from a source for its random initial state to noise-free states, shape (n, states)."""
 
 
-@dataclass(frozen=True)
-class SimulatedExperiment:
-    """How simulated objects are measured: at `times`, shape (n,), in so many trials of each object.
+def measure(
+    paths: Mapping[str, Path],
+    schema: Schema,
+    times: Floats,
+    trials: int,
+    noise: float,
+    seed: Seed,
+    properties: Mapping[str, Mapping[str, float]] | None = None,
+) -> Trials:
+    """Return trials called ``1``, ``2``, ... of objects by name, measured at `times`, shape (n,).
 
     White noise of standard deviation `noise` is added to every state. A source given as the seed is drawn from object
     by object, trial by trial, at every noise level alike.
     """
-
-    times: Floats
-    trials: int
-    noise: float
-    seed: Seed
-
-    def __post_init__(self) -> None:
-        check_whole_number("trials", self.trials, 1)
-        if not (np.isfinite(self.noise) and self.noise >= 0):
-            raise CommonlawError(f"noise is {self.noise:g}: give its standard deviation, 0 or positive")
-        if not hasattr(self.seed, "standard_normal"):
-            check_whole_number("seed", self.seed, 0)
-
-    def measure(
-        self, paths: Mapping[str, Path], schema: Schema, properties: Mapping[str, Mapping[str, float]] | None = None
-    ) -> Trials:
-        """Return the measured trials of objects by name; trials are called ``1``, ``2``, ..."""
-        source = np.random.default_rng(self.seed) if isinstance(self.seed, int | np.integer) else self.seed
-        measured = [
-            Trial(name, str(number), self.times, states + self.noise * source.standard_normal(states.shape))
-            for name, path in paths.items()
-            for number in range(1, self.trials + 1)
-            for states in [path(source)]
-        ]
-        how = f"with white noise of standard deviation {self.noise:g}" if self.noise else "without noise"
-        return Trials(tuple(measured), schema, properties or {}, (f"simulated, {how}",))
+    check_whole_number("trials", trials, 1)
+    if not (np.isfinite(noise) and noise >= 0):
+        raise CommonlawError(f"noise is {noise:g}: give its standard deviation, 0 or positive")
+    if not hasattr(seed, "standard_normal"):
+        check_whole_number("seed", seed, 0)
+    source = np.random.default_rng(seed) if isinstance(seed, int | np.integer) else seed
+    measured = [
+        Trial(name, str(number), times, states + noise * source.standard_normal(states.shape))
+        for name, path in paths.items()
+        for number in range(1, trials + 1)
+        for states in [path(source)]
+    ]
+    how = f"with white noise of standard deviation {noise:g}" if noise else "without noise"
+    return Trials(tuple(measured), schema, properties or {}, (f"simulated, {how}",))
 
 
 def fixed(states: Floats) -> Path:

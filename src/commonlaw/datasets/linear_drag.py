@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import PerObject, Seed, SimulatedExperiment, fixed, numbers, objects, sample_times
+from commonlaw.datasets.experiment import PerObject, Seed, fixed, measure, numbers, objects, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -55,14 +55,11 @@ def _load(
     balls = objects("Ball", drag=drag, quadratic=quadratic)
     times = sample_times(samples, rate)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
-    return SimulatedExperiment(times, trials, noise, seed).measure(
-        {
-            name: fixed(_drop(name, slope, square, acceleration, start, times))
-            for name, (slope, square) in balls.items()
-        },
-        _SCHEMA,
-        {name: {"drag": slope} for name, (slope, _) in balls.items()},
-    )
+    paths = {
+        name: fixed(_drop(name, slope, square, acceleration, start, times)) for name, (slope, square) in balls.items()
+    }
+    properties = {name: {"drag": slope} for name, (slope, _) in balls.items()}
+    return measure(paths, _SCHEMA, times, trials, noise, seed, properties)
 
 
 def _truth(drag: PerObject, gravity: float, quadratic: PerObject) -> "Law":

@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, SimulatedExperiment, objects, sample_times
+from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, measure, objects, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def _load(
     times = sample_times(samples, rate)
     pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
     paths = {name: exact.path(_derivatives, _start, rates, times, name) for name, rates in pairs.items()}
-    return SimulatedExperiment(times, trials, noise, seed).measure(paths, _SCHEMA)
+    return measure(paths, _SCHEMA, times, trials, noise, seed)
 
 
 def _truth(growth: PerObject, predation: PerObject, decline: PerObject, reproduction: PerObject) -> "Law":

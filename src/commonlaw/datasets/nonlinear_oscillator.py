@@ -4,10 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.datasets import exact
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import Seed, SimulatedExperiment, fixed, numbers, sample_times
+from commonlaw.datasets.experiment import Seed, fixed, measure, numbers, sample_times
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -41,17 +40,13 @@ def _load(samples: int = 500, step: float = 0.01, noise: float = 0.0, seed: Seed
         If an option cannot be, such as a negative noise.
     """
     times = sample_times(samples, 1 / numbers("step", step, positive=True)[0])
-    path = fixed(exact.trajectory(_field, _START, times, _NAME))
-    return SimulatedExperiment(times, 1, noise, seed).measure({_NAME: path}, _SCHEMA)
+    path = fixed(exact.trajectory(lambda _, y: np.asarray(_MATRIX @ y**3), _START, times, _NAME))
+    return measure({_NAME: path}, _SCHEMA, times, 1, noise, seed)
 
 
 def _truth() -> "Law":
     """Return the law of the oscillator."""
     return exact.law(_SCHEMA, ["x**3", "y**3"], {_NAME: _MATRIX.tolist()})
-
-
-def _field(_: float, y: Floats) -> Floats:
-    return np.asarray(_MATRIX @ y**3)
 
 
 nonlinear_oscillator = Dataset(

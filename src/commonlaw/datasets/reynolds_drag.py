@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.datasets import exact, sphere_drag
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import PerObject, Seed, SimulatedExperiment, fixed, numbers, objects, sample_times
+from commonlaw.datasets.experiment import PerObject, Seed, fixed, measure, numbers, objects, sample_times
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.trials import Schema, Trials
 
@@ -69,14 +69,12 @@ def _load(
     balls = _balls(radius, mass, viscosity, density)
     times = sample_times(samples, rate)
     start, acceleration = numbers("height", height)[0], numbers("gravity", gravity)[0]
-    return SimulatedExperiment(times, trials, noise, seed).measure(
-        {
-            name: fixed(_drop(name, size, weight, (density, viscosity), acceleration, start, times))
-            for name, (size, weight) in balls.items()
-        },
-        _SCHEMA,
-        {name: dict(zip(("radius", "mass"), ball, strict=True)) for name, ball in balls.items()},
-    )
+    paths = {
+        name: fixed(_drop(name, size, weight, (density, viscosity), acceleration, start, times))
+        for name, (size, weight) in balls.items()
+    }
+    properties = {name: dict(zip(("radius", "mass"), ball, strict=True)) for name, ball in balls.items()}
+    return measure(paths, _SCHEMA, times, trials, noise, seed, properties)
 
 
 def _truth(radius: PerObject, mass: PerObject, viscosity: float, gravity: float, density: float) -> "Law":
