@@ -3,8 +3,8 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -309,8 +309,8 @@ class Law(AbstractEquations):
             If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked
             for and the law's covariance or noise is not known, or a start cannot be fitted.
         """
-        # Forecasting stands above laws; this entrance finds it when called, so that no import goes up.
-        predict = import_module("commonlaw.forecast").predict
+        # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
+        predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "return_std": return_std, "method": method, "tolerance": tolerance, "seed": seed}
         forecast: Forecast = predict(self, trials, **options)
         return forecast
