@@ -91,17 +91,12 @@ def _truth(radius: PerObject, mass: PerObject, viscosity: float, gravity: float,
     terms = ["1", "v", inertia, *(f"v**3/(abs(v) + {bend!r})" for bend in bends)]
     rows = {}
     for name, (size, weight) in balls.items():
-        viscous, inertial, pressure = _coefficients(size, weight, viscosity, density)
+        slope = 2 * size / viscosity  # of the Reynolds number over the speed
+        scale = -np.pi / 4 * density * size * viscosity / weight
+        viscous, pressure = scale * sphere_drag.STOKES, scale * sphere_drag.PRESSURE * slope
+        inertial = viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT
         rows[name] = [[gravity, viscous, inertial, *(pressure if each == size else 0.0 for each in radii)]]
     return exact.law(_SCHEMA, terms, rows, rates=["v"])
-
-
-def _coefficients(radius: float, mass: float, viscosity: float, density: float) -> tuple[float, float, float]:
-    """Return what multiplies ``v``, ``sign(v) |v|^1.681`` and ``v^3 / (|v| + c)`` in a ball's acceleration."""
-    slope = 2 * radius / viscosity  # of the Reynolds number over the speed
-    scale = -np.pi / 4 * density * radius * viscosity / mass
-    viscous = scale * sphere_drag.STOKES
-    return viscous, viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT, scale * sphere_drag.PRESSURE * slope
 
 
 def _drop(

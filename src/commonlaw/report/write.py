@@ -11,9 +11,6 @@ from commonlaw.report.document import Picture, Report, Table
 from commonlaw.report.html import to_html
 from commonlaw.report.values import to_json
 
-PAGE = "report.html"
-RESULTS = "results.json"
-
 
 def write_report(
     report: Report, folder: str | os.PathLike[str], drawn: Callable[[str], None] | None = None
@@ -58,7 +55,7 @@ def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict
                 drawn(block.name)
         else:
             files[f"tables/{block.name}.csv"] = block.frame.to_csv(index=False, lineterminator="\n").encode()
-    return {PAGE: to_html(report, drawings), RESULTS: to_json(report.results), **files}
+    return {"report.html": to_html(report, drawings), "results.json": to_json(report.results), **files}
 
 
 def _make(folder: Path) -> None:
