@@ -10,8 +10,8 @@ from .differentiation import (
     SavitzkyGolay as SavitzkyGolay,
     SmoothedDifference as SmoothedDifference,
     SmoothingSpline as SmoothingSpline,
-    Spectral as Spectral,
-    TotalVariation as TotalVariation,
+    SpectralDerivative as SpectralDerivative,
+    TotalVariationDerivative as TotalVariationDerivative,
     WienerFilter as WienerFilter,
     noise_level as noise_level,
 )
@@ -58,7 +58,7 @@ from .solvers import (
     SR3 as SR3,
     STLSQ as STLSQ,
     BestSubset as BestSubset,
-    Constrained as Constrained,
+    ConstrainedSolver as ConstrainedSolver,
     Lasso as Lasso,
     StepwiseSelection as StepwiseSelection,
 )

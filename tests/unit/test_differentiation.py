@@ -18,8 +18,8 @@ from commonlaw.differentiation import (
     SavitzkyGolay,
     SmoothedDifference,
     SmoothingSpline,
-    Spectral,
-    TotalVariation,
+    SpectralDerivative,
+    TotalVariationDerivative,
     WienerFilter,
     default_differentiation,
 )
@@ -229,7 +229,7 @@ def test_spectral_derivatives_of_a_periodic_state_are_exact(count):
     times = 5 + 2 * np.arange(count) / count
     phase = np.pi * times
     state = 3 + np.sin(2 * phase) - np.cos(5 * phase)
-    _, rate, second = _rates(Spectral(), times, state, 2)
+    _, rate, second = _rates(SpectralDerivative(), times, state, 2)
     np.testing.assert_allclose(rate, np.pi * (2 * np.cos(2 * phase) + 5 * np.sin(5 * phase)), atol=1e-10)
     np.testing.assert_allclose(second, np.pi**2 * (-4 * np.sin(2 * phase) + 25 * np.cos(5 * phase)), atol=1e-8)
 
@@ -237,7 +237,7 @@ def test_spectral_derivatives_of_a_periodic_state_are_exact(count):
 def test_spectral_cutoff_drops_what_is_faster():
     times = np.arange(64) / 64
     slow, fast = np.sin(2 * np.pi * 3 * times), np.sin(2 * np.pi * 20 * times)
-    smoothed, rate = _rates(Spectral(cutoff=10), times, slow + fast)
+    smoothed, rate = _rates(SpectralDerivative(cutoff=10), times, slow + fast)
     np.testing.assert_allclose(smoothed, slow, atol=1e-12)
     np.testing.assert_allclose(rate, 6 * np.pi * np.cos(2 * np.pi * 3 * times), atol=1e-10)
 
@@ -255,7 +255,7 @@ def test_total_variation_reaches_the_optimum_of_its_convex_problem():
     def objective(z):
         return np.mean((z - scaled) ** 2) / 2 + strength * np.abs(bends @ z).sum()
 
-    smoothed, rate = _rates(TotalVariation(strength), times, x)
+    smoothed, rate = _rates(TotalVariationDerivative(strength), times, x)
     best = objective(scaled - bends.T @ dual.x)
     assert objective((smoothed - x.mean()) / x.std()) == pytest.approx(best, rel=1e-3)
     np.testing.assert_allclose(rate, np.gradient(smoothed, times))
@@ -265,7 +265,7 @@ def test_total_variation_finds_a_kink_that_smoothing_rounds_off():
     times = np.linspace(0, 1, 200)
     x = np.abs(times - 0.5) + 0.005 * np.random.default_rng(0).standard_normal(200)
     near = (np.abs(times - 0.5) > 0.01) & (np.abs(times - 0.5) < 0.06)
-    _, sharp = _rates(TotalVariation(1e-4), times, x)
+    _, sharp = _rates(TotalVariationDerivative(1e-4), times, x)
     _, round_ = _rates(SmoothedDifference(SavitzkyGolay(35, 3)), times, x)
     true = np.sign(times - 0.5)
     assert _error(sharp[near], true[near]) < 0.1 < _error(round_[near], true[near])
@@ -273,14 +273,16 @@ def test_total_variation_finds_a_kink_that_smoothing_rounds_off():
 
 def test_total_variation_second_derivative_integrates_to_the_rate():
     times, x, velocity, _ = _drop(noise=0.02)
-    _, rate, second = _rates(TotalVariation(1e-5), times, x, 2)
+    _, rate, second = _rates(TotalVariationDerivative(1e-5), times, x, 2)
     np.testing.assert_allclose(cumulative_trapezoid(second, times), rate[1:] - rate[0], atol=1.5)
     assert _error(rate, velocity) < 0.05
 
 
 def test_total_variation_keeps_its_digits_on_a_long_trial():
     times = np.linspace(0, 1, 50_000)
-    _, rate = _rates(TotalVariation(1e-4), times, times**2 + 0.01 * np.random.default_rng(0).standard_normal(50_000))
+    _, rate = _rates(
+        TotalVariationDerivative(1e-4), times, times**2 + 0.01 * np.random.default_rng(0).standard_normal(50_000)
+    )
     assert _error(rate, 2 * times) < 0.1
 
 
@@ -289,9 +291,9 @@ def test_methods_leave_a_constant_state_at_rest(order):
     times = np.arange(40.0)
     for method in (
         SmoothingSpline(),
-        TotalVariation(1e-3),
+        TotalVariationDerivative(1e-3),
         SmoothedDifference(WienerFilter(5)),
-        Spectral(),
+        SpectralDerivative(),
         FiniteDifference(),
     ):
         np.testing.assert_allclose(_rates(method, times, np.full(40, 0.1), order)[1:], 0, atol=1e-10)
@@ -311,8 +313,8 @@ def test_the_default_smooths_only_laws_of_second_order():
         (ForwardDifference(), 3, "2 samples are fewer than the 3 that forward differences take"),
         (FiniteDifference(4), 6, "5 samples are fewer than the 6 that finite differences of accuracy 4 take"),
         (SmoothingSpline(), 5, "4 samples are fewer than the 5"),
-        (Spectral(), 3, "2 samples are fewer than the 3"),
-        (TotalVariation(1e-3), 3, "2 samples are fewer than the 3"),
+        (SpectralDerivative(), 3, "2 samples are fewer than the 3"),
+        (TotalVariationDerivative(1e-3), 3, "2 samples are fewer than the 3"),
         (
             SmoothedDifference(MedianFilter(5)),
             5,
@@ -356,7 +358,7 @@ def test_sampling_that_is_not_uniform_is_refused_with_its_sample():
     ):
         SmoothedDifference().differentiate(times, states, 1)
     with pytest.raises(CommonlawError, match="the spectral derivative assumes uniform sampling"):
-        Spectral().differentiate(times, states, 1)
+        SpectralDerivative().differentiate(times, states, 1)
 
 
 def test_a_third_derivative_of_a_cubic_spline_is_refused():
@@ -376,9 +378,9 @@ def test_a_third_derivative_of_a_cubic_spline_is_refused():
         (lambda: FiniteDifference(3), "accuracy is 3; give an even number"),
         (lambda: FiniteDifference(True), "accuracy is True"),
         (lambda: SmoothingSpline(0), "strength is 0: give a finite number above 0"),
-        (lambda: Spectral(-1.0), "cutoff is -1.0"),
-        (lambda: TotalVariation(float("nan")), "strength is nan"),
-        (lambda: TotalVariation("much"), "strength is 'much'"),
+        (lambda: SpectralDerivative(-1.0), "cutoff is -1.0"),
+        (lambda: TotalVariationDerivative(float("nan")), "strength is nan"),
+        (lambda: TotalVariationDerivative("much"), "strength is 'much'"),
     ],
 )
 def test_settings_that_do_not_fit_are_refused_at_once(make, message):

@@ -15,8 +15,8 @@ from commonlaw.differentiation import (
     SavitzkyGolay,
     SmoothedDifference,
     SmoothingSpline,
-    Spectral,
-    TotalVariation,
+    SpectralDerivative,
+    TotalVariationDerivative,
     WienerFilter,
     format_differentiation,
     parse_differentiation,
@@ -34,9 +34,9 @@ TEXTS = {
     "wiener:9": SmoothedDifference(WienerFilter(9)),
     "spline:None": SmoothingSpline(),
     "spline:0.01": SmoothingSpline(0.01),
-    "spectral:None": Spectral(),
-    "spectral:2.5": Spectral(2.5),
-    "tv:1e-05": TotalVariation(1e-5),
+    "spectral:None": SpectralDerivative(),
+    "spectral:2.5": SpectralDerivative(2.5),
+    "tv:1e-05": TotalVariationDerivative(1e-5),
 }
 SHORT_TEXTS = {
     "finite": FiniteDifference(2),
@@ -45,7 +45,7 @@ SHORT_TEXTS = {
     "savgol:15:forward": SmoothedDifference(SavitzkyGolay(15, 3), ForwardDifference()),
     "savgol:35:3:centered": SmoothedDifference(),
     "spline": SmoothingSpline(),
-    "spectral": Spectral(),
+    "spectral": SpectralDerivative(),
 }
 
 

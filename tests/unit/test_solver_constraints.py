@@ -5,7 +5,7 @@ import pytest
 
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.solvers import BestSubset, Constrained, constrained_least_squares
+from commonlaw.solvers import BestSubset, ConstrainedSolver, constrained_least_squares
 
 TERMS = 4
 EVERY = np.ones((1, TERMS), dtype=bool)
@@ -70,7 +70,7 @@ def test_one_coefficient_for_all_objects_weighs_objects_by_their_noise():
     problem = [(library, target) for library, target in rows(noise=0.1)]
     noisy = problem[0][1] + 5 * np.random.default_rng(9).standard_normal(50)
     problem[0] = (problem[0][0], noisy)
-    (fit,) = Constrained(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
+    (fit,) = ConstrainedSolver(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
     support = fit.support
     assert support.tolist() == [[True, False, True, False]] * 3
     own = [np.linalg.lstsq(library[:, [0, 2]], target, rcond=None)[1][0] / 48 for library, target in problem]
@@ -85,7 +85,7 @@ def test_one_coefficient_for_all_objects_weighs_objects_by_their_noise():
 def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
     problem, matrix = compressed(rows()), np.zeros((1, 12))
     matrix[0, 0] = 1.0
-    path = Constrained(BestSubset(), matrix=matrix, right=np.array([-9.0])).path(problem, 0, EVERY[0])
+    path = ConstrainedSolver(BestSubset(), matrix=matrix, right=np.array([-9.0])).path(problem, 0, EVERY[0])
     assert [candidate.hyperparameter for candidate in path] == [4, 3, 2, 1]
     for candidate in path:
         assert candidate.coefficients[0, 0] == pytest.approx(-9.0)
@@ -96,7 +96,7 @@ def test_other_equations_are_left_as_they_are():
     library, target = rows()[0]
     problem = LeastSquaresProblem.of(library, np.column_stack([target, -target]))
     free = BestSubset(2).solve([problem, problem], np.ones((2, TERMS), dtype=bool))
-    constrained = Constrained(BestSubset(2), matrix=np.eye(1, 8), right=np.array([-5.0]), equation=1)
+    constrained = ConstrainedSolver(BestSubset(2), matrix=np.eye(1, 8), right=np.array([-5.0]), equation=1)
     fit = constrained.solve([problem, problem], np.ones((2, TERMS), dtype=bool))
     np.testing.assert_array_equal(fit[0].coefficients, free[0].coefficients)
     assert fit[1].coefficients[0, 0] == pytest.approx(-5.0)
@@ -108,7 +108,7 @@ def test_equal_terms_are_equal_among_the_objects_that_have_them():
     problem = rows()
     library, target = problem[2]
     problem[2] = (library, target + 9.8 * library[:, 0])
-    (fit,) = Constrained(BestSubset(1, shared=False), equal=(0,)).solve(compressed(problem), EVERY)
+    (fit,) = ConstrainedSolver(BestSubset(1, shared=False), equal=(0,)).solve(compressed(problem), EVERY)
     assert fit.support[:, 0].tolist() == [True, True, False]
     assert fit.coefficients[0, 0] == pytest.approx(fit.coefficients[1, 0])
     assert fit.coefficients[0, 0] == pytest.approx(-9.8, abs=0.2)
@@ -131,8 +131,8 @@ def test_constraints_that_do_not_fit_are_refused(matrix, right, message):
 
 def test_a_wrapper_that_does_not_fit_is_refused():
     with pytest.raises(CommonlawError, match="give both or neither"):
-        Constrained(BestSubset(1), matrix=np.eye(1, 12))
+        ConstrainedSolver(BestSubset(1), matrix=np.eye(1, 12))
     with pytest.raises(CommonlawError, match="indices of terms are from 0 to 3"):
-        Constrained(BestSubset(1), equal=(4,)).solve(compressed(rows()), EVERY)
+        ConstrainedSolver(BestSubset(1), equal=(4,)).solve(compressed(rows()), EVERY)
     with pytest.raises(CommonlawError, match="give it one, or let one be chosen"):
-        Constrained(BestSubset()).solve(compressed(rows()), EVERY)
+        ConstrainedSolver(BestSubset()).solve(compressed(rows()), EVERY)

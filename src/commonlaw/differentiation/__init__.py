@@ -7,9 +7,9 @@ from commonlaw.differentiation.differences import CenteredDifference, FiniteDiff
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
-from commonlaw.differentiation.spectral import Spectral
+from commonlaw.differentiation.spectral import SpectralDerivative
 from commonlaw.differentiation.spline import SmoothingSpline
-from commonlaw.differentiation.total_variation import TotalVariation
+from commonlaw.differentiation.total_variation import TotalVariationDerivative
 from commonlaw.errors import CommonlawError
 from commonlaw.spec import format_spec, parse_spec
 
@@ -26,8 +26,8 @@ __all__ = [
     "SavitzkyGolay",
     "SmoothedDifference",
     "SmoothingSpline",
-    "Spectral",
-    "TotalVariation",
+    "SpectralDerivative",
+    "TotalVariationDerivative",
     "WienerFilter",
     "default_differentiation",
     "format_differentiation",
@@ -44,8 +44,8 @@ METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] 
     "wiener": WienerFilter,
     "spline": SmoothingSpline,
     "robust": RobustSpline,
-    "spectral": Spectral,
-    "tv": TotalVariation,
+    "spectral": SpectralDerivative,
+    "tv": TotalVariationDerivative,
 }
 """Differentiators and smoothers by the names that they have in texts."""
 

@@ -10,7 +10,7 @@ from commonlaw.validation import check_number
 
 
 @dataclass(frozen=True)
-class Spectral(AbstractDifferentiator):
+class SpectralDerivative(AbstractDifferentiator):
     """Derivatives in Fourier space: each frequency f is multiplied by ``2 pi i f`` (Trefethen 2000, chapter 3).
 
     Assumes a trial that covers whole periods of a periodic state, without repeating the first sample at the end, on a
@@ -31,7 +31,7 @@ class Spectral(AbstractDifferentiator):
     Examples
     --------
     >>> t = np.arange(8) / 8
-    >>> rates = Spectral().differentiate(t, np.sin(2 * np.pi * t)[:, None], 1)
+    >>> rates = SpectralDerivative().differentiate(t, np.sin(2 * np.pi * t)[:, None], 1)
     >>> bool(np.allclose(rates.derivatives[0].ravel(), 2 * np.pi * np.cos(2 * np.pi * t)))
     True
     """

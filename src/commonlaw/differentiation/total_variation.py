@@ -15,7 +15,7 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class TotalVariation(AbstractDifferentiator):
+class TotalVariationDerivative(AbstractDifferentiator):
     """The rate u that minimises ``1/2 mean (x0 + integral u - x)^2 + strength * TV(u)`` (Chartrand 2011).
 
     States are taken in units of their standard deviation and times in units of the trial's duration, so `strength`

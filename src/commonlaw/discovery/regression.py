@@ -31,7 +31,7 @@ from commonlaw.solvers import (
     STLSQ,
     AbstractSolver,
     BestSubset,
-    Constrained,
+    ConstrainedSolver,
     StepwiseSelection,
     parse_solver,
 )
@@ -140,7 +140,7 @@ def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
     """Return the solver with one coefficient for all objects where `universal`, shape (equations, terms), says so."""
     for equation in np.flatnonzero(universal.any(axis=1)):
         equal = tuple(int(term) for term in np.flatnonzero(universal[equation]))
-        solver = Constrained(solver, equal, equation=int(equation))
+        solver = ConstrainedSolver(solver, equal, equation=int(equation))
     return solver
 
 

@@ -6,7 +6,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.solvers.base import AbstractSolver
 from commonlaw.solvers.best_subset import BestSubset
 from commonlaw.solvers.candidate import Candidate
-from commonlaw.solvers.constrained import Constrained, constrained_least_squares
+from commonlaw.solvers.constrained import ConstrainedSolver, constrained_least_squares
 from commonlaw.solvers.importance import L1, L2, AbstractImportance, Count, Mean, Median, Quantile
 from commonlaw.solvers.lasso import Lasso
 from commonlaw.solvers.sr3 import SR3
@@ -25,7 +25,7 @@ __all__ = [
     "AbstractSolver",
     "BestSubset",
     "Candidate",
-    "Constrained",
+    "ConstrainedSolver",
     "Count",
     "Lasso",
     "Mean",

@@ -19,7 +19,7 @@ _MET = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Constrained(AbstractSolver):
+class ConstrainedSolver(AbstractSolver):
     """Another solver's terms, with coefficients refitted under linear equality constraints.
 
     The terms are chosen without the constraints. Objects count relative to their residual variance, see
