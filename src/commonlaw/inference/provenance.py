@@ -111,8 +111,7 @@ def noise_step(problem: SearchProblem) -> Step:
         f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
         for name, level in zip(schema.states, problem.noise, strict=True)
     ]
-    reason = "as given" if problem.noise_is_given else "from differences of neighbouring samples"
-    return Step("noise", ", ".join(levels), reason)
+    return Step("noise", ", ".join(levels), problem.noise_reason)
 
 
 def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, Step]:

@@ -1,13 +1,15 @@
 """What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline, noise_level
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
@@ -20,10 +22,17 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.headers import find_name
 
 FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
+
+_SPLINE_SAMPLES = 5
+"""Values that a spline takes; a parabola goes through fewer."""
+
+_SHARE = 0.05
+"""Noise as a share of a state's standard deviation, where nothing tells it."""
 
 _DEPENDENT = 1e-8
 """Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
@@ -45,7 +54,7 @@ class SearchProblem:
     smoothed: tuple[tuple[Floats, ...], ...]
     measured: tuple[int, ...]
     noise: Floats
-    noise_is_given: bool
+    noise_reason: str
     known: Floats
     points: int = 1
 
@@ -109,7 +118,8 @@ def prepare(
     refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
-    levels = np.maximum(_noise(trials) if noise is None else noise, FLOOR * scale)
+    noise, reason = _noise(trials) if noise is None else (noise, "as given")
+    levels = np.maximum(noise, FLOOR * scale)
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
@@ -121,19 +131,19 @@ def prepare(
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, noise is not None, known)
+    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known)
 
 
 def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
-    """Return the noise of every state, shape (states,).
+    """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
 
     Raises
     ------
     CommonlawError
         If a state has none, a name is not a state, or a value is not positive.
     """
+    noise = {find_name(name, states, "state"): level for name, level in noise.items()}
     for name, level in noise.items():
-        check_choice("state", name, states)
         if not (np.isfinite(level) and level > 0):
             raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
     missing = [name for name in states if name not in noise]
@@ -144,25 +154,52 @@ def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
 
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
     """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial."""
-    try:
-        rates = RobustSpline().differentiate(trial.times, trial.states, order)
-    except CommonlawError as error:
-        raise CommonlawError(f"{trial.label}: {error}") from None
-    return np.column_stack([rates.states, *rates.derivatives[: order - 1]]), rates.derivatives[order - 1]
+    columns = []
+    for column in trial.states.T:
+        seen = np.isfinite(column)
+        if seen.sum() >= _SPLINE_SAMPLES:
+            rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
+            columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
+        elif seen.sum() > 1:
+            curve = _parabola(trial.times[seen], column[seen])
+            columns.append([curve.deriv(k)(trial.times) for k in range(order + 1)])
+        else:
+            raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
+    curves = [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+    return np.column_stack(curves[:order]), curves[order]
 
 
-def _noise(trials: Trials) -> Floats:
-    """Return the noise of each state, of all trials in which it changes."""
+def _parabola(times: Floats, values: Floats) -> Polynomial:
+    return Polynomial.fit(times, values, min(2, len(times) - 1))
+
+
+def _scatter(times: Floats, values: Floats) -> Any:
+    return np.sum((values - _parabola(times, values)(times)) ** 2) / (len(times) - 3)
+
+
+_GIVE = "; known noise is given by noise={{{0!r}: ...}}"
+_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], Any], str], ...] = (
+    (8, 0, lambda t, x: noise_level(t, x[:, np.newaxis])[0] ** 2, "from differences of neighbouring samples"),
+    (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
+    (2, 0, lambda _, x: (_SHARE * np.std(x)) ** 2, f"assumed: {_SHARE:.0%} of the standard deviation of {{0}}{_GIVE}"),
+)
+"""How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
+
+
+def _noise(trials: Trials) -> tuple[Floats, str]:
+    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from."""
     squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
-    for i, trial in enumerate(trials):
-        for j, column in enumerate(trial.states.T):
-            seen = np.isfinite(column)
-            try:
-                squares[i, j] = noise_level(trial.times[seen], column[seen, np.newaxis])[0] ** 2
-            except CommonlawError as error:
-                raise CommonlawError(f"{trial.label}, state {trials.schema.states[j]!r}: {error}") from None
-            weights[i, j] = seen.sum() * (np.ptp(column[seen]) > 0)
-    return np.asarray(np.sqrt(np.average(squares, axis=0, weights=weights)))
+    reasons = []
+    for j, name in enumerate(trials.schema.states):
+        known = [np.isfinite(trial.states[:, j]) for trial in trials]
+        measured = [(each.times[at], each.states[at, j]) for each, at in zip(trials, known, strict=True)]
+        counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
+        least, spent, variance, reason = next((way for way in _WAYS if max(counts) >= way[0]), _WAYS[-1])
+        for i, count in enumerate(counts):
+            if count >= least:
+                squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
+        reasons.append(reason.format(name))
+    return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))
 
 
 def _first(terms: Terms, group: Sequence[Trial], curves: Sequence[tuple[Floats, Floats]], known: Floats) -> Floats:

@@ -43,13 +43,13 @@ def join_header(name: str, unit: str) -> str:
     return name if split_header(name) == (name, "") else f"{name} []"
 
 
-def find_name(name: str, known: Iterable[str]) -> str:
+def find_name(name: str, known: Iterable[str], kind: str = "column") -> str:
     """Return that of the known names which is meant by a name, given as it is or as a header with its unit."""
     names = list(known)
     for each in (str(name).strip(), split_header(str(name))[0]):
         if each in names:
             return each
-    raise unknown("column", name, names)
+    raise unknown(kind, name, names)
 
 
 def joined_units(
