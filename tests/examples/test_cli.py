@@ -305,3 +305,27 @@ def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
         "--trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative-regression"
         in " ".join(err.split())
     )
+
+
+def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
+    (tmp_path / "few.csv").write_text("clock,U [V],wind speed\n0,3,1\n1,2,2\n2,1.5,1\n3,1.2,2\n4,1.1,1\n")
+    code, _, err = run("discover", "few.csv")
+    assert code == 1
+    assert "Name it with --time ...; columns: clock, U, wind speed" in err
+    named = ["few.csv", "--time", "clock", "--state", "U"]
+    assert "known noise is given by --noise U=..." in run("discover", *named, "--history")[1]
+    _, out, _ = run("discover", *named, "--noise", "U [V]=0.03", "--history")
+    assert "U: 0.03 V" in out
+    assert "as given" in out
+    solver = ["--method", "trajectory-likelihood", "--solver", "best-subset:1"]
+    assert run("discover", *named, *solver)[2].endswith("use --method derivative-regression --solver ...\n")
+    assert run("data", "check", *named)[1].endswith("or give it with --unit ...\n")
+
+
+def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
+    rows = [f"{tree},{age},{age / 10 + tree}" for tree in range(5) for age in (118 + tree, 484, 664, 1004, 1231)]
+    (tmp_path / "trees.csv").write_text("\n".join(["object,age [day],girth [mm]", *rows]))
+    _, out, _ = run("data", "check", "trees.csv")
+    assert [line for line in out.splitlines() if line.startswith("Odd: ")] == [
+        "Odd: in 5 cases, such as 0, trial 1: irregular frame: --clip would keep 4 of 5 samples"
+    ]

@@ -22,6 +22,7 @@ from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
+from commonlaw.plots.style import math
 from commonlaw.trials import Schema, Trial, Trials
 
 DRAG = tuple(np.linspace(-0.1, -0.7, 10))
@@ -384,6 +385,34 @@ def test_names_of_any_kind_are_shown_as_they_are() -> None:
         assert render(figure, "svg")
     assert legend_of(plot_trials(trials))[:5] == ["_hidden", r"US\$ 5 \$x\$", *names[2:5]]
     assert legend_of(plot_trials(trials))[5].endswith("…")
+
+
+@pytest.mark.parametrize(
+    ("latex", "shown"),
+    [
+        (r"\dot{\mathrm{weight}}", r"$\mathrm{d}\ \mathrm{weight}/\mathrm{d}t$"),
+        (r"\ddot{\mathrm{height}_{1}}", r"$\mathrm{d}^2\ \mathrm{height}_{1}/\mathrm{d}t^2$"),
+        (r"\ddot{x}", r"$\ddot{x}$"),
+        (r"\mathrm{Pc} \mathrm{Pa}^{2} v", r"$\mathrm{Pc}\ \mathrm{Pa}^{2}\ v$"),
+        ("x^{2} v", "$x^{2} v$"),
+    ],
+)
+def test_words_have_no_dots_and_keep_a_space_between_them(latex: str, shown: str) -> None:
+    assert math(latex, "") == shown
+
+
+def test_ticks_on_both_sides_of_zero_keep_their_distance() -> None:
+    law = law_of(drops(balls=1), degree=2)
+    coefficients = law.coefficients.copy()
+    coefficients[0, 0, :3] = -9.5, 1e-3, 0.4
+    figure = plot_law(replace(law, coefficients=coefficients), drops(balls=1, noise=0.05))
+    figure.draw_without_rendering()
+    (panel,) = (each for each in figure.axes if each.get_xscale() == "symlog")
+    ticks = [tick.label1 for tick in panel.xaxis.get_major_ticks() if tick.label1.get_text()]
+    low, high = panel.get_xlim()
+    boxes = [each.get_window_extent() for each in ticks if low <= each.get_position()[0] <= high]
+    assert len(boxes) >= 2
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
 def test_matplotlib_settings_of_the_user_are_neither_used_nor_changed() -> None:

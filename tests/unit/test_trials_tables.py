@@ -109,6 +109,15 @@ def test_object_trial_and_time_are_found_by_their_names(tmp_path):
     assert trials[0].label == "one ball, trial 1"
 
 
+@pytest.mark.parametrize("name", ["year", "Age", "day", "hour", "hours", "seconds", "sec"])
+def test_the_only_column_named_like_a_unit_of_time_is_the_time(name):
+    frame = pd.DataFrame({"height": [1.0, 3.0], name: [3.0, 4.0]})
+    assert Trials.from_frame(frame).schema.time == name
+    assert Trials.from_frame(frame.assign(t=[0.0, 1.0])).schema.time == "t"
+    with pytest.raises(CommonlawError, match="which column holds the time"):
+        Trials.from_frame(frame.assign(minutes=[0.0, 1.0]))
+
+
 def test_a_column_is_named_with_its_unit_or_without():
     for name in ("height", "height [m]", "height (m)"):
         assert Trials.from_frame(FRAME, **ROLES, states=[name]).schema.states == ("height",)

@@ -1,10 +1,16 @@
 """`commonlaw data`: look at tables and data sets before learning from them."""
 
+import re
+
 import click
 
+from commonlaw.cli.options import in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
+
+_MANY = 4
+"""Trials for which a remark is made once."""
 
 
 @click.group()
@@ -32,8 +38,12 @@ def check(source: Source, as_json: bool) -> None:
         f"states {', '.join(trials.schema.states)}"
     )
     print_frame(report.to_frame())
-    for oddity in report.oddities:
-        click.echo(f"Odd: {oddity}")
+    kinds: dict[str, list[str]] = {}
+    for each in report.oddities:
+        kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
+    for same in kinds.values():
+        for each in same if len(same) < _MANY else [f"in {len(same)} cases, such as {same[0]}"]:
+            click.echo(f"Odd: {in_options(each)}")
     if not report.oddities:
         click.echo("Nothing odd was found.")
     print_notes(trials.notes)

@@ -1,5 +1,6 @@
 """Options in groups, each under a heading of its own in the help of a command."""
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -42,6 +43,15 @@ def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> 
     for each in reversed(options):
         command = each(command)
     return command
+
+
+def in_options(text: str) -> str:
+    """Return a message of the library in the words of the command that runs: ``time=...`` becomes ``--time ...``."""
+    params = click.get_current_context().command.params
+    words = {f"{each.name}=": f"{max(each.opts, key=len)} " for each in params} | {"clip_irregular()": "--clip"}
+    text = re.sub(rf"(?<![\w:'-])({'|'.join(map(re.escape, words))})", lambda found: words[found[1]], text)
+    text = re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", re.sub(r"(--\S+ )\[(.*?)\]", r"\1\2", text))
+    return re.sub(r"(\w+)Regression\((.*?)\)", lambda found: f"{found[1].lower()}-regression {found[2]}", text)
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:

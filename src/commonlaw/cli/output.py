@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from commonlaw.cli.options import in_options
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -55,7 +57,8 @@ def print_history(law: "Law") -> None:
     """Print every choice on the way to a law."""
     click.echo("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
     if law.history:
-        print_table(["stage", "choice", "reason"], [[each.stage, each.choice, each.reason] for each in law.history])
+        rows = ([each.stage, each.choice, in_options(each.reason)] for each in law.history)
+        print_table(["stage", "choice", "reason"], rows)
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -66,7 +69,7 @@ def print_json(document: Mapping[str, Any]) -> None:
 def print_notes(notes: Iterable[object]) -> None:
     """Print remarks on stderr, so that they do not mix with results."""
     for note in notes:
-        click.echo(f"Note: {note}", err=True)
+        click.echo(f"Note: {in_options(str(note))}", err=True)
 
 
 @contextmanager

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from commonlaw.cli.options import option, pairs, with_options
+from commonlaw.cli.options import in_options, option, pairs, with_options
+from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials
 
 _table = partial(option, "Table")
@@ -114,7 +115,10 @@ def with_source(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def wrapped(**options: Any) -> None:
         source = Source(**{field.name: options.pop(field.name) for field in fields(Source)})
-        command(source=source, **options)
+        try:
+            command(source=source, **options)
+        except CommonlawError as error:
+            raise CommonlawError(in_options(str(error))) from error
 
     return with_options(wrapped, _OPTIONS)
 

@@ -49,13 +49,10 @@ class TotalVariationDerivative(AbstractDifferentiator):
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "total-variation derivatives")
-        smoothed = current = self._smooth(times, states)
-        derivatives = []
+        smoothed, derivatives = self._smooth(times, states), list[Floats]()
         for k in range(order):
-            rate: Floats = np.gradient(current, times, axis=0)
-            derivatives.append(rate)
-            if k + 1 < order:
-                current = self._smooth(times, rate)
+            current = self._smooth(times, derivatives[-1]) if k else smoothed
+            derivatives.append(np.gradient(current, times, axis=0))
         return Rates(smoothed, tuple(derivatives))
 
     def _smooth(self, times: Floats, states: Floats) -> Floats:

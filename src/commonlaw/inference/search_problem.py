@@ -28,12 +28,6 @@ FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
 
-_SPLINE_SAMPLES = 5
-"""Values that a spline takes; a parabola goes through fewer."""
-
-_SHARE = 0.05
-"""Noise as a share of a state's standard deviation, where nothing tells it."""
-
 _DEPENDENT = 1e-8
 """Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
 
@@ -157,7 +151,7 @@ def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
     columns = []
     for column in trial.states.T:
         seen = np.isfinite(column)
-        if seen.sum() >= _SPLINE_SAMPLES:
+        if seen.sum() >= 5:  # As a spline takes
             rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
             columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
         elif seen.sum() > 1:
@@ -181,7 +175,7 @@ _GIVE = "; known noise is given by noise={{{0!r}: ...}}"
 _WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], Any], str], ...] = (
     (8, 0, lambda t, x: noise_level(t, x[:, np.newaxis])[0] ** 2, "from differences of neighbouring samples"),
     (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
-    (2, 0, lambda _, x: (_SHARE * np.std(x)) ** 2, f"assumed: {_SHARE:.0%} of the standard deviation of {{0}}{_GIVE}"),
+    (2, 0, lambda _, x: (0.05 * np.std(x)) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
 )
 """How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
 
@@ -191,8 +185,8 @@ def _noise(trials: Trials) -> tuple[Floats, str]:
     squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
     reasons = []
     for j, name in enumerate(trials.schema.states):
-        known = [np.isfinite(trial.states[:, j]) for trial in trials]
-        measured = [(each.times[at], each.states[at, j]) for each, at in zip(trials, known, strict=True)]
+        pairs = [(trial.times, trial.states[:, j]) for trial in trials]
+        measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
         counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
         least, spent, variance, reason = next((way for way in _WAYS if max(counts) >= way[0]), _WAYS[-1])
         for i, count in enumerate(counts):

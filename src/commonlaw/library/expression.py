@@ -40,9 +40,6 @@ class Expression(AbstractTerm):
             result[:, i] = slope
         return result
 
-    def parts(self) -> None:
-        """Return nothing: it is computed directly."""
-
     def columns(self) -> frozenset[int]:
         return columns_in(self.code)
 

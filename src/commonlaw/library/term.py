@@ -30,12 +30,9 @@ class AbstractTerm(ABC):
     def gradient(self, values: Floats) -> Floats:
         """Return the exact partial derivatives by every variable, shape (n, number of variables)."""
 
-    @abstractmethod
     def parts(self) -> tuple[np.ufunc, "AbstractTerm", "AbstractTerm"] | None:
-        """Return `numpy.multiply` or `numpy.divide` and the two simpler terms that it makes into this one.
-
-        A term that is not a product or quotient of others has no parts.
-        """
+        """Return `numpy.multiply` or `numpy.divide` and the two simpler terms that it makes into this one, if any."""
+        return None
 
     @abstractmethod
     def columns(self) -> frozenset[int]:

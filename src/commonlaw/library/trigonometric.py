@@ -43,9 +43,6 @@ class Trigonometric(AbstractTerm):
             result[:, self.variable] = self.frequency * inner
         return result
 
-    def parts(self) -> None:
-        """Return nothing: it is computed directly."""
-
     def columns(self) -> frozenset[int]:
         return frozenset((self.variable,))
 

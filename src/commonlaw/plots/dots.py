@@ -22,6 +22,7 @@ from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
+_APART = 0.12  # of the axis, between two ticks
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
 _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
@@ -149,7 +150,11 @@ class DotPlot:
             panel.set_xscale("symlog", linthresh=low)
             # Matplotlib's own ticks for this scale run into each other around zero
             decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
-            panel.xaxis.set_major_locator(FixedLocator([*-decades, 0, *decades]))
+            panel.get_xlim()  # Has them set
+            ticks = [0, *decades[::-1], *-decades[::-1]]
+            at = (panel.transScale + panel.transLimits).transform([(tick, 0) for tick in ticks])[:, 0]
+            apart = [tick for i, tick in enumerate(ticks) if (np.abs(at[i] - at[:i]) > _APART).all()]
+            panel.xaxis.set_major_locator(FixedLocator(apart))
             panel.xaxis.set_major_formatter("{x:g}")
             panel.xaxis.set_minor_locator(NullLocator())
 

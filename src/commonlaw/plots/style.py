@@ -95,7 +95,15 @@ def plain(text: str, width: int = 28) -> str:
 
 
 def math(latex: str, text: str) -> str:
-    """Return LaTeX as mathtext, or `text` where mathtext does not know a command in it."""
+    """Return LaTeX as mathtext, or `text` where mathtext does not know a command in it.
+
+    No dots stand over words, and words keep a space between them.
+    """
+    if found := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
+        power = "" if found[1] == "d" else "^2"
+        latex = rf"\mathrm{{d}}{power} {found[2]}/\mathrm{{d}}t{power}"
+    if r"\mathrm" in latex:
+        latex = re.sub(r"(?<=[\w}]) (?=[\\\w])", r"\\ ", latex)
     try:
         MathTextParser("path").parse(f"${latex}$")
     except ValueError:

@@ -188,7 +188,7 @@ def _without_unit(schema: Schema) -> list[str]:
     bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
     if not bare:
         return []
-    return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units="]
+    return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."]
 
 
 def regular_length(times: Floats, tolerance: float) -> int:

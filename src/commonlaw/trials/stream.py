@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack, cast
 
@@ -69,35 +70,23 @@ class TrialStream:
 
 
 def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
-    """Yield the trials of a file; the last one of a batch waits for the next batch, which may go on with it."""
+    """Yield the trials of a file; the last one of a batch may go on in the next."""
     done: set[tuple[str, str]] = set()
-    waiting: Trial | None = None
-    states: tuple[str, ...] = ()
-    for batch in _batches(opened(path)[0], _ROWS, roles):
-        states = batch.data.schema.states
-        for trial in batch.data.trials:
-            if waiting is not None and waiting.label == trial.label:
-                waiting = _joined(waiting, trial)
-                continue
-            if waiting is not None:
-                done.add((waiting.object, waiting.name))
-                check_measured(waiting, states)
-                yield waiting
-            if (trial.object, trial.name) in done:
-                raise CommonlawError(
-                    f"{path}: the rows of {trial.label} do not follow each other; sort the file by object, trial, time"
-                )
-            waiting = trial
-    if waiting is not None:
-        check_measured(waiting, states)
-        yield waiting
+    batches = _batches(opened(path)[0], _ROWS, roles)
+    trials = ((trial, batch.data.schema.states) for batch in batches for trial in batch.data.trials)
+    for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
+        parts, states = zip(*group, strict=True)
+        if key in done:
+            raise CommonlawError(
+                f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, time"
+            )
+        done.add(key)
+        arrays = zip(*((each.times, each.states, each.inputs) for each in parts), strict=True)
+        trial = Trial(*key, *map(np.concatenate, arrays))
+        check_measured(trial, states[0])
+        yield trial
 
 
 def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Rows]:
     for batch in file.iter_batches(batch_size=rows):
         yield read_rows(batch_table(batch), "object", roles)
-
-
-def _joined(first: Trial, second: Trial) -> Trial:
-    parts = zip((first.times, first.states, first.inputs), (second.times, second.states, second.inputs), strict=True)
-    return Trial(first.object, first.name, *(np.concatenate(part) for part in parts))

@@ -22,6 +22,9 @@ from commonlaw.trials.properties import (
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
 
+_CLOCKS = ("sec", "second", "seconds", "minute", "minutes", "hour", "hours", "day", "days", "year", "years", "age")
+"""Columns of times where there is no t or time, and one of these."""
+
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
     """Return the trials in a file, see `Trials.read`."""
@@ -66,7 +69,8 @@ def _checked(roles: Roles) -> Roles:
 def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
     """Return the trials in a table, which may end within a trial, whose columns have these roles."""
     objects_in, trials_in = _role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",))
-    time = _role(table, roles, "time", ("t", "time"))
+    clocks = [name for name in table.columns if name.casefold() in _CLOCKS]
+    time = _role(table, roles, "time", ("t", "time")) or (clocks[0] if len(clocks) == 1 else None)
     if time is None:
         raise CommonlawError(
             f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"

@@ -30,7 +30,7 @@ class Roles(TypedDict, total=False):
     trial
         Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
     time
-        Column of the times. Default: ``t`` or ``time``.
+        Column of the times. Default: ``t`` or ``time``, or the only column like ``year``, ``hours`` or ``age``.
     states
         Columns of the measured states. Default: the columns of numbers that have no other role and are not constant
         for each object.
