@@ -29,11 +29,14 @@ class Choice:
         Minus twice the log-evidence of each form of drag, but for a constant: each fitted with an error of its own.
     errors
         Of the law of each form, in each step, relative to the noise.
+    noise
+        Of the heights, by which these were found (m).
     """
 
     law: Law
     values: Mapping[str, float]
     errors: Mapping[str, float]
+    noise: float
 
     @cached_property
     def form(self) -> str:
@@ -91,7 +94,7 @@ def _choose(trials: Trials) -> Choice:
         form: fit_supports(problem, np.isin(law.terms.names, terms)[np.newaxis]) for form, terms in DRAG_FORMS.items()
     }
     values = {form: each.value for form, each in found.items()}
-    return Choice(law, values, {form: each.model_error for form, each in found.items()})
+    return Choice(law, values, {form: each.model_error for form, each in found.items()}, float(problem.noise[0]))
 
 
 def agreed(choices: Mapping[str, Choice]) -> list[str]:
@@ -106,7 +109,7 @@ def _choices_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
             "chosen": choice.form,
             "largest evidence": next(iter(choice.against)),
             **{form.split()[0]: choice.against[form] for form in DRAG_FORMS},
-            "noise (m)": float(choice.law.noise[0]) if choice.law.noise is not None else None,
+            "noise (m)": choice.noise,
             "model error (noise)": choice.errors.get(choice.form),
         }
         for group, choice in choices.items()
@@ -141,7 +144,7 @@ def _results(choice: Choice) -> dict[str, Any]:
             "two_log_bayes_factor_at_error_of_chosen": at_chosen,
             "probability": probability,
         }
-    return {"chosen": choice.form, "noise": choice.law.noise, "error": choice.error, "laws": laws}
+    return {"chosen": choice.form, "noise": choice.noise, "error": choice.error, "laws": laws}
 
 
 def _found(choices: Mapping[str, Choice]) -> str:
@@ -161,8 +164,8 @@ def _found(choices: Mapping[str, Choice]) -> str:
         + "\n".join(lines)
         + f"\n\nIf there is one kind of drag only, the evidence of {_favoured(choices, 'linear')} is for linear drag, "
         f"and that of {_favoured(choices, 'quadratic')} for quadratic drag. Where choice and evidence disagree, the "
-        "choice is the more cautious: it asks whether another term helps to say the rates of drops that were not "
-        "learned from, and by more than chance. The evidence asks under which law the drops themselves are most "
+        "choice is the more cautious: it asks whether another term helps to forecast the later part of the drops from "
+        "the earlier, and by more than a tenth. The evidence asks under which law the drops themselves are most "
         "probable, and takes the steps of the error for independent of each other, which those of a camera in "
         "somebody's hands are not."
     )
@@ -210,8 +213,9 @@ ball and the volleyball, which remain.
 The measured heights depart from each of these laws by more than their noise, as one may expect of a camera held by
 hand, of wind, and of balls that spin. Each law is therefore given a model error, a random walk whose steps are a
 multiple of the noise, and the multiple is found from the drops. In this case the default does not trust the
-evidence. It chooses by rates on held-out trials, and takes the fewest terms within one standard error of the best. Here
-the evidence stands beside the choice, and they need not agree.
+evidence. It forecasts the later part of each drop by laws that were fitted to the earlier, with such an error or with a
+larger noise instead, and takes the fewest terms within a tenth of the least error of these forecasts. Here the evidence
+stands beside the choice, and they need not agree.
 """
 _CHOICES = (
     "What the default method chooses for each group of balls, and the law of largest evidence. The four columns after "

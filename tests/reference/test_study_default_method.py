@@ -93,7 +93,7 @@ def test_the_papers_models_have_the_errors_of_the_part_on_prediction(drops, resu
 def test_the_median_errors_to_a_centimetre(results):
     medians = results["forecasts"]["medians"]
     assert {name: round(each["both"], 2) for name, each in medians["paper_rule"].items()} == {
-        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.24, "default, cubic": 1.28,
+        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.24, "default, cubic": 1.17,
     }  # fmt: skip
     assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
         "2": 0.72, "default": 0.92,
@@ -118,7 +118,8 @@ def test_no_group_obeys_a_law_and_the_error_in_the_history_is_the_one_of_largest
     for found in results["choices"].values():
         error = found["laws"][found["chosen"]]["error"]
         assert error >= 0.1
-        assert found["error"] == f"a random walk, in each step {error:g} times the noise"
+        # Without one forecasts may be better, and the noise of the law holds what it leaves
+        assert found["error"] in (f"a random walk, in each step {error:g} times the noise", "none")
 
 
 def test_choice_and_evidence_of_each_group(results):
@@ -131,8 +132,8 @@ def test_choice_and_evidence_of_each_group(results):
         "whiffle balls": ("linear drag", "linear drag"),
         "closed balls": ("linear drag", "both drags"),
         "basketballs": ("constant acceleration", "quadratic drag"),
-        "golf ball and baseball": ("constant acceleration", "quadratic drag"),
-        "tennis ball and volleyball": ("constant acceleration", "linear drag"),
+        "golf ball and baseball": ("quadratic drag", "quadratic drag"),
+        "tennis ball and volleyball": ("linear drag", "linear drag"),
     }
 
 
@@ -167,7 +168,7 @@ def test_linear_drag_suits_the_whiffle_balls_better_than_quadratic_as_a_likeliho
     """Both have as many terms, so that the misfits alone decide."""
     found = results["choices"]["whiffle balls"]
     gain = sum(
-        misfit(drops.of_object(ball), found["noise"][0], 2) - misfit(drops.of_object(ball), found["noise"][0], 1)
+        misfit(drops.of_object(ball), found["noise"], 2) - misfit(drops.of_object(ball), found["noise"], 1)
         for ball in BALL_GROUPS["whiffle balls"]
     )
     lost = {form: each["two_log_bayes_factor"] for form, each in found["laws"].items()}
@@ -177,7 +178,7 @@ def test_linear_drag_suits_the_whiffle_balls_better_than_quadratic_as_a_likeliho
 def test_the_verdicts_and_tables_say_the_numbers(section):
     assert [verdict.kind for verdict in section.verdicts] == ["beyond the paper"] * 2
     assert "linear drag for the ten balls together, the whiffle balls, the closed balls" in section.verdicts[0].text
-    assert "for 1 of 6 groups" in section.verdicts[0].text
+    assert "for 3 of 6 groups" in section.verdicts[0].text
     assert "1.242 m, against 1.243 m" in section.verdicts[1].text
     assert "a tie" in section.verdicts[1].text
     tables = {block.name: block.frame for block in section.blocks if isinstance(block, Table)}

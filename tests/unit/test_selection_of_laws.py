@@ -1,5 +1,7 @@
 """Selection on the data sets: from trials to the law that made them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,9 @@ import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
-from commonlaw.law import Law, Provenance
+from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import PolynomialLibrary
-from commonlaw.selection import RULES, ForecastError, choose, make_folds
+from commonlaw.selection import RULES, ForecastError, choose, free_forecast_error, make_folds
 from commonlaw.solvers import STLSQ
 
 
@@ -136,3 +138,19 @@ def test_a_single_trial_cannot_be_held_out_and_forecast():
     pairs = Problem(cl.datasets.lotka_volterra(trials=1), 1, "finite:6")
     with pytest.raises(CommonlawError, match="Pair 1 has a single trial"):
         forecasts(pairs, 0)
+
+
+def test_free_forecasts_are_scored_in_units_of_the_states_from_fitted_starts():
+    """Decay at a rate that is wrong, from the start of least squares on the first part."""
+    times = np.linspace(0, 4, 41)
+    trials = cl.Trials.from_arrays([times], [np.exp(-0.5 * times)], names=["x"])
+    terms = PolynomialLibrary(2).bind(law_variables(trials.schema, 1))
+    coefficients = np.array([[[0, -0.4, 0]]])
+    law = Law(terms, trials.schema, 1, trials.objects, coefficients, Uncertainty(noise=np.array([0.1])))
+    wrong, right = np.exp(-0.4 * times), np.exp(-0.5 * times)
+    start = (wrong[:20] @ right[:20]) / (wrong[:20] @ wrong[:20])
+    expected = np.sqrt(np.mean((start * wrong - right)[20:] ** 2)) / right.std()
+    first = trials.with_trials([trials[0].cut(20)])
+    assert free_forecast_error(law, trials, first) == pytest.approx(expected, rel=1e-3)
+    runaway = replace(law, coefficients=np.array([[[0, 0, 5.0]]]))
+    assert free_forecast_error(runaway, trials, first) == np.inf

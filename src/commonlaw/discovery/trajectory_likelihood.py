@@ -10,7 +10,7 @@ from commonlaw.discovery.derivative_regression import DerivativeRegression, suit
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import PATH, CovarianceKind, finish, known_noise, search_supports, with_supports
+from commonlaw.inference import PATH, CovarianceKind, finish, known_noise, search_supports, with_best_forecast
 from commonlaw.law import Law, Provenance
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
@@ -85,8 +85,12 @@ class TrajectoryLikelihood(AbstractMethod):
             progress=progress,
         )
         if found.state.has_model_error:
-            progress("the measurements depart from every law of this library: choosing terms by trials held out")
-            found = with_supports(found, DerivativeRegression().find(trials, structure, progress).support)
+            progress("the measurements depart from every law of this library: comparing free forecasts")
+            try:
+                other = DerivativeRegression().find(trials, structure, progress).support
+            except CommonlawError:
+                other = None
+            found = with_best_forecast(found, other)
         return finish(
             found,
             covariance=self.covariance,

@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.covariance import CovarianceKind
-from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_supports
+from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_best_forecast
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
@@ -18,5 +18,5 @@ __all__ = [
     "prepare",
     "refine",
     "search_supports",
-    "with_supports",
+    "with_best_forecast",
 ]

@@ -22,9 +22,11 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tup
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
-            if i < _LISTED or each.chosen:
+            if i < _LISTED or each.chosen or each.forecast_error:
                 names = tuple(law.terms.names[k] for k in np.flatnonzero(each.support))
-                measures = {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
+                error, forecast = each.forecast_error, any(other.forecast_error for other in listed)
+                measures: dict[str, float | None] = {"forecast error": error} if forecast else {}
+                measures |= {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
                 found.append(Alternative(equation, names, measures, False, each.chosen))
     return tuple(found)
 
@@ -44,16 +46,15 @@ def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
 def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that these trials gave."""
     found = []
-    if state.has_model_error:
-        single = any(len(problem.trials.of_object(name)) == 1 for name in problem.trials.objects)
-        weak = ", which says little of objects with a single trial" if single else ""
+    if state.has_model_error or state.forecasts:
+        way = "free forecasts" if state.forecasts else "derivatives on segments held out"
+        error = f"in each step {state.model_error:g} times the noise" if state.has_model_error else "part of the noise"
         found.append(
             Outcome(
                 OutcomeKind.MODEL_ERROR,
                 "",
                 "the measurements depart from every law of this library by more than their noise; terms were chosen by "
-                f"derivatives on segments held out{weak}, and the law has a model error, in each step "
-                f"{state.model_error:g} times the noise",
+                f"{way}, and the law has a model error, {error}",
                 "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
                 "summary",
             )
@@ -100,6 +101,9 @@ def history(
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
         held_out = "the fewest within one standard error, on trials held out"
         reason = held_out if state.has_model_error else _why(law, listed)
+        if state.forecasts:
+            least = min(error for error, _ in state.forecasts)
+            reason = f"the fewest near the least error of free forecasts, {least:.3g} standard deviations"
         steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
     return (*steps, *fit_steps(problem, state))
 
@@ -117,6 +121,8 @@ def noise_step(problem: SearchProblem) -> Step:
 def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, Step]:
     """Return whether the law has a model error, how the coefficients were found, and what the trajectories leave."""
     error = Step("model error", "none", "the trajectories are solutions of the law, up to the noise")
+    if state.forecasts:
+        error = Step("model error", "none", "forecasts are better if the noise holds what the law leaves")
     if state.has_model_error:
         text = f"a random walk, in each step {state.model_error:g} times the noise"
         error = Step("model error", text, "the measurements depart from the law by more than their noise")

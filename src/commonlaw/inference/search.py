@@ -34,7 +34,9 @@ FINAL = (0.03, 0.003, 0.0003)
 below one: what is allowed in each step adds up, and coefficients would be less accurate than the data allow."""
 
 _ROUNDS = 6
-"""How often supports are chosen and fitted at one model error at the end."""
+"""How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
+_LARGER = 1.03
+"""By how much noise is enlarged at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +44,14 @@ class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
-    log-evidence, but for a constant.
+    log-evidence, but for a constant. If free forecasts decided, their errors are kept with all supports.
     """
 
     supports: Bools
     estimates: tuple[Estimate, ...]
     model_error: float
     value: float
+    forecasts: tuple[tuple[float, Bools], ...] = ()
 
     @property
     def has_model_error(self) -> bool:
@@ -61,13 +64,13 @@ class SearchState:
         return self.model_error if self.has_model_error else FINAL[-1]
 
 
-def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> SearchState:
-    """Return the supports and model error of largest evidence that are found, and the estimates with them."""
+def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
+    """Return what was found at all model errors of all schedules, that of largest evidence first."""
     found = []
     for number, model_errors in enumerate(SCHEDULES, start=1):
         progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
         found += _anneal(problem, solver, model_errors)
-    return _best(found)
+    return _sorted(found)
 
 
 def polish(
@@ -89,55 +92,61 @@ def polish(
 
 
 def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = MODEL_ERRORS) -> SearchState:
-    """Return the estimates with these supports, and with the model error of largest evidence.
+    """Return the estimates with these supports, shape (equations, terms), and with the model error of largest evidence.
 
-    Parameters
-    ----------
-    problem
-        What was measured.
-    supports
-        Shape (equations, terms).
-    model_errors
-        Those that are compared, relative to the noise, from large to small.
+    Model errors that are compared are relative to the noise, from large to small.
 
     Raises
     ------
     CommonlawError
         If the likelihood cannot be computed.
     """
-    found: list[SearchState] = []
-    estimates: tuple[Estimate, ...] = problem.starts
-    for model_error in model_errors:
-        try:
-            evidence = _evidence(problem, estimates, model_error)
-            state, _ = _fitted(problem, _restricted(problem, evidence, estimates, supports), supports, model_error)
-        except NotPositiveError:
+    return _sorted(_anneal(problem, supports, model_errors))[0]
+
+
+def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
+    """Return the estimates with these supports and no model error, see `fit_supports`, and the noise that this takes.
+
+    It is enlarged until the deviance of each measurement is one: step by step, as less of it goes with outliers then.
+    """
+    factor = 1.0
+    for _ in range(_ROUNDS):
+        enlarged = problem.noisier(factor) if factor > 1 else problem
+        state = _sorted(_anneal(enlarged, supports, (*MODEL_ERRORS, NEGLIGIBLE))[len(MODEL_ERRORS) :])[0]
+        excess = np.sqrt(sum(each.deviance for each in state.estimates) / sum(problem.measured))
+        if not _LARGER <= excess < np.inf:
             break
-        found.append(state)
-        estimates = state.estimates
-    return _best(found)
+        factor *= float(excess)
+    return enlarged, state
+
+
+def nearest(problem: SearchProblem, state: SearchState, count: int = 4) -> list[Bools]:
+    """Return the supports of largest evidence next to those found, so many for each equation."""
+    pairs = enumerate(neighbours(problem, state))
+    here = np.eye(len(state.supports), dtype=bool)[:, :, np.newaxis]
+    return [np.where(here[j], each.support, state.supports) for j, listed in pairs for each in listed[:count]]
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
     """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
-    return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports)
+    return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports, state.forecasts)
 
 
-def _anneal(problem: SearchProblem, solver: AbstractSolver, model_errors: Sequence[float]) -> list[SearchState]:
-    """Choose and fit, one model error after the other; return what was found at each, as far as it can be computed."""
+def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:
+    """Choose, or take given supports, and fit at one model error after the other; return what could be computed."""
     supports: Bools = problem.allowed
     estimates: tuple[Estimate, ...] = problem.starts
     found: list[SearchState] = []
     for model_error in model_errors:
         try:
             evidence = _evidence(problem, estimates, model_error)
-            chosen = evidence.choose(supports, solver)
-            if not np.array_equal(chosen, supports):
+            chosen = evidence.choose(supports, how) if isinstance(how, AbstractSolver) else how
+            if chosen is how or not np.array_equal(chosen, supports):
                 supports, estimates = chosen, _restricted(problem, evidence, estimates, chosen)
-            if model_error > NEGLIGIBLE:
-                state, _ = _fitted(problem, estimates, supports, model_error)
+            if isinstance(how, AbstractSolver) and model_error <= NEGLIGIBLE:
+                state = polish(problem, supports, estimates, model_error, how)
             else:
-                state = polish(problem, supports, estimates, model_error, solver)
+                state, _ = _fitted(problem, estimates, supports, model_error)
         except NotPositiveError:
             break
         found.append(state)
@@ -145,13 +154,13 @@ def _anneal(problem: SearchProblem, solver: AbstractSolver, model_errors: Sequen
     return found
 
 
-def _best(found: Sequence[SearchState]) -> SearchState:
+def _sorted(found: Sequence[SearchState]) -> list[SearchState]:
     if not found:
         raise CommonlawError(
             "no law was found whose trajectories stay near the measurements: these may be too noisy or too far apart "
             "for this library; try fewer terms, or choose them by derivative regression"
         )
-    return min(found, key=lambda each: each.value)
+    return sorted(found, key=lambda each: each.value)
 
 
 def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:

@@ -63,6 +63,13 @@ class SearchProblem:
         samples = min(self.measured) / len(self.noise)
         return int(np.clip(samples // SAMPLES_FOR_A_TERM, 1, MOST_TERMS))
 
+    def noisier(self, factor: float) -> "SearchProblem":
+        """Return the same problem with the noise of every state times a factor, for what solutions of a law leave."""
+        noise, reason = factor * self.noise, f"{self.noise_reason}, times {factor:.3g} for what the law leaves"
+        observation = replace(self.models[0].observation, noise=noise)
+        models = tuple(replace(each, observation=observation, unit=factor * each.unit) for each in self.models)
+        return replace(self, models=models, noise=noise, noise_reason=reason)
+
     def finer(self) -> "SearchProblem":
         """Return the same problem with twice as many points for each sampling step."""
         points = 2 * self.points

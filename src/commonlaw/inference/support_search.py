@@ -26,11 +26,12 @@ _SWEEPS = 4
 
 @dataclass(frozen=True, eq=False)
 class ComparedSupport:
-    """A support of one equation, shape (terms,), with twice the log Bayes factor of the best compared against it."""
+    """A support of one equation, shape (terms,), beside the best: 2 log B, and the error of free forecasts, if any."""
 
     support: Bools
     twice_log_bayes_factor: float
     chosen: bool
+    forecast_error: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +70,20 @@ class SupportEvidence:
         sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
         return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
 
-    def neighbours(self, supports: Bools) -> list[list[ComparedSupport]]:
+    def neighbours(self, supports: Bools, others: Sequence[tuple[float, Bools]] = ()) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
-        The best first; the other equations keep their supports.
+        The best first, with others and the errors of their forecasts; the other equations keep their supports.
         """
         found = []
         for j, chosen in enumerate(supports):
             equation = _EquationEvidence.of(self._alone(supports, j), self.measured)
-            listed = [chosen, *(each for _, each in equation.neighbours(chosen, self.allowed[j], chosen.size))]
+            near = [chosen, *(each for _, each in equation.neighbours(chosen, self.allowed[j], chosen.size))]
+            listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in others))}.values())
+            errors = [min((e for e, s in others if np.array_equal(s[j], each)), default=None) for each in listed]
             values = np.array([equation.value(each) for each in listed])
             above = (values - values.min()).tolist()
-            compared = [ComparedSupport(each, above[i], i == 0) for i, each in enumerate(listed)]
+            compared = [ComparedSupport(each, above[i], i == 0, errors[i]) for i, each in enumerate(listed)]
             found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
         return found
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.initial_state import MIN_SAMPLES
 from commonlaw.law import Law
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold
 from commonlaw.trials import Trials
@@ -68,3 +69,22 @@ class ForecastError:
         variances = np.var(np.concatenate([trial.states for trial in trials]), axis=0)
         rms = errors["rms error"].to_numpy().reshape(len(fold.trials), -1)
         return float(np.mean(rms**2 / variances))
+
+
+def free_forecast_error(law: Law, trials: Trials, first: Trials) -> float:
+    """Return the error of the later part of all trials, forecast by the law from starts fitted to their first parts.
+
+    The root of the mean squared error, each state in units of its standard deviation over all trials; infinite if a
+    forecast diverges or none can begin. The law must know the noise; steps are integrated to 1e-6.
+    """
+    scale, errors = np.nanstd(np.concatenate([trial.states for trial in trials]), axis=0), [np.empty(0)]
+    for trial, part in zip(trials, first, strict=True):
+        if np.isfinite(part.states).sum(axis=0).min() >= MIN_SAMPLES:
+            try:
+                forecast = law.predict(trials.with_trials([trial]), start=len(part), tolerance=1e-6)
+            except CommonlawError:
+                return np.inf
+            later, measured = forecast.trajectories[0].states[len(part) :, : len(scale)], trial.states[len(part) :]
+            errors.append(((later - measured) / scale)[np.isfinite(measured)])
+    found = np.concatenate(errors)
+    return float(np.sqrt(np.mean(found**2))) if found.size and np.isfinite(found).all() else np.inf
