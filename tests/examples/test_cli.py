@@ -138,8 +138,43 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
         assert (code, err) == (0, "")
         found[start] = np.mean([row["rms error"] for row in json.loads(out)["errors"]])
     assert found[15] < found[1] / 2
-    code, _, err = run("predict", "law.json", "drops.csv", "--start", "4")
-    assert (code, "start is 4: give 5 samples or more" in err) == (1, True)
+    code, _, err = run("predict", "law.json", "drops.csv", "--start", "0")
+    assert (code, "start is 0: give how many first samples" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("table")
+def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
+    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
+    drops = pd.read_csv(tmp_path / "drops.csv")
+    ahead = "predict", "law.json", "drops.csv", "--until", "9", "--step", "0.5", "--save", "a.csv", "--plot", "a.svg"
+    assert run(*ahead)[0] == 0
+    forecast, wanted = pd.read_csv(tmp_path / "a.csv"), np.arange(0.0, 9.1, 0.5)
+    last = drops["t"].max()
+    assert set(forecast["t"][forecast["t"] > last]) == set(wanted[wanted > last])
+    assert forecast["height forecast"].notna().all()
+    drops["height"] = drops["height"].where(drops.groupby(["ball", "drop"]).cumcount() < 12)
+    drops.to_csv(tmp_path / "given.csv", index=False)
+    assert run("predict", "law.json", "given.csv", "--save", "b.csv")[0] == 0
+    forecast = pd.read_csv(tmp_path / "b.csv")
+    assert len(forecast) == len(drops)
+    assert forecast["height forecast"].notna().all()
+    assert forecast["height error"].notna().sum() == drops["height"].notna().sum()
+
+
+@pytest.mark.usefixtures("table")
+def test_a_check_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise cl.CommonlawError("the weather was bad; wait")
+
+    monkeypatch.setattr(cl.Law, "predict", fails)
+    outputs = "--save", "law.json", "--plot", "law.svg"
+    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, *outputs)
+    assert (code, "R^2" in out) == (0, False)
+    assert "Note: the law was not checked by forecasts, nor drawn: the weather was bad; wait" in err
+    assert cl.Law.load(tmp_path / "law.json").support.any()
+    assert not (tmp_path / "law.svg").exists()
+    code, out, _ = run("discover", "drops.csv", *DROPS, *SETTINGS, "--json")
+    assert (code, json.loads(out)["forecast"]) == (0, None)
 
 
 def test_discover_shows_errors_intervals_and_history(run, monkeypatch):

@@ -217,11 +217,11 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
     states[:8, 1] = np.nan
     trials = trials_of(law, states, times=times)
     with pytest.raises(CommonlawError, match=r"y is missing in sample 1, .*fit it to the first samples with start=15"):
-        law.predict(trials)
-    with pytest.raises(CommonlawError, match=r"trial 0: y was measured in 2 of the first 10 samples, .* 5 or more"):
-        law.predict(trials, start=10)
-    with pytest.raises(CommonlawError, match="start is 4: give 5 samples or more"):
-        law.predict(trials, start=4)
+        law.predict(trials, start=1)
+    with pytest.raises(CommonlawError, match=r"trial 0: y was measured in 0 of the first 8 samples, .* 1 or more"):
+        law.predict(trials, start=8)
+    with pytest.raises(CommonlawError, match="start is 0: give how many first samples tell the start, 1 or more"):
+        law.predict(trials, start=0)
     with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or use start=1"):
         replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials, start=15)
     with pytest.raises(CommonlawError, match=r"says that a state has no noise, .*above zero"):
@@ -232,3 +232,73 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
     roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
     with pytest.raises(CommonlawError, match="tank, trial 0: the law is not finite on a curve through the first 15"):
         roots.predict(trials_of(roots, -1 - times, times=times), start=15)
+
+
+def test_what_the_first_sample_lacks_comes_from_the_next_ones():
+    times = np.linspace(0, 1, 20)
+    law = law_of("terms:x,y", ("x", "y"), [[0.0, 1.0], [-1.0, 0.0]], [0.01, 0.01])
+    states = np.column_stack([np.sin(times), np.cos(times)])
+    states[:8, 1] = np.nan
+    trials = trials_of(law, states, times=times)
+    np.testing.assert_allclose(start_of(law.predict(trials)), [0, 1], atol=1e-4)
+    np.testing.assert_array_equal(start_of(law.predict(trials)), start_of(law.predict(trials, start=13)))
+    np.testing.assert_allclose(start_of(law.predict(trials, start=10)), [0, 1], atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_few_samples_tell_the_start_of_a_linear_law_of_second_order_by_least_squares(count):
+    times, noise = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 2.0]), 0.05
+    law = law_of("terms:x,v", ("x",), [[-1.0, 0.0]], [noise], order=2, rates=("v",))
+    heights = np.sin(times) + noise * np.random.default_rng(3).standard_normal(6)
+    heights[count:] = np.nan
+    forecast = law.predict(trials_of(law, heights, times=times), return_std=True)
+    rows = np.column_stack([np.cos(times), np.sin(times)])
+    expected = np.linalg.lstsq(rows[:count], heights[:count], rcond=None)[0]
+    np.testing.assert_allclose(start_of(forecast), expected, rtol=1e-5)
+    covariance = noise**2 * np.linalg.inv(rows[:count].T @ rows[:count])
+    np.testing.assert_allclose(forecast.std[0][:, 0] ** 2, np.sum((rows @ covariance) * rows, axis=1), rtol=1e-4)
+    assert forecast.errors()["rms error"].notna().all()
+
+
+def test_a_single_sample_starts_a_law_of_second_order_without_a_rate_and_this_is_said():
+    times = np.linspace(0, 1, 5)
+    law = law_of("terms:x,v", ("x",), [[-1.0, 0.0]], [0.05], order=2, rates=("v",))
+    forecast = law.predict(trials_of(law, [2.0, *[np.nan] * 4], times=times), return_std=True)
+    np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], 2 * np.cos(times), rtol=1e-6)
+    assert np.isnan(forecast.std[0]).all()
+    assert forecast.trials.notes[0].endswith("one sample does not tell, without a band: tank, trial 0")
+    assert np.isnan(forecast.score())
+
+
+def test_irregular_samples_start_a_law_whose_differentiation_wants_a_uniform_grid():
+    times = np.delete(np.linspace(0, 4, 81), [3, 4, 30])
+    law = law_of("terms:x,v", ("x",), [[-1.0, 0.0]], [0.01], order=2, rates=("v",))
+    law = replace(law, provenance=Provenance(default_differentiation(2)))
+    trials = trials_of(law, np.sin(times), times=times)
+    for start in (None, 1, 2, 40):
+        np.testing.assert_allclose(start_of(law.predict(trials, start=start, return_std=True)), [0, 1], atol=0.01)
+    nameless = replace(law, uncertainty=replace(law.uncertainty, noise=None))
+    np.testing.assert_allclose(start_of(nameless.predict(trials)), [0, 1], atol=0.01)
+
+
+def test_a_forecast_has_more_times_than_samples():
+    times = np.linspace(0, 1, 11)
+    law = law_of("terms:x", ("x",), [[-1.0]], [0.01])
+    trials = trials_of(law, np.exp(-times), times=times)
+    forecast = law.predict(trials, times=[-1.0, 0.25, 0.1 + 0.2, 2.0], return_std=True)
+    assert forecast.trajectories[0].times.tolist() == [*times[:3], 0.25, *times[3:], 2.0]
+    np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], np.exp(-forecast.trials[0].times), rtol=1e-6)
+    assert forecast.errors()["rms error"].max() < 1e-6
+    np.testing.assert_array_equal(
+        start_of(law.predict(trials, times=[0.25, 5.0], start=8)), start_of(law.predict(trials, start=8))
+    )
+    with pytest.raises(CommonlawError, match="times to forecast are finite"):
+        law.predict(trials, times=[np.inf])
+
+
+def test_inputs_keep_their_last_value_beyond_the_samples():
+    times = np.linspace(0, 1, 11)
+    terms = parse_library("terms:u").bind(Variables(("x",), ("u",)))
+    law = Law(terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[1.0]]]), uncertainty=Uncertainty(noise=[0.1]))
+    trials = Trials((Trial("tank", "1", times, 2 * times, 2 + 0 * times),), law.schema)
+    assert law.predict(trials, times=[3.0]).trajectories[0].states[-1, 0] == pytest.approx(6)

@@ -51,6 +51,28 @@ def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_e
     assert trials.notes == (note,)
 
 
+def test_rows_after_the_last_measured_state_are_kept_to_be_forecast_and_not_learned_from(tmp_path):
+    times = np.linspace(0, 6, 61)
+    measured = pd.DataFrame({"t": times, "x": np.sin(times), "y": np.cos(times)})
+    later = pd.DataFrame({"t": [6.5, 7.0], "x": np.nan, "y": np.nan})
+    frame = pd.concat([measured, later], ignore_index=True)
+    frame.to_csv(tmp_path / "drops.csv", index=False)
+    for trials in (
+        Trials.read(tmp_path / "drops.csv"),
+        Trials.from_frame(frame),
+        Trials.from_arrays(frame["t"], frame[["x", "y"]], names=["x", "y"]),
+    ):
+        assert trials[0].times.tolist() == frame["t"].tolist()
+        assert trials.notes == ()
+        assert trials[0].measured().times.tolist() == times.tolist()
+    one, other = (cl.discover(Trials.from_frame(each), library="poly:1") for each in (frame, measured))
+    np.testing.assert_array_equal(one.coefficients, other.coefficients)
+    refined, again = (cl.refine(one, Trials.from_frame(each)) for each in (frame, measured))
+    np.testing.assert_array_equal(refined.coefficients, again.coefficients)
+    short = frame.iloc[[0, 1, 2, 3, 61]].assign(y=[1.0, np.nan, 2.0, 3.0, np.nan])
+    assert len(Trials.from_frame(short)[0]) == 5
+
+
 def test_arrays_may_have_gaps_too():
     states = np.arange(14.0).reshape(7, 2)
     states[1], states[4, 0] = np.nan, np.nan
@@ -95,7 +117,7 @@ def test_streams_keep_gaps_and_leave_empty_rows_out_wherever_batches_end(tmp_pat
     frame.loc[[0, 6, 11, 12], ["x", "y"]] = np.nan
     frame.to_parquet(tmp_path / "a.parquet")
     monkeypatch.setattr(stream, "_ROWS", rows)
-    whole = Trials.from_frame(frame, **ROLES)
+    whole = Trials.from_frame(frame.dropna(subset=["x", "y"], how="all"), **ROLES)
     for one, other in zip(TrialStream.from_parquet(tmp_path / "a.parquet", **ROLES), whole, strict=True):
         assert one.label == other.label
         np.testing.assert_array_equal(one.times, other.times)

@@ -125,7 +125,7 @@ def test_labels_are_the_same_however_they_are_written():
         (lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2]), "time 1 of sample 3 does not come after 1"),
         (lambda: Trial("ball", "1", [0, 1], [0, np.inf]), "ball, trial 1: state is inf in sample 2, state 1"),
         (lambda: Trial("ball", "1", [0, 1], [0, 1], [0, np.nan]), "ball, trial 1: input is nan in sample 2, input 1"),
-        (lambda: Trial("ball", "1", [0, 1], [0, np.nan]), "ball, trial 1: no state was measured in sample 2; leave"),
+        (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), "ball, trial 1: no state was measured in sample 1; leave"),
         (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), "ball, trial 1: expected an array of numbers"),
         (lambda: Trial("ball", "1", [[0, 1]], [0, 1]), r"ball, trial 1: expected an array of 1 dimensions.*\(1, 2\)"),
         (lambda: Schema(()), "no state variable is named"),

@@ -12,6 +12,7 @@ from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import GroupedCommand, numbers, option
 from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, working
 from commonlaw.cli.source import Source, with_source
+from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
 
 if TYPE_CHECKING:
@@ -102,7 +103,11 @@ def discover(
         )
         of_known = [trial for trial in held_out or () if trial.object in law.objects]
         checked = training if held_out is None or not of_known else held_out.with_trials(of_known)
-        forecast = law.predict(checked, return_std=bool(plot) and law.has_std)
+        forecast, lacking = None, []
+        try:
+            forecast = law.predict(checked, return_std=bool(plot) and law.has_std)
+        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
+            lacking.append(f"the law was not checked by forecasts, nor drawn: {error}")
         discovery = _Discovery(training, law, forecast, truth_of(source.dataset) if source.dataset else None)
         outputs = discovery.files(save, plot)
     write_all(outputs)
@@ -114,7 +119,7 @@ def discover(
             print_history(law)
         for path in outputs:
             click.echo(f"Wrote {path}")
-    print_notes([*training.notes, *law.outcomes, *forecast.outcomes])
+    print_notes([*training.notes, *law.outcomes, *lacking, *(forecast.outcomes if forecast else ())])
 
 
 def _key(name: str) -> str | tuple[str, str]:
@@ -129,20 +134,20 @@ class _Discovery:
 
     training: "Trials"
     law: "Law"
-    forecast: "Forecast"
+    forecast: "Forecast | None"
     truth: "Law | None"
 
     @property
     def is_held_out(self) -> bool:
         """Whether the forecasts are of trials that the law was not learned from."""
-        return self.forecast.trials is not self.training
+        return self.forecast is not None and self.forecast.trials is not self.training
 
     def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
         """Return the contents of the files to write, all made before the first is written."""
         outputs = {}
         if save:
             outputs[save] = self.law.to_json().encode()
-        if plot:
+        if plot and self.forecast:
             from commonlaw.plots import plot_law, render
 
             outputs[plot] = render(plot_law(self.law, self.forecast, truth=self.truth), plot)
@@ -162,10 +167,11 @@ class _Discovery:
             click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
             print_frame(_shown_candidates(law))
         where = "held-out trials" if self.is_held_out else "trials it was learned from"
-        click.echo(
-            f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
-            f"R^2 = {self.forecast.score():.5g}"
-        )
+        if self.forecast:
+            click.echo(
+                f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
+                f"R^2 = {self.forecast.score():.5g}"
+            )
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
@@ -176,13 +182,14 @@ class _Discovery:
             "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
             "history": [asdict(step) for step in law.history],
             "truth": None if self.truth is None else json.loads(self.truth.to_json()),
-            "forecast": {
+            "forecast": forecast
+            and {
                 "of": "held out" if self.is_held_out else "training",
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
             "notes": list(self.training.notes),
-            "outcomes": [str(outcome) for outcome in (*law.outcomes, *forecast.outcomes)],
+            "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
         }
 
     def _coefficient_columns(self) -> dict[str, list[object]]:
@@ -197,6 +204,8 @@ class _Discovery:
             columns[head] = [(value, error) if error else value for value, error in pairs]
             if truth is not None:
                 columns[f"true {letter}"] = [_true_value(truth, name, j, term) for name in law.objects]
+        if self.forecast is None:
+            return columns
         missed = self.forecast.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )

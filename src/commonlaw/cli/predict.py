@@ -5,6 +5,7 @@ import click
 from commonlaw.cli.output import print_frame, print_json, print_notes, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
+from commonlaw.trials import Trials
 
 
 @click.command()
@@ -16,29 +17,34 @@ from commonlaw.files import write_all
     metavar="N",
     help="How many of a trial's first samples tell where its forecast starts: 1 for the first as measured; to more the"
     " law is fitted.  [default: 1, or for laws of second order that know their noise, what first rates would be "
-    "estimated from]",
+    "estimated from; all that were measured where rows follow that were not]",
 )
+@click.option("--until", type=float, metavar="TIME", help="Forecast until this time, beyond the measurements.")
+@click.option("--step", type=click.FloatRange(0, min_open=True), help="Step of these times.  [default: a hundredth]")
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
 def predict(
-    law_path: str, source: Source, start: int | None, save: str | None, plot: str | None, as_json: bool
+    law_path: str, source: Source, start: int | None, save: str | None, plot: str | None, as_json: bool, **grid: float
 ) -> None:
     """Forecast every trial in FILE with LAW.json, each from its own initial state.
 
-    Columns are found by the names that the law was learned with; options name others. Where the law knows how accurate
-    it is, the table that is written has the ends of 95 % bands (low and high), and the figure shows the bands.
+    Columns are found by the names that the law was learned with; options name others. Rows without states
+    after the measured ones are forecast. Where the law knows how accurate it is, the table that is written has the ends
+    of 95 % bands (low and high), and the figure shows the bands.
 
     \b
     Example:
       commonlaw predict law.json drops.csv --save forecast.csv
+      commonlaw predict law.json drops.csv --until 30 --step 0.1 --save forecast.csv
     """
     from commonlaw.law import Law
 
     law = Law.load(law_path)
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
-        forecast = law.predict(trials, start=start, return_std=bool(save or plot) and law.has_std)
+        return_std = bool(save or plot) and law.has_std
+        forecast = law.predict(trials, times=_times(trials, **grid), start=start, return_std=return_std)
         errors = forecast.errors()
         outputs = {}
         if save:
@@ -55,4 +61,13 @@ def predict(
         click.echo(f"R^2 of all forecasts: {forecast.score():.5g}")
         for path in outputs:
             click.echo(f"Wrote {path}")
-    print_notes([*trials.notes, *forecast.outcomes])
+    print_notes([*forecast.trials.notes, *forecast.outcomes])
+
+
+def _times(trials: Trials, until: float | None, step: float | None) -> list[float]:
+    """Return the times that ``--until`` and ``--step`` ask for, from the first of all samples on."""
+    first, last = min(each.times[0] for each in trials), max(each.times[-1] for each in trials)
+    span = (last if until is None else until) - first
+    if until is step is None or span <= 0:
+        return []
+    return [first + i * (step or span / 100) for i in range(-int(-span // (step or span / 100)))] + [first + span]

@@ -39,6 +39,13 @@ class AbstractDifferentiator(ABC):
         None means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
         """
 
+    def takes(self, times: Floats, states: Floats) -> bool:
+        """Whether these samples of a trial meet what the method assumes."""
+        try:
+            return (self.takes_missing or not np.isnan(states).any()) and bool(self.differentiate(times, states, 1))
+        except CommonlawError:
+            return False
+
     @abstractmethod
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         """Return smoothed states and the derivatives up to `order`.

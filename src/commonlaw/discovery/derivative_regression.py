@@ -67,6 +67,8 @@ class DerivativeRegression(AbstractRegression):
 
 
 def suitable_differentiation(trials: Trials | TrialStream | None, order: int) -> AbstractDifferentiator:
-    """Return how derivatives of these trials are estimated when nothing is named, by their shortest."""
-    samples = min(map(len, trials)) if isinstance(trials, Trials) else np.inf
-    return default_differentiation(order, samples)
+    """Return how derivatives of these trials are estimated when nothing is named, by their lengths and gaps."""
+    given = trials if isinstance(trials, Trials) else ()
+    method = default_differentiation(order, min(map(len, given), default=np.inf))
+    suits = all(method.takes(each.times, each.states) for each in given)
+    return method if suits else parse_differentiation("robust")

@@ -104,6 +104,7 @@ class LawDiscovery:
             )
         structure = ModelStructure(self.order, self._library(), self.known or {}, self.universal)
         method = self.method or default_method(trials, structure)
+        trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with threadpool_limits(1, "blas"):
             self.law_ = method.find(trials, structure, self.progress or on_terminal())
         return self

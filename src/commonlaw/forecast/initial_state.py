@@ -21,7 +21,7 @@ from commonlaw.likelihood import (
 from commonlaw.trials import Trial
 
 MIN_SAMPLES = 5
-"""Measured values of each state that the first guess, a smoothing spline, takes."""
+"""Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
 
 _POINTS = 4
 """Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
@@ -51,10 +51,11 @@ class FittedInitialState:
         trajectory, which must have sensitivities, ends before they tell all of it.
         """
         assert trajectory.sensitivities is not None
-        width, (samples, states) = len(self.initial), self.trial.states.shape
+        width, states = len(self.initial), self.trial.states.shape[1]
+        samples = np.searchsorted(trajectory.times, self.trial.times)
         by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
-        weights = self.observation_model.weights(self.trial.states - trajectory.states[:samples, :states])
-        rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[:samples, :states]
+        weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states])
+        rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[samples, :states]
         rows = rows[np.isfinite(rows).all(axis=2)]
         # With Q R = rows of the start, the information is R' R
         basis, factor = np.linalg.qr(rows[:, -width:])
@@ -76,12 +77,11 @@ def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
     than the count is used whole.
     """
     noise = _noise_of(law)
-    if count < MIN_SAMPLES:
-        raise CommonlawError(f"start is {count}: give {MIN_SAMPLES} samples or more, or 1 to start as measured")
+    if count < 1:
+        raise CommonlawError(f"start is {count}: give how many first samples tell the start, 1 or more")
     trial = trial.cut(count)
     _check_measured(law, trial)
-    rates = RobustSpline().differentiate(trial.times, trial.states, 1)
-    guess = np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
+    guess = _guess(law, trial)
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
@@ -100,7 +100,18 @@ def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
 
 def can_fit_initial_state(law: Law) -> bool:
     """Whether the law knows what samples are worth, so that a start can be fitted to them."""
-    return law.noise is not None and bool(law.noise.all())
+    return law.order > 0 and law.noise is not None and bool(law.noise.all())
+
+
+def _guess(law: Law, trial: Trial) -> Floats:
+    """Return a curve through a trial's samples: its states, and the rates of a law of second order."""
+    measured = np.isfinite(trial.states)
+    if measured.sum(axis=0).min() >= MIN_SAMPLES:
+        rates = RobustSpline().differentiate(trial.times, trial.states, 1)
+        return np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
+    times, pairs = trial.times, zip(measured.T, trial.states.T, strict=True)
+    lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
+    return np.column_stack([lines, *[np.gradient(lines, trial.times, axis=0)] * (law.order - 1)])
 
 
 def _noise_of(law: Law) -> Floats:
@@ -119,8 +130,8 @@ def _noise_of(law: Law) -> Floats:
 def _check_measured(law: Law, trial: Trial) -> None:
     for name, column in zip(law.states, trial.states.T, strict=True):
         measured = int(np.isfinite(column).sum())
-        if measured < MIN_SAMPLES:
+        if measured < law.order:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
-                f"fitted to {MIN_SAMPLES} or more; give a larger start, or start=1, or leave the trial out"
+                f"fitted to {law.order} or more; give a larger start, or leave the trial out"
             )

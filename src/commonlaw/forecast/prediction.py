@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
+from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
@@ -21,6 +22,7 @@ def predict(
     law: Law,
     trials: Trials,
     *,
+    times: ArrayLike | None = None,
     start: int | None = None,
     return_std: bool = False,
     method: str = "auto",
@@ -30,9 +32,11 @@ def predict(
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
     covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
-    counts = [_count(law, trial) if start is None else start for trial in trials]
-    pairs = zip(trials, counts, strict=True)
-    fitted = [None if count == 1 else fit_initial_state(law, trial, count) for trial, count in pairs]
+    fitted = [_fitted_start(law, trial, start) for trial in trials]
+    unknown = [each.label for each in trials if law.order == 2 and len(each.measured()) == 1]
+    note = f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}"
+    if times is not None or unknown:
+        trials = trials.with_trials([_with_times(law, each, times) for each in trials], note if unknown else None)
     problems = [_problem(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
     if covariance is None or noise is None:
         return Forecast(trials, simulate(problems, method=method, tolerance=tolerance))
@@ -43,7 +47,7 @@ def predict(
     for trial, trajectory, own in zip(trials, found, fitted, strict=True):
         known = covariance[law.objects.index(trial.object)]
         if own is None:
-            deviations.append(trajectory_std(trajectory, known, _start_covariance(law, trial, noise, seed)))
+            deviations.append(trajectory_std(trajectory, known, _start_covariance(law, trial.measured(), noise, seed)))
         else:
             carried, initial = own.propagated(trajectory)
             deviations.append(trajectory_std(carried, known, initial))
@@ -51,16 +55,42 @@ def predict(
     return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(deviations), noise)
 
 
-def _count(law: Law, trial: Trial) -> int:
+def _fitted_start(law: Law, trial: Trial, start: int | None) -> FittedInitialState | None:
+    """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
+    measured = trial.measured()
+    count = _count(law, measured, len(measured) < len(trial)) if start is None else start
+    return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, count)
+
+
+def _count(law: Law, trial: Trial, ahead: bool) -> int:
     """Return how many samples tell where a forecast starts, if that is left open.
 
-    The first sample, or those that the first rate would be estimated from: the law knows better than a polynomial how
-    the states move there, if it knows what the samples are worth.
+    All if others are to be forecast; else the first, or those that its rate, or what it lacks, would be estimated from:
+    the law knows better than a polynomial how the states move there, if it knows what the samples are worth.
     """
-    if law.order != 2 or law.differentiation is None or not can_fit_initial_state(law):
-        return 1
-    count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
-    return count if np.isfinite(trial.states[:count]).sum(axis=0).min() >= MIN_SAMPLES else 1
+    if not can_fit_initial_state(law) or ahead:
+        return len(trial) if ahead and can_fit_initial_state(law) else 1
+    known = np.isfinite(trial.states).cumsum(axis=0).min(axis=1)
+    if law.order == 2 and law.differentiation is not None:
+        count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
+        if known[:count][-1] >= MIN_SAMPLES:
+            return count
+    ready = known[0] and (law.order == 1 or _differentiation(law, trial) is not None)
+    return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
+
+
+def _with_times(law: Law, trial: Trial, times: ArrayLike | None) -> Trial:
+    """Return a trial with samples to be forecast at more times after its first."""
+    wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
+    if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
+        raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
+    index = np.interp(wanted, trial.times, np.arange(len(trial)))
+    between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
+    grid = np.concatenate([trial.times, wanted[between]])
+    order = np.argsort(grid)
+    states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
+    inputs = [np.interp(grid[order], trial.times, column) for column in trial.inputs.T]
+    return replace(trial, times=grid[order], states=states[order], inputs=np.array(inputs).T)
 
 
 def _problem(law: Law, trial: Trial, fitted: FittedInitialState | None) -> InitialValueProblem:
@@ -68,7 +98,7 @@ def _problem(law: Law, trial: Trial, fitted: FittedInitialState | None) -> Initi
         return np.array([np.interp(t, trial.times, column) for column in trial.inputs.T])
 
     field = replace(law.vector_field(trial.object), inputs=inputs if trial.inputs.size else None)
-    initial = _measured_start(law, trial) if fitted is None else fitted.initial
+    initial = _measured_start(law, trial.measured()) if fitted is None else fitted.initial
     return InitialValueProblem(field, initial, trial.times, trial.label)
 
 
@@ -87,20 +117,18 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
     return np.concatenate([trial.states[0], *rates])
 
 
-def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator:
-    """Return what estimates the first rates: the law's own method unless states are missing that it cannot take."""
-    if law.differentiation is None:
-        raise CommonlawError("this law does not know how to estimate initial rates; use simulate and give them")
-    return law.differentiation if trial.complete or law.differentiation.takes_missing else RobustSpline()
+def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
+    """Return what estimates the first rates: the law's own method, or the first that takes the samples, if any."""
+    methods = law.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
+    return next((each for each in methods if each.takes(trial.times, trial.states)), None)
 
 
 def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
-    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,)."""
+    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,); zero if unknown."""
     method = _differentiation(law, trial)
-    try:
-        return np.asarray(method.differentiate(trial.times, states, 1).derivatives[0][0])
-    except CommonlawError as error:
-        raise CommonlawError(f"{trial.label}: {error}") from None
+    if method is None:
+        return np.zeros(states.shape[1])
+    return np.asarray(method.differentiate(trial.times, states, 1).derivatives[0][0])
 
 
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
@@ -130,7 +158,10 @@ def _start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Float
     """
     if law.order != 2:
         return np.diag(noise**2)
-    states, samples = len(noise), _samples(_differentiation(law, trial), len(trial))
+    method = _differentiation(law, trial)
+    if method is None:
+        return np.diag(np.append(noise**2, np.full(len(noise), np.nan)))
+    states, samples = len(noise), _samples(method, len(trial))
     covariance = np.zeros((2 * states, 2 * states))
     for j, level in enumerate(noise):
         draws = level * _white(samples, seed)

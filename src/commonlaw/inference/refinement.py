@@ -78,7 +78,7 @@ def refine(
     with v = x'
     """
     check_choice("covariance", covariance, get_args(CovarianceKind))
-    law = _of_objects(law, trials)
+    law, trials = _of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
     known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
     certain = law.standard_errors == 0
     known[certain] = law.coefficients[certain]

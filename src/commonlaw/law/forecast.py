@@ -146,14 +146,14 @@ class Forecast:
         """Return the mean over states of R^2, the share of the states' variation within trials that is forecast.
 
         1 is perfect, 0 is as good as each trial's mean, and a forecast that diverged makes it minus infinity.
-        Samples in which a state was not measured do not count.
+        Samples in which a state was not measured do not count; NaN if no state was seen to vary.
         """
         states = self._states()
         if any(np.isnan(forecast).any() for forecast in states):
             return -np.inf
         missed = _sum_of_squares([f - trial.states for f, trial in zip(states, self.trials, strict=True)])
         varied = _sum_of_squares([trial.states - _means(trial.states) for trial in self.trials])
-        return float(np.mean(1 - missed / varied))
+        return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)

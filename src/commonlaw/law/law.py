@@ -274,6 +274,7 @@ class Law(AbstractEquations):
         self,
         trials: Trials,
         *,
+        times: ArrayLike | None = None,
         start: int | None = None,
         return_std: bool = False,
         method: str = "auto",
@@ -285,14 +286,16 @@ class Law(AbstractEquations):
         Parameters
         ----------
         trials
-            What to forecast: trials of the law's objects.
+            What to forecast: trials of the law's objects, at all their samples, measured or not.
+        times
+            More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
         start
-            How many of each trial's first samples tell where its forecast starts. 1: the first states as measured, and
-            for a law of second order the rates that its differentiation estimates there. 5 or more: the law, with its
-            coefficients as they are, is fitted to so many samples by likelihood, which needs its noise; states may be
-            missing. More samples leave less noise in the start, and make it matter more that the law is right. Default:
-            1, but for a law of second order that knows its noise the samples that the first rates would be estimated
-            from.
+            How many of each trial's first measured samples tell where its forecast starts. 1: the first states as
+            measured, and for a law of second order the rates that its differentiation estimates there. 2 or more: the
+            law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its noise;
+            states may be missing. More samples leave less noise in the start, and make it matter more that the law is
+            right. Default: 1, but if the noise is known all that were measured where others follow, those that first
+            rates would be estimated from, or as many as tell what the first sample lacks.
         return_std
             Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
             coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
@@ -312,7 +315,7 @@ class Law(AbstractEquations):
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "return_std": return_std, "method": method, "tolerance": tolerance, "seed": seed}
-        forecast: Forecast = predict(self, trials, **options)
+        forecast: Forecast = predict(self, trials, times=times, **options)
         return forecast
 
     def score(self, trials: Trials) -> float:

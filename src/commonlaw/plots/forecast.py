@@ -151,8 +151,9 @@ def _draw_pair(pair: _Pair) -> None:
     state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)
     for curve in curves:
-        every = -(-len(curve.times) // _MOST_POINTS)
-        state.plot(curve.times, curve.measured, "o", color=curve.color, markevery=every, **_POINTS)
+        seen = ~np.isnan(curve.measured)
+        every = -(-len(curve.times[seen]) // _MOST_POINTS) or 1
+        state.plot(curve.times[seen], curve.measured[seen], "o", color=curve.color, markevery=every, **_POINTS)
     for curve in curves:
         reached = curve.times[: len(curve.forecast)]
         for panel, values in ((state, curve.forecast), (error, curve.error)):

@@ -54,15 +54,15 @@ def trials_from_arrays(
 
 
 def _empty(times: Any, states: Any) -> NDArray[np.int64]:
-    """Return the indices of the samples without a measured state; none where `Trial` refuses the arrays anyway."""
+    """Return the indices of samples without a measured state before one; none where `Trial` refuses the arrays."""
     try:
         values = np.asarray(states, dtype=np.float64)
     except (TypeError, ValueError):
         return np.empty(0, dtype=np.int64)
     if not values.size or len(values) != len(times) or values.ndim > 2:
         return np.empty(0, dtype=np.int64)
-    missing = np.isnan(values.reshape(len(values), -1)).all(axis=1)
-    return np.flatnonzero(missing) if not missing.all() else np.empty(0, dtype=np.int64)
+    measured = np.flatnonzero(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
+    return np.setdiff1d(np.arange(measured[-1]), measured) if len(measured) else measured
 
 
 def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, empty: NDArray[np.int64]) -> Trial:

@@ -73,7 +73,7 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch may go on in the next."""
     done: set[tuple[str, str]] = set()
     batches = _batches(opened(path)[0], _ROWS, roles)
-    trials = ((trial, batch.data.schema.states) for batch in batches for trial in batch.data.trials)
+    trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
     for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
         parts, states = zip(*group, strict=True)
         if key in done:

@@ -169,7 +169,7 @@ def _cut(
 ) -> tuple[tuple[Trial, ...], tuple[str, ...], list[str]]:
     """Cut rows of time, states and inputs into trials, in order of first appearance and sorted by time.
 
-    Rows without a measured state are left out; the labels of trials of which nothing is left come second, notes third.
+    Rows before a measured state that have none are left out; labels of trials without any row come second, notes third.
     """
     codes, first, which = np.unique(group, return_index=True, return_inverse=True)
     in_order = np.argsort(first)
@@ -185,9 +185,11 @@ def _cut(
             rows = rows[np.argsort(times, kind="stable")]
             late.append(where)
         _refuse_twice(table, values[rows, 0], rows, where)
-        if not measured[rows].all():
-            gaps.append(f"{where}: {shown([table.locate(int(row)) for row in rows[~measured[rows]]])}")
-        cells = values[rows[measured[rows]]]
+        ahead = np.logical_and.accumulate(~measured[rows][::-1])[::-1]
+        kept = (measured[rows] | ahead) & ~ahead[0]
+        if not kept.all():
+            gaps.append(f"{where}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
+        cells = values[rows[kept]]
         if len(cells):
             made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
         else:

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -104,15 +104,15 @@ class Trial:
     times
         Sample times, strictly increasing, shape (n,).
     states
-        Measured states, shape (n, number of states); NaN where a state was not measured.
+        Measured states, shape (n, number of states); NaN where a state was not measured, or is to be forecast.
     inputs
         Measured inputs, shape (n, number of inputs).
 
     Raises
     ------
     CommonlawError
-        If there is no sample or no label, shapes disagree, a value is not finite, a sample has no measured state, or
-        the times do not increase; the message names the sample.
+        If there is no sample or no label, shapes disagree, a value is not finite, the first sample has no measured
+        state, or the times do not increase; the message names the sample.
     """
 
     object: str
@@ -151,6 +151,11 @@ class Trial:
         """Return the trial's first `stop` samples."""
         return Trial(self.object, self.name, self.times[:stop], self.states[:stop], self.inputs[:stop])
 
+    def measured(self) -> "Trial":
+        """Return the trial without samples in which no state was measured."""
+        kept = ~np.isnan(self.states).all(axis=1)
+        return replace(self, times=self.times[kept], states=self.states[kept], inputs=self.inputs[kept])
+
     def _check(self) -> None:
         if not self.object or not self.name:
             raise CommonlawError(f"{self.label}: the label of the object or of the trial is empty; name both")
@@ -169,9 +174,8 @@ class Trial:
                 raise CommonlawError(
                     f"{self.label}: {what} is {values[tuple(bad[0])]} in {where}; remove or repair the sample"
                 )
-        empty = np.flatnonzero(np.isnan(self.states).all(axis=1) & (self.states.shape[1] > 0))
-        if len(empty):
-            raise CommonlawError(f"{self.label}: no state was measured in sample {empty[0] + 1}; leave the sample out")
+        if self.states.shape[1] and np.isnan(self.states[0]).all():
+            raise CommonlawError(f"{self.label}: no state was measured in sample 1; leave the sample out")
         late = np.flatnonzero(self.times[1:] <= self.times[:-1])
         if len(late):
             i = int(late[0])
@@ -201,13 +205,14 @@ def property_names(properties: Mapping[str, Mapping[str, Property]]) -> list[str
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:
-    """Refuse a trial in which a state with gaps has too few measured values to say anything."""
+    """Refuse a trial in which a state with gaps has too few measured values; one will do if rows are to be forecast."""
+    least = 1 if np.isnan(trial.states[-1]).all() else _LEAST
     for name, column in zip(states, trial.states.T, strict=True):
         count = int(np.sum(~np.isnan(column)))
-        if count < min(_LEAST, len(trial)):
+        if count < min(least, len(trial)):
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {count} of {len(trial)} samples, and a state with gaps needs "
-                f"{_LEAST}; leave the trial or the column out"
+                f"{least}; leave the trial or the column out"
             )
 
 

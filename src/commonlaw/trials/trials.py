@@ -95,7 +95,7 @@ class Trials:
         Notes
         -----
         An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out,
-        and `notes` says which.
+        and `notes` says which, but for those after the last one, which are there to be forecast.
         """
         return cls(*read_trials(path, sheet=sheet, **roles))
 
@@ -139,7 +139,7 @@ class Trials:
             Sample times, shape (n,); or a list of such arrays.
         states
             Measured states, shape (n,) or (n, number of states); or a list of such arrays. NaN is a missing
-            measurement; samples without any measured state are left out, and `notes` says which.
+            measurement; samples without any measured state but the last are left out, and `notes` says which.
         object
             The object's name, or a list of one for each trial.
         trial
