@@ -9,9 +9,6 @@ from commonlaw.cli.output import print_frame, print_json, print_notes
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
 
-_MANY = 4
-"""Trials for which a remark is made once."""
-
 
 @click.group()
 def data() -> None:
@@ -42,7 +39,7 @@ def check(source: Source, as_json: bool) -> None:
     for each in report.oddities:
         kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
     for same in kinds.values():
-        for each in same if len(same) < _MANY else [f"in {len(same)} cases, such as {same[0]}"]:
+        for each in same if len(same) < 4 else [f"in {len(same)} cases, such as {same[0]}"]:
             click.echo(f"Odd: {in_options(each)}")
     if not report.oddities:
         click.echo("Nothing odd was found.")

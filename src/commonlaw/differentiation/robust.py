@@ -210,8 +210,7 @@ def _scales(sizes: Floats, ordinary: Floats) -> Floats:
 
     near, half = median_filter(sizes, _NEAR), _NEAR // 2
     near[:half], near[-half:] = near[half], near[-half - 1]
-    scales: Floats = np.maximum(np.median(ordinary), near) / MEDIAN_SIZE
-    return scales
+    return np.asarray(np.maximum(np.median(ordinary), near) / MEDIAN_SIZE)
 
 
 def _natural(known: Floats, values: Floats, times: Floats, order: int) -> list[Floats]:

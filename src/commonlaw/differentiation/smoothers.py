@@ -93,8 +93,7 @@ class MedianFilter(AbstractSmoother):
         from scipy.ndimage import median_filter
 
         _check_fit(len(times), self.window)
-        smoothed: Floats = median_filter(states, size=(self.window, 1), mode="nearest")
-        return smoothed
+        return np.asarray(median_filter(states, size=(self.window, 1), mode="nearest"))
 
 
 @dataclass(frozen=True)

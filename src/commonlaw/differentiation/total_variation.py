@@ -61,8 +61,7 @@ class TotalVariationDerivative(AbstractDifferentiator):
         scale = np.where(deviation > 0, deviation, 1)
         scaled = ((states - mean) / scale).T
         weight = self.strength * len(times)
-        smoothed: Floats = mean + scale * np.stack([_converged(steps, column, weight) for column in scaled], axis=1)
-        return smoothed
+        return np.asarray(mean + scale * np.stack([_converged(steps, column, weight) for column in scaled], axis=1))
 
 
 def _converged(steps: Floats, state: Floats, weight: float) -> Floats:

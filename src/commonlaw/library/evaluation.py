@@ -17,10 +17,8 @@ def slope(operation: np.ufunc, left: Floats, right: Floats, d_left: Floats, d_ri
     The values of the two parts have shape (n,), their derivatives by every variable (variables, n).
     """
     if operation is np.multiply:
-        result: Floats = d_left * right + left * d_right
-    else:
-        result = (d_left - left / right * d_right) / right
-    return result
+        return np.asarray(d_left * right + left * d_right)
+    return np.asarray((d_left - left / right * d_right) / right)
 
 
 @dataclass(frozen=True)

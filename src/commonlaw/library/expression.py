@@ -29,8 +29,7 @@ class Expression(AbstractTerm):
 
     def evaluate(self, values: Floats) -> Floats:
         with np.errstate(all="ignore"):
-            result: Floats = compiled(self.code)(values.T, NUMPY)
-        return result
+            return np.asarray(compiled(self.code)(values.T, NUMPY))
 
     def gradient(self, values: Floats) -> Floats:
         result = np.zeros(values.shape)

@@ -65,7 +65,7 @@ class PolynomialLibrary(AbstractLibrary):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variables", _checked_names(self.variables))
-        _check_degree(self.degree)
+        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
         if self.degree == 0 and not self.constant:
             raise CommonlawError("a polynomial of degree 0 without its constant has no terms: raise the degree")
 
@@ -145,7 +145,7 @@ class RationalLibrary(AbstractLibrary):
     def __post_init__(self) -> None:
         object.__setattr__(self, "variables", _checked_names(self.variables))
         object.__setattr__(self, "denominator", str(self.denominator))
-        _check_degree(self.degree)
+        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
 
     def bind(self, variables: Variables) -> Terms:
         columns, size = variables.columns(self.variables), len(variables.names)
@@ -183,11 +183,6 @@ class ExpressionLibrary(AbstractLibrary):
 
     def bind(self, variables: Variables) -> Terms:
         return Terms(variables, tuple(dict.fromkeys(parse_term(each, variables) for each in self.expressions)))
-
-
-def _check_degree(degree: int) -> None:
-    """Refuse what is not a degree from 0 to 100."""
-    check_whole_number("the degree of a library", degree, 0, HIGHEST_POWER)
 
 
 def _monomials(columns: Sequence[int], size: int, degree: int, interactions: bool = True) -> list[tuple[int, ...]]:

@@ -40,8 +40,7 @@ class Product(AbstractTerm):
     def evaluate(self, values: Floats) -> Floats:
         operation, left, right = self.parts()
         with np.errstate(all="ignore"):
-            result: Floats = operation(left.evaluate(values), right.evaluate(values))
-        return result
+            return np.asarray(operation(left.evaluate(values), right.evaluate(values)))
 
     def gradient(self, values: Floats) -> Floats:
         operation, left, right = self.parts()

@@ -32,8 +32,7 @@ class Trigonometric(AbstractTerm):
     def evaluate(self, values: Floats) -> Floats:
         function = np.sin if self.function == "sin" else np.cos
         with np.errstate(all="ignore"):
-            result: Floats = function(self.frequency * values[:, self.variable])
-        return result
+            return np.asarray(function(self.frequency * values[:, self.variable]))
 
     def gradient(self, values: Floats) -> Floats:
         result = np.zeros(values.shape)

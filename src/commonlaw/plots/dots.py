@@ -22,7 +22,6 @@ from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
-_APART = 0.12  # of the axis, between two ticks
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
 _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
@@ -153,7 +152,7 @@ class DotPlot:
             panel.get_xlim()  # Has them set
             ticks = [0, *decades[::-1], *-decades[::-1]]
             at = (panel.transScale + panel.transLimits).transform([(tick, 0) for tick in ticks])[:, 0]
-            apart = [tick for i, tick in enumerate(ticks) if (np.abs(at[i] - at[:i]) > _APART).all()]
+            apart = [tick for i, tick in enumerate(ticks) if (np.abs(at[i] - at[:i]) > 0.12).all()]
             panel.xaxis.set_major_locator(FixedLocator(apart))
             panel.xaxis.set_major_formatter("{x:g}")
             panel.xaxis.set_minor_locator(NullLocator())

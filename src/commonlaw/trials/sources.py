@@ -85,11 +85,8 @@ def _sheets_table(source: str, sheets: dict[str, list[list[Any]]]) -> Table:
                 cells.append(full)
                 names.append(name)
                 locations.append(f"row {number}" + f" of sheet {name!r}" * many)
-    columns, loose = [], []
-    for i in range(len(header)):
-        column, is_mixed = column_of([row[i] for row in cells])
-        columns.append(column)
-        loose += [i] * is_mixed
+    made = [column_of([row[i] for row in cells]) for i in range(len(header))]
+    columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
     titles = [str(cell) for cell in header]
     if many and "object" not in {title.strip().casefold() for title in titles}:
         titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]

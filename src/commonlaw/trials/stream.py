@@ -5,17 +5,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack, cast
+from typing import Unpack, cast
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.parquet import batch_table, opened
-from commonlaw.trials.tables import Rows, read_rows
+from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Roles, Schema, Trial, check_measured
-
-if TYPE_CHECKING:
-    import pyarrow.parquet as pq
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
@@ -66,13 +63,15 @@ class TrialStream:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
         if not file.metadata.num_rows:
             raise CommonlawError(f"{path} has no rows: give it the measured rows")
-        return cls(next(_batches(file, 1, known)).data.schema, lambda: _trials(Path(path), known))
+        first = read_rows(batch_table(next(file.iter_batches(batch_size=1))), "object", known)
+        return cls(first.data.schema, lambda: _trials(Path(path), known))
 
 
 def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch may go on in the next."""
     done: set[tuple[str, str]] = set()
-    batches = _batches(opened(path)[0], _ROWS, roles)
+    tables = map(batch_table, opened(path)[0].iter_batches(batch_size=_ROWS))
+    batches = (read_rows(each, "object", roles) for each in tables)
     trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
     for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
         parts, states = zip(*group, strict=True)
@@ -85,8 +84,3 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
         trial = Trial(*key, *map(np.concatenate, arrays))
         check_measured(trial, states[0])
         yield trial
-
-
-def _batches(file: "pq.ParquetFile", rows: int, roles: Roles) -> Iterator[Rows]:
-    for batch in file.iter_batches(batch_size=rows):
-        yield read_rows(batch_table(batch), "object", roles)
