@@ -86,8 +86,7 @@ def _with_times(law: Law, trial: Trial, times: ArrayLike | None) -> Trial:
         raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
     index = np.interp(wanted, trial.times, np.arange(len(trial)))
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
-    grid = np.concatenate([trial.times, wanted[between]])
-    order = np.argsort(grid)
+    order = np.argsort(grid := np.concatenate([trial.times, wanted[between]]))
     states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
     inputs = [np.interp(grid[order], trial.times, column) for column in trial.inputs.T]
     return replace(trial, times=grid[order], states=states[order], inputs=np.array(inputs).T)
@@ -126,9 +125,8 @@ def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
 def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
     """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,); zero if unknown."""
     method = _differentiation(law, trial)
-    if method is None:
-        return np.zeros(states.shape[1])
-    return np.asarray(method.differentiate(trial.times, states, 1).derivatives[0][0])
+    rates = None if method is None else method.differentiate(trial.times, states, 1).derivatives[0][0]
+    return np.zeros(states.shape[1]) if rates is None else rates
 
 
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
