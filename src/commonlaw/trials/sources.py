@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,6 @@ from commonlaw.extras import optional_import
 from commonlaw.trials.columns import Table, column_of, filled_table
 from commonlaw.trials.parquet import parquet_table
 from commonlaw.trials.text import BYTE_ORDER_MARK, text_table
-
-_INK = re.compile(rb"\S")
 
 
 def read_table(path: str | os.PathLike[str], sheet: str | None = None) -> Table:
@@ -38,7 +35,7 @@ def _content(file: Path) -> bytes:
         raise CommonlawError(_no_file(file)) from None
     except OSError as error:
         raise CommonlawError(f"cannot read {file}: {error.strerror}; check the file and who may read it") from error
-    if not _INK.search(content.removeprefix(BYTE_ORDER_MARK)):
+    if not content.removeprefix(BYTE_ORDER_MARK).strip():
         raise CommonlawError(f"{file.name} is empty: give a file with a header and rows")
     return content
 

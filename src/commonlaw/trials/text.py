@@ -18,7 +18,6 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 if TYPE_CHECKING:
     from _csv import Reader
 
-_INK = re.compile(rb"\S")
 _DECIMAL_COMMA = re.compile(rb"\d,\d")
 _MISSING = ["", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 _QUOTED_MISSING = re.compile(rb'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
@@ -34,7 +33,7 @@ def text_table(source: str, content: bytes) -> Table:
     delimiter = max("\t;,", key=lambda each: first.count(each.encode()))
     header, before = _header(source, content, delimiter)
     body = content.split(b"\n", before)[before] if content.count(b"\n") >= before else b""
-    if not _INK.search(body):
+    if not body.strip():
         return filled_table(source, header, [np.empty(0, dtype=object)] * len(header))
     lines = _line_numbers(source, body, delimiter, len(header), before)
     if b'"' in body:
