@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -174,15 +173,15 @@ def _parabola(times: Floats, values: Floats) -> Polynomial:
     return Polynomial.fit(times, values, min(2, len(times) - 1))
 
 
-def _scatter(times: Floats, values: Floats) -> Any:
-    return np.sum((values - _parabola(times, values)(times)) ** 2) / (len(times) - 3)
+def _scatter(times: Floats, values: Floats) -> float:
+    return float(np.sum((values - _parabola(times, values)(times)) ** 2)) / (len(times) - 3)
 
 
 _GIVE = "; known noise is given by noise={{{0!r}: ...}}"
-_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], Any], str], ...] = (
-    (8, 0, lambda t, x: noise_level(t, x[:, np.newaxis])[0] ** 2, "from differences of neighbouring samples"),
+_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
+    (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
     (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
-    (2, 0, lambda _, x: (0.05 * np.std(x)) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
+    (2, 0, lambda _, x: (0.05 * float(np.std(x))) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
 )
 """How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
 
