@@ -423,3 +423,10 @@ def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):
     np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-6)
     np.testing.assert_allclose(law.covariance, drag.covariance, rtol=1e-5)
     np.testing.assert_allclose(law.inclusion_probabilities, drag.inclusion_probabilities, rtol=1e-4)
+
+
+def test_a_state_that_changes_between_trials_only_is_refused():
+    times = np.linspace(0, 1, 20)
+    still = cl.Trials.from_arrays([times] * 2, [np.full(20, level) for level in (1.0, 2.0)], names=["x"])
+    with pytest.raises(CommonlawError, match="the state 'x' changes within no trial: take its column as a property"):
+        cl.discover(still)

@@ -194,6 +194,8 @@ def _noise(trials: Trials) -> tuple[Floats, str]:
         pairs = [(trial.times, trial.states[:, j]) for trial in trials]
         measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
         counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
+        if not any(counts):
+            raise CommonlawError(f"the state {name!r} changes within no trial: take its column as a property instead")
         least, spent, variance, reason = next((way for way in _WAYS if max(counts) >= way[0]), _WAYS[-1])
         for i, count in enumerate(counts):
             if count >= least:
