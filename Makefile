@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-cost clean
+.PHONY: help demo study layers test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-errors bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -59,6 +59,9 @@ bench-bound: $(STAMP) ## Errors of coefficients over the Cramer-Rao bound: hours
 
 bench-coverage: $(STAMP) ## How often stated intervals hold the truth: an hour; less with ARGS="--draws 20"
 	$(BIN)/python -m benchmarks.coverage $(ARGS)
+
+bench-errors: $(STAMP) ## Laws under other errors than white noise: half an hour; less with ARGS="--draws 5"
+	$(BIN)/python -m benchmarks.error_models $(ARGS)
 
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)

@@ -74,14 +74,15 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
     return np.array(coefficients)
 
 
+def stated(known: Experiment, law: cl.Law) -> Stated | None:
+    """Return what a law states of the coefficients; nothing where its support is not the true one."""
+    coefficients = known.estimates(law)
+    return None if coefficients is None else Stated(coefficients, known.errors(law))
+
+
 def _outcome(name: str, level: float, seed: int) -> Outcome:
     known = experiment(name)
     trials = known.measured(level, seed)
     law = known.discover(trials, partial_pooling=False)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(_stated(known, law), _stated(known, law.partial_pooling()), plain)
-
-
-def _stated(known: Experiment, law: cl.Law) -> Stated | None:
-    coefficients = known.estimates(law)
-    return None if coefficients is None else Stated(coefficients, known.errors(law))
+    return Outcome(stated(known, law), stated(known, law.partial_pooling()), plain)

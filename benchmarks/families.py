@@ -1,6 +1,6 @@
 """Grouped experiments with known laws: one structure, several objects with coefficients of their own."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -73,9 +73,7 @@ class Experiment:
 
     def noise(self, level: float) -> Floats:
         """Return the standard deviation of the noise: the level times each measured state's, its mean over trials."""
-        measured = len(self.family.equations)
-        deviations = [run.states[:, :measured].std(axis=0) for runs in self.runs for run in runs]
-        return np.asarray(level * np.mean(deviations, axis=0))
+        return np.asarray(level * np.mean([each.std(axis=0) for each in self.clean()], axis=0))
 
     def bounds(self, level: float) -> Floats:
         """Return the Cramer-Rao bound of each coefficient's standard deviation, shape (objects, parameters)."""
@@ -84,13 +82,16 @@ class Experiment:
     def measured(self, level: float, seed: int) -> cl.Trials:
         """Return the trials with white noise."""
         generator, noise = np.random.default_rng([seed, round(1e6 * level)]), self.noise(level)
-        states, objects = [], []
-        for i, runs in enumerate(self.runs):
-            for run in runs:
-                clean = run.states[:, : len(noise)]
-                states.append(clean + noise * generator.standard_normal(clean.shape))
-                objects.append(f"object {i + 1}")
-        names = self.family.variables[: len(noise)]
+        return self.trials([clean + noise * generator.standard_normal(clean.shape) for clean in self.clean()])
+
+    def clean(self) -> list[Floats]:
+        """Return the measured states of every trial without noise, each of shape (n, d), object by object."""
+        return [run.states[:, : len(self.family.equations)] for runs in self.runs for run in runs]
+
+    def trials(self, states: Sequence[Floats]) -> cl.Trials:
+        """Return the trials with these measured states, in the order of `clean`."""
+        objects = [f"object {i + 1}" for i, runs in enumerate(self.runs) for _ in runs]
+        names = self.family.variables[: len(self.family.equations)]
         return cl.Trials.from_arrays([self.family.times] * len(states), states, object=objects, names=names)
 
     def discover(self, trials: cl.Trials, partial_pooling: bool = True) -> cl.Law:

@@ -36,7 +36,14 @@ class Run:
     by_start: Floats
 
 
-def solve(variables: tuple[str, ...], equations: Equations, coefficients: Floats, start: Floats, times: Floats) -> Run:
+def solve(
+    variables: tuple[str, ...],
+    equations: Equations,
+    coefficients: Floats,
+    start: Floats,
+    times: Floats,
+    force: Callable[[float], Floats] | None = None,
+) -> Run:
     """Integrate a law and its variational equations to a relative error of 1e-10.
 
     Parameters
@@ -52,12 +59,16 @@ def solve(variables: tuple[str, ...], equations: Equations, coefficients: Floats
         Shape (D,).
     times
         Shape (n,); the first is that of the start.
+    force
+        Of time, which the law does not know: what it adds to the equations, shape (equations,).
     """
     field, size, count = _field(variables, equations), len(variables), len(coefficients)
     numbers = coefficients.tolist()
 
-    def grow(_: float, joined: Floats) -> Floats:
+    def grow(time: float, joined: Floats) -> Floats:
         rates, by_states, by_coefficients = field(joined[:size].tolist(), numbers)
+        if force is not None:
+            rates = [*rates[: -len(equations)], *(rates[-len(equations) :] + force(time))]
         growth = np.array(by_states) @ joined[size:].reshape(size, count + size)
         growth[:, :count] += by_coefficients
         return np.concatenate([rates, growth.ravel()])
