@@ -322,35 +322,10 @@ def test_what_does_not_fit_is_refused(drops, settings, message):
         cl.discover(drops, order=2, library="poly:1", method=cl.TrajectoryLikelihood(**settings))
 
 
-def test_short_trials_give_short_laws_and_say_so():
-    short = datasets.linear_drag(**DRAGS, noise=0.02, samples=12, rate=4, trials=1)
-    law = found(short, datasets.linear_drag.truth(**DRAGS), order=2, library="poly:2")
-    assert [each.kind for each in law.outcomes] == ["few samples"]
-    law.predict(short, start=1)
-    assert cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2").outcomes == ()
-
-
 def test_a_trial_that_is_too_short_is_named(drops):
     few = replace(drops, trials=(*drops.trials[:-1], kept(drops, lambda n: np.arange(n) < 1).trials[-1]))
     with pytest.raises(CommonlawError, match=drops.trials[-1].name):
         cl.discover(few, order=2)
-
-
-@pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_single_short_trial_gives_a_law_and_says_what_noise_was_assumed(samples, order):
-    times = np.linspace(0, 2, samples)
-    law = cl.discover(cl.Trials.from_arrays(times, 3 * np.exp(-times)), order=order)
-    assert law.history[0].reason.startswith("assumed: ")
-    assert law.history[0].reason.endswith("noise={'x': ...}")
-
-
-def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_together():
-    random, times = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.0, 4.0])
-    states = [i + times - 0.1 * times**2 + 0.3 * random.standard_normal(5) for i in range(6)]
-    trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"))
-    rests = [np.polyfit(times, each, 2, full=True)[1][0] for each in states]
-    assert cl.discover(trials).noise == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
 
 
 def test_short_trials_among_long_ones_do_not_change_the_noise(drops):

@@ -69,7 +69,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
         Outcome(
             OutcomeKind.FEW_SAMPLES,
             side,
-            f"it has {most} terms, as many as the object with the fewest samples can tell apart",
+            f"it has {most} terms, as many as so few samples can tell apart",
             "measure more samples or trials, or offer fewer terms",
         )
         for side, support in zip(law.left_hand_sides, state.supports, strict=True)

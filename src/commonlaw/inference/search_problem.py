@@ -58,9 +58,16 @@ class SearchProblem:
 
     @property
     def most_terms(self) -> int:
-        """How many terms an equation may have, so that the object with the fewest samples can tell them apart."""
-        samples = min(self.measured) / len(self.noise)
-        return int(np.clip(samples // SAMPLES_FOR_A_TERM, 1, MOST_TERMS))
+        """How many terms an equation may have.
+
+        Objects share the support, so that all of them together pay for its terms. What an object has of its own, the
+        initial states of its trials and its coefficients, takes as many measured numbers.
+        """
+        pairs = zip(self.models, self.trials.objects, strict=True)
+        starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
+        left = min(n - own for n, own in zip(self.measured, starts, strict=True))
+        shared = sum(self.measured) // SAMPLES_FOR_A_TERM
+        return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
     def noisier(self, factor: float) -> "SearchProblem":
         """Return the same problem with the noise of every state times a factor, for what solutions of a law leave."""

@@ -18,7 +18,7 @@ MOST_TERMS = 20
 """Equations of more terms are not laws that anybody can read."""
 
 SAMPLES_FOR_A_TERM = 5
-"""An object needs so many samples for each term of an equation; with fewer, terms follow the noise."""
+"""For each term of an equation, all objects together need so many samples; with fewer, terms follow the noise."""
 
 _SWEEPS = 4
 """How often each equation is chosen again, given the others."""

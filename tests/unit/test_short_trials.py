@@ -1,0 +1,63 @@
+"""Trials of few samples: what may be asked of them, and what is assumed of their noise."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw import datasets
+
+TIMES = np.linspace(0, 4, 5)
+
+
+def short_trials(curve, seed):
+    """Ten objects, five samples of each, with noise."""
+    random = np.random.default_rng(seed)
+    states = [curve(random) + 0.02 * random.standard_normal(5) for _ in range(10)]
+    return cl.Trials.from_arrays([TIMES] * 10, states, object=[f"object {i}" for i in range(10)])
+
+
+def growth(random):
+    """A population that doubles in about a time unit until it fills its room."""
+    room, start, rate = random.uniform([2.0, 0.3, 0.8], [3.0, 0.8, 1.5])
+    return room / (1 + (room / start - 1) * np.exp(-rate * TIMES))
+
+
+def support(trials):
+    law = cl.discover(trials, library="poly:3")
+    return {name for name, inside in zip(law.terms.names, law.support[0], strict=True) if inside}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ten_objects_of_five_samples_pay_for_two_terms_together(seed):
+    assert support(short_trials(growth, seed)) == {"x", "x^2"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_in_short_trials_of_many_objects_gets_no_terms(seed):
+    assert support(short_trials(lambda random: np.full(5, random.uniform(1, 3)), seed)) == set()
+
+
+def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
+    one = datasets.linear_drag(drag=(-0.2,), noise=0.02, samples=12, rate=4, trials=1)
+    law = cl.discover(one, order=2, library="poly:2", method=cl.TrajectoryLikelihood(noise={"x": 0.02}))
+    assert law.support.sum() == 2
+    assert [each.kind for each in law.outcomes] == ["few samples"]
+    law.predict(one, start=1)
+    assert cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2").outcomes == ()
+
+
+@pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_single_short_trial_gives_a_law_and_says_what_noise_was_assumed(samples, order):
+    times = np.linspace(0, 2, samples)
+    law = cl.discover(cl.Trials.from_arrays(times, 3 * np.exp(-times)), order=order)
+    assert law.history[0].reason.startswith("assumed: ")
+    assert law.history[0].reason.endswith("noise={'x': ...}")
+
+
+def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_together():
+    random, times = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.0, 4.0])
+    states = [i + times - 0.1 * times**2 + 0.3 * random.standard_normal(5) for i in range(6)]
+    trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"))
+    rests = [np.polyfit(times, each, 2, full=True)[1][0] for each in states]
+    assert cl.discover(trials).noise == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
