@@ -1,17 +1,42 @@
-"""Writing files whole or not at all."""
+"""The one way to disk: every file is written whole or not at all, and what is there already is respected.
 
+A regular file is replaced in one step and keeps its permissions; a symbolic link stays, and the file that it points to
+is replaced. Devices and pipes are written to, being there for that. Refused are read-only files, even for root, and
+files with further names (hard links): a replacement would part them from these, and writing in place could leave them
+half-written.
+"""
+
+import errno
 import os
-from collections.abc import Mapping
+import re
+import stat
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
 from commonlaw.errors import CommonlawError
 
-P = TypeVar("P", bound=str | os.PathLike[str])
+if sys.platform != "win32":
+    import fcntl
+
+AnyPath = str | os.PathLike[str]
+P = TypeVar("P", bound=AnyPath)
+
+_ANCHOR = re.compile(r"\.commonlaw-[0-9a-f]{32}")
+"""Name of the file that stands, locked, for those that one process is writing in a folder."""
+
+_REMEDIES = {
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENXIO: "start what reads from it first",
+    errno.EPIPE: "keep what reads from it running",
+}
 
 
-def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+def write_whole(path: AnyPath, content: bytes) -> None:
     """Write `content` to `path` so that a reader sees the old file or the whole new one."""
     write_all({path: content})
 
@@ -19,36 +44,236 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
 def write_all(contents: Mapping[P, bytes]) -> None:
     """Write several files: all of them are complete beside their targets before the first is put in place.
 
+    What a process that was killed has left half-written in these folders is removed.
+
     Raises
     ------
     CommonlawError
-        If a folder does not exist or cannot be written to, or the disk is full; no target is touched then.
+        If a target cannot be written to, see `check_targets`, or the disk is full; no file is touched then.
     """
-    staged: list[tuple[Path, Path]] = []
-    try:
-        for path, content in contents.items():
+    targets = check_targets(contents)
+    with ExitStack() as stack:
+        anchors: dict[Path, Path] = {}
+        staged: list[tuple[_Target, Path]] = []
+        for number, (target, content) in enumerate(zip(targets, contents.values(), strict=True)):
+            if target.is_stream:
+                continue
+            with _refused(target.path):
+                folder = target.file.parent
+                if folder not in anchors:
+                    anchors[folder] = stack.enter_context(_anchor(folder))
+                part = folder / f"{anchors[folder].name}-{number}"
+                stack.callback(part.unlink, missing_ok=True)
+                _stage(part, content, target.status)
+            staged.append((target, part))
+        for target, content in zip(targets, contents.values(), strict=True):
+            if target.is_stream:
+                with _refused(target.path):
+                    _pour(target.path, content)
+        for target, part in staged:
+            with _refused(target.path):
+                part.replace(target.file)
+
+
+def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "tuple[_Target, ...]":
+    """Refuse paths that cannot be written to; before long work, as nothing is opened yet.
+
+    Parameters
+    ----------
+    paths
+        Where something is to be written.
+    inputs
+        What is read for it, and must not be written over.
+
+    Raises
+    ------
+    CommonlawError
+        If a path is in no folder that can be written to, is a folder, read-only, a hard link or of another kind that
+        cannot be replaced, is an input, or is the same file as another path or the standard output.
+    """
+    taken = {_identity(path): "it is read here too" for path in inputs}
+    taken |= dict.fromkeys(_standard_streams(), "standard output or standard error goes there too")
+    targets = []
+    for path in paths:
+        with _refused(path):
             target = _target(path)
-            temporary = target.parent / f".commonlaw-{uuid4().hex}"
-            staged.append((temporary, target))
-            temporary.write_bytes(content)
-        for temporary, target in staged:
-            temporary.replace(target)
-    except OSError as error:
+        identity = _identity(path)
+        if not target.is_stream:
+            if identity in taken:
+                raise CommonlawError(f"cannot write {path}: {taken[identity]}; choose another name")
+            taken[identity] = f"it is the same file as {path}"
+        targets.append(target)
+    return tuple(targets)
+
+
+def make_folder(folder: AnyPath) -> None:
+    """Make a folder, and those that it is in, where they are not there yet.
+
+    Raises
+    ------
+    CommonlawError
+        If it cannot be made.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
         raise CommonlawError(
-            f"cannot write {target}: {error.strerror}; choose a folder that you may write to and that has space"
+            f"cannot make the folder {str(folder)!r}: {_reason(error)}; choose one that you may write to"
         ) from error
-    finally:
-        for temporary, _ in staged:
-            temporary.unlink(missing_ok=True)
 
 
-def _target(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if a file can have it."""
-    target = Path(path)
-    if target.is_dir():
-        raise CommonlawError(f"cannot write {target}: it is a folder; name a file in it")
-    if not target.parent.is_dir():
-        raise CommonlawError(
-            f"cannot write {target}: there is no folder {str(target.parent)!r}; create it or choose another"
-        )
+@dataclass(frozen=True)
+class _Target:
+    """A path that can be written to: the file that it means once links are followed, and what is there."""
+
+    path: AnyPath
+    file: Path
+    status: os.stat_result | None
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether what is there takes bytes and keeps no content that could be replaced."""
+        return self.status is not None and (stat.S_ISCHR(self.status.st_mode) or stat.S_ISFIFO(self.status.st_mode))
+
+
+def _target(path: AnyPath) -> _Target:
+    """Return `path` as a target if a file can have it."""
+    try:
+        # Through the path as it is given: the system may refuse to follow a link that a stranger has put there
+        status = Path(path).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        status = None
+    target = _Target(path, Path(os.path.realpath(path)), status)
+    if reason := _obstacle(target):
+        raise CommonlawError(f"cannot write {path}: {reason}")
     return target
+
+
+def _obstacle(target: _Target) -> str | None:
+    """Return why a target cannot be written to, and what to do."""
+    folder, mode = target.file.parent, 0 if target.status is None else target.status.st_mode
+    if target.is_stream:
+        return None if os.access(target.path, os.W_OK) else "you may not write to it; choose another name"
+    if target.status is None and not folder.is_dir():
+        return f"there is no folder {str(Path(target.path).parent)!r}; create it or choose another"
+    if stat.S_ISDIR(mode):
+        return "it is a folder; name a file in it"
+    if mode and not stat.S_ISREG(mode):
+        return "it is neither a file nor a pipe; choose another name"
+    if mode and not (mode & 0o222 and os.access(target.file, os.W_OK)):
+        return "it is read-only; make it writable, or choose another name"
+    if target.status is not None and target.status.st_nlink > 1:
+        return "it is one file under several names (hard links); remove this name first, or choose another"
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return f"you may not write to the folder {str(folder)!r}; choose one that you may write to"
+    return None
+
+
+def _identity(path: AnyPath) -> object:
+    """Return what two paths have in common if they are the same file."""
+    try:
+        status = Path(path).stat()
+    except (OSError, ValueError):
+        return os.path.realpath(path)
+    return status.st_dev, status.st_ino
+
+
+def _standard_streams() -> Iterator[object]:
+    """Yield the identities of the files that standard output and standard error go to."""
+    for number in (1, 2):
+        with suppress(OSError):
+            status = os.fstat(number)
+            yield status.st_dev, status.st_ino
+
+
+@contextmanager
+def _refused(path: AnyPath) -> Iterator[None]:
+    """Turn what the system refuses into an error that names the path."""
+    try:
+        yield
+    except CommonlawError:
+        raise
+    except (OSError, ValueError) as error:
+        remedy = _REMEDIES.get(getattr(error, "errno", 0), "choose a folder that you may write to and that has space")
+        raise CommonlawError(f"cannot write {path}: {_reason(error)}; {remedy}") from error
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+@contextmanager
+def _anchor(folder: Path) -> Iterator[Path]:
+    """Keep a locked file in a folder: as long as it is locked, no other process removes files that begin like it."""
+    _clear(folder)
+    opened, anchor = _new_anchor(folder)
+    try:
+        yield anchor
+    finally:
+        anchor.unlink(missing_ok=True)
+        os.close(opened)
+
+
+def _new_anchor(folder: Path) -> tuple[int, Path]:
+    while True:
+        anchor = folder / f".commonlaw-{uuid4().hex}"
+        opened = os.open(anchor, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        with suppress(OSError):  # not every file system has locks; nothing is cleared away there
+            _lock(opened, wait=True)
+        if anchor.exists():
+            return opened, anchor
+        os.close(opened)  # cleared away before it was locked
+
+
+def _clear(folder: Path) -> None:
+    """Remove what processes that were killed have left in a folder."""
+    with suppress(OSError):
+        names = [each.name for each in folder.iterdir()]
+        for anchor in filter(_ANCHOR.fullmatch, names):
+            with suppress(OSError):
+                opened = os.open(folder / anchor, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+                try:
+                    _lock(opened, wait=False)
+                    for part in [*(name for name in names if name.startswith(f"{anchor}-")), anchor]:
+                        (folder / part).unlink(missing_ok=True)
+                finally:
+                    os.close(opened)
+
+
+def _lock(opened: int, wait: bool) -> None:
+    """Lock an open file for this process; raise an OSError if another has it and one does not `wait`."""
+    if sys.platform != "win32":
+        fcntl.flock(opened, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def _stage(part: Path, content: bytes, old: os.stat_result | None) -> None:
+    """Write a new file beside its target, with owner and permissions of the `old` one that it is to replace."""
+    opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600 if old else 0o666)
+    with os.fdopen(opened, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(opened)
+    if old is not None:
+        _keep_access(part, old)
+
+
+def _keep_access(part: Path, old: os.stat_result) -> None:
+    """Give a file the permissions of the `old` one, and its owner and group as far as one may."""
+    mode = stat.S_IMODE(old.st_mode) & 0o777
+    if sys.platform != "win32":
+        try:
+            os.chown(part, old.st_uid, old.st_gid)
+        except PermissionError:
+            try:
+                os.chown(part, -1, old.st_gid)
+            except PermissionError:
+                mode &= ~0o070  # what its group might do, another must not
+    part.chmod(mode)
+
+
+def _pour(path: AnyPath, content: bytes) -> None:
+    """Write to a device, or to a pipe that something reads from."""
+    opened = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+    with os.fdopen(opened, "wb") as stream:
+        os.set_blocking(opened, True)
+        stream.write(content)

@@ -1,6 +1,22 @@
-"""Files import one way: none imports another in a circle, for types only or within a function included."""
+"""Modules import one way, none another in a circle, for types only or within a function included; one module writes."""
+
+import ast
+from pathlib import Path
 
 import grimp
+
+import commonlaw
+
+SOURCES = Path(commonlaw.__file__).parent
+
+CHANGES_DISK = {
+    "chmod", "hardlink_to", "makedirs", "mkdir", "open", "remove", "rename", "rmdir", "symlink_to", "tofile", "touch",
+    "unlink", "write_bytes", "write_text",
+}  # fmt: skip
+"""Methods, and functions of modules, that change files or can."""
+
+MAKES_FILES = {"fcntl", "shutil", "tempfile"}
+"""Modules for that."""
 
 
 def reached(imports, start):
@@ -20,3 +36,20 @@ def test_no_files_import_each_other_in_a_circle():
     circles = {frozenset(other for other in reach[module] if module in reach[other]) for module in reach}
     named = [" <-> ".join(sorted(circle)) for circle in circles if circle]
     assert not named, "import circles:\n" + "\n".join(named)
+
+
+def changes_of_disk(module):
+    """Yield the line and the name of whatever changes files in a module."""
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Call):
+            used = {getattr(node.func, "attr", "")} & CHANGES_DISK | {getattr(node.func, "id", "")} & {"open"}
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            used = {getattr(node, "module", None), *(each.name for each in node.names)} & MAKES_FILES
+        else:
+            continue
+        yield from (f"{module.relative_to(SOURCES)}:{node.lineno}: {each}" for each in used)
+
+
+def test_one_module_changes_what_is_on_disk():
+    changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
+    assert [each for each in changes if not each.startswith("files.py:")] == [], "write by commonlaw.files"

@@ -1,12 +1,22 @@
-"""Files are written whole or not at all."""
+"""Files are written whole or not at all, and what is there already is respected."""
 
-import errno
+import os
+import re
+import stat
+import subprocess
+import sys
+import threading
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all, write_whole
+from commonlaw.files import check_targets, make_folder, write_all, write_whole
+
+
+def mode_of(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
 
 
 def test_content_replaces_what_was_there_and_leaves_nothing_beside_it(tmp_path: Path) -> None:
@@ -32,21 +42,264 @@ def test_a_missing_folder_is_named_and_no_other_target_is_touched(tmp_path: Path
 def test_a_folder_is_not_written_over(tmp_path: Path) -> None:
     with pytest.raises(CommonlawError, match="it is a folder; name a file in it"):
         write_whole(tmp_path, b"new")
+    with pytest.raises(CommonlawError, match="it is a folder; name a file in it"):
+        write_whole("", b"new")
 
 
-def test_a_full_disk_names_the_target_leaves_the_old_files_and_nothing_half_written(
+FULL = """
+import resource, sys
+from commonlaw.errors import CommonlawError
+from commonlaw.files import write_all
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write_all({"law.json": b"new", "law.png": bytes(2000)})
+except CommonlawError as error:
+    sys.exit(str(error))
+"""
+
+
+def test_a_full_disk_names_the_target_leaves_the_old_files_and_nothing_half_written(tmp_path: Path) -> None:
+    (tmp_path / "law.json").write_bytes(b"old")
+    ended = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.stderr == (
+        "cannot write law.png: File too large; choose a folder that you may write to and that has space\n"
+    )
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"law.json": b"old"}
+
+
+# What is there already
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664, 0o755])
+def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path, mode: int) -> None:
+    target = tmp_path / "law.json"
+    target.write_bytes(b"old")
+    target.chmod(mode)
+    write_whole(target, b"new")
+    assert (target.read_bytes(), mode_of(target)) == (b"new", mode)
+
+
+def test_a_new_file_has_the_permissions_that_any_program_would_give_it(tmp_path: Path) -> None:
+    (tmp_path / "other").touch()
+    write_whole(tmp_path / "law.json", b"new")
+    assert mode_of(tmp_path / "law.json") == mode_of(tmp_path / "other")
+
+
+def test_a_file_that_is_replaced_keeps_its_owner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, int]] = []
+    target = tmp_path / "law.json"
+    target.write_bytes(b"old")
+    monkeypatch.setattr(os, "chown", lambda _, *owner: given.append(owner))
+    write_whole(target, b"new")
+    assert given == [(os.getuid(), os.getgid())]
+
+
+def test_permissions_of_a_group_that_cannot_be_kept_are_given_to_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    target = tmp_path / "law.json"
+    target.write_bytes(b"old")
+    target.chmod(0o664)
+    monkeypatch.setattr(os, "chown", refuse)
+    write_whole(target, b"new")
+    assert mode_of(target) == 0o604
+
+
+def test_a_read_only_file_is_left_alone(tmp_path: Path) -> None:
+    target = tmp_path / "law.json"
+    target.write_bytes(b"old")
+    target.chmod(0o444)
+    with pytest.raises(CommonlawError, match=r"law\.json: it is read-only; make it writable, or choose another name"):
+        write_whole(target, b"new")
+    assert (target.read_bytes(), mode_of(target)) == (b"old", 0o444)
+
+
+def test_the_file_that_a_symbolic_link_points_to_is_replaced_where_it_is(tmp_path: Path) -> None:
+    (tmp_path / "store").mkdir()
+    file, link = tmp_path / "store" / "law-1.json", tmp_path / "law.json"
+    link.symlink_to("store/law-1.json")
+    for content in (b"first", b"second"):
+        write_whole(link, content)
+        assert (link.readlink(), file.read_bytes()) == (Path("store/law-1.json"), content)
+
+
+def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(CommonlawError, match=r"cannot write .*a: Too many levels of symbolic links; choose"):
+        write_whole(tmp_path / "a", b"new")
+
+
+def test_a_file_of_several_names_is_neither_parted_from_them_nor_changed_under_them(tmp_path: Path) -> None:
     (tmp_path / "law.json").write_bytes(b"old")
-    write_bytes = Path.write_bytes
+    (tmp_path / "backup.json").hardlink_to(tmp_path / "law.json")
+    with pytest.raises(CommonlawError, match=r"one file under several names \(hard links\); remove this name first"):
+        write_whole(tmp_path / "law.json", b"new")
+    assert (tmp_path / "backup.json").samefile(tmp_path / "law.json")
+    assert (tmp_path / "backup.json").read_bytes() == b"old"
 
-    def write_some(path: Path, content: bytes) -> int:
-        if len(content) > 3:
-            write_bytes(path, content[:3])
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return write_bytes(path, content)
 
-    monkeypatch.setattr(Path, "write_bytes", write_some)
-    with pytest.raises(CommonlawError, match=r"cannot write .*law\.png: No space left on device; choose"):
-        write_all({tmp_path / "law.json": b"new", tmp_path / "law.png": b"too much"})
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"law.json": b"old"}
+def test_a_device_is_written_to_and_stays_one() -> None:
+    reader, device = os.openpty()
+    name = os.ttyname(device)
+    write_whole(name, b"new")
+    assert os.read(reader, 10) == b"new"
+    assert stat.S_ISCHR(Path(name).stat().st_mode)
+    os.close(reader)
+    os.close(device)
+
+
+def test_a_pipe_takes_content_of_any_length_if_something_reads_from_it(tmp_path: Path) -> None:
+    pipe, content = tmp_path / "pipe", bytes(range(256)) * 2000
+    os.mkfifo(pipe)
+    with pytest.raises(CommonlawError, match=r"cannot write .*pipe: No such device or address; start what reads from"):
+        write_whole(pipe, b"new")
+    read: list[bytes] = []
+    opened = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    os.set_blocking(opened, True)
+    with os.fdopen(opened, "rb") as file:
+        reader = threading.Thread(target=lambda: read.append(file.read()))
+        # As nothing writes yet, a reader would find the end at once
+        holder = os.open(pipe, os.O_WRONLY)
+        reader.start()
+        write_whole(pipe, content)
+        os.close(holder)
+        reader.join()
+    assert read == [content]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_socket_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import socket
+
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as opened:
+        opened.bind("socket")
+        with pytest.raises(CommonlawError, match="neither a file nor a pipe; choose another name"):
+            write_whole("socket", b"new")
+
+
+# Names that no file can have
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("a" * 300, "File name too long; choose a shorter name"),
+        ("a" * 300 + "/law.json", "File name too long; choose a shorter name"),
+        ("file/law.json", "there is no folder 'file'; create it or choose another"),
+        ("law\0.json", "embedded null byte; choose"),
+        ("\ud800.json", "surrogates not allowed; choose"),
+    ],
+)
+def test_a_path_that_no_file_can_have_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(CommonlawError, match=message):
+        write_whole(path, b"new")
+
+
+SHUT = """
+import os
+from commonlaw.errors import CommonlawError
+from commonlaw.files import write_whole
+if os.getuid() == 0:
+    os.setgid(65534), os.setuid(65534)  # root may write everywhere
+for path in ("hidden/law.json", "shown/law.json", "shown/old.json"):
+    try:
+        write_whole(path, b"new")
+    except CommonlawError as error:
+        print(error)
+"""
+
+
+def test_folders_that_may_not_be_searched_or_written_to_are_refused() -> None:
+    with TemporaryDirectory() as name:
+        Path(name).chmod(0o755)
+        for folder, mode in (("hidden", 0o600), ("shown", 0o555)):
+            (Path(name) / folder).mkdir()
+            (Path(name) / folder / "old.json").touch()
+            (Path(name) / folder / "old.json").chmod(0o666)
+            (Path(name) / folder).chmod(mode)
+        ended = subprocess.run([sys.executable, "-c", SHUT], cwd=name, capture_output=True, text=True, check=True)
+        (Path(name) / "hidden").chmod(0o700)
+        (Path(name) / "shown").chmod(0o700)
+    said = [re.sub(r"'.*'", "FOLDER", line) for line in ended.stdout.splitlines()]
+    assert said == [
+        "cannot write hidden/law.json: Permission denied; choose a folder that you may write to and that has space",
+        "cannot write shown/law.json: you may not write to the folder FOLDER; choose one that you may write to",
+        "cannot write shown/old.json: you may not write to the folder FOLDER; choose one that you may write to",
+    ]
+
+
+def test_a_working_folder_that_is_gone_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(CommonlawError, match=r"cannot write law\.json: No such file or directory; choose a folder"):
+        write_whole("law.json", b"new")
+    with pytest.raises(CommonlawError, match="cannot make the folder 'report': No such file or directory; choose"):
+        make_folder("report")
+
+
+# Several targets
+
+
+@pytest.mark.parametrize("other", ["./law.json", "link.json", "here/law.json"])
+@pytest.mark.parametrize("old", [True, False])
+def test_two_contents_for_one_file_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: str, old: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("here").symlink_to(".")
+    Path("link.json").symlink_to("law.json")
+    if old:
+        Path("law.json").write_bytes(b"old")
+    with pytest.raises(CommonlawError, match=f"cannot write {other}: it is the same file as law.json; choose another"):
+        write_all({"law.json": b"a", other: b"b"})
+    assert Path("law.json").exists() == old
+
+
+def test_an_input_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in.csv").touch()
+    Path("link.csv").symlink_to("in.csv")
+    check_targets(["out.csv"], ["in.csv", "absent.csv"])
+    for path in ("in.csv", "./in.csv", "link.csv"):
+        with pytest.raises(CommonlawError, match=f"cannot write {path}: it is read here too; choose another name"):
+            check_targets([path], ["in.csv"])
+
+
+def test_the_file_that_standard_output_goes_to_is_not_replaced(tmp_path: Path) -> None:
+    script = "from commonlaw.files import write_whole; print('shown', flush=True); write_whole('out.txt', b'new')"
+    with (tmp_path / "out.txt").open("w") as output:
+        ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, stdout=output, stderr=subprocess.PIPE)
+    assert (
+        b"cannot write out.txt: standard output or standard error goes there too; choose another name" in ended.stderr
+    )
+    assert (tmp_path / "out.txt").read_text() == "shown\n"
+
+
+def test_a_pipe_that_breaks_leaves_the_files_of_the_same_call_as_they_were(tmp_path: Path) -> None:
+    (tmp_path / "law.json").write_bytes(b"old")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(CommonlawError, match="pipe: No such device or address"):
+        write_all({tmp_path / "law.json": b"new", tmp_path / "pipe": b"new"})
+    assert (tmp_path / "law.json").read_bytes() == b"old"
+
+
+# What killed processes leave
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    left = f".commonlaw-{'0123456789abcdef' * 2}"
+    kept = {".commonlaw-notes", f"{left}x", "a-0", f".commonlaw-{'f' * 32}-0"}
+    for name in (left, f"{left}-0", f"{left}-17", *kept):
+        (tmp_path / name).write_bytes(b"half")
+    write_whole(tmp_path / "law.json", b"new")
+    assert {each.name for each in tmp_path.iterdir()} == {"law.json", *kept}

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all
+from commonlaw.files import make_folder, write_all
 from commonlaw.plots import render
 from commonlaw.report.document import Picture, Report, Table
 from commonlaw.report.html import to_html
@@ -33,10 +33,10 @@ def write_report(
         If two parts have the same name, a formula cannot be read, or the folder cannot be written to.
     """
     # Before the pictures are drawn, as that takes long
-    _make(Path(folder))
+    make_folder(folder)
     files = {Path(folder) / name: content for name, content in contents(report, drawn).items()}
     for parent in dict.fromkeys(path.parent for path in files):
-        _make(parent)
+        make_folder(parent)
     write_all(files)
     return tuple(files)
 
@@ -56,15 +56,6 @@ def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict
         else:
             files[f"tables/{block.name}.csv"] = block.frame.to_csv(index=False, lineterminator="\n").encode()
     return {"report.html": to_html(report, drawings), "results.json": to_json(report.results), **files}
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CommonlawError(
-            f"cannot make the folder {str(folder)!r}: {error.strerror}; choose one that you may write to"
-        ) from error
 
 
 def _blocks(report: Report) -> Iterator[Picture | Table]:
