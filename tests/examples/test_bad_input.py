@@ -130,7 +130,7 @@ def test_laws_that_cannot_be_read(fails, tmp_path):
     assert "law.json: the law is of version 7" in fails("predict", "law.json", "drops.csv", "--save", "forecast.csv")
     (tmp_path / "law.json").write_text("{")
     assert "law.json: this is not a law or it is damaged" in fails("show", "law.json")
-    assert "cannot read gone.json" in fails("show", "gone.json")
+    assert "there is no file 'gone.json'" in fails("show", "gone.json")
 
 
 def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(monkeypatch, capsys, tmp_path):

@@ -1,4 +1,4 @@
-"""Modules import one way, none another in a circle, for types only or within a function included; one module writes."""
+"""Modules import one way, none another in a circle, for types included; one module writes, and one reads."""
 
 import ast
 from pathlib import Path
@@ -14,6 +14,9 @@ CHANGES_DISK = {
     "unlink", "write_bytes", "write_text",
 }  # fmt: skip
 """Methods, and functions of modules, that change files or can."""
+
+READS_DISK = {"fromfile", "genfromtxt", "loadtxt", "memmap", "open", "read_bytes", "read_excel", "read_text"}
+"""What takes bytes out of a file by itself."""
 
 MAKES_FILES = {"fcntl", "shutil", "tempfile"}
 """Modules for that."""
@@ -53,3 +56,10 @@ def changes_of_disk(module):
 def test_one_module_changes_what_is_on_disk():
     changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
     assert [each for each in changes if not each.startswith("files.py:")] == [], "write by commonlaw.files"
+
+
+def test_one_module_reads_what_is_on_disk():
+    modules = [each for each in SOURCES.rglob("*.py") if each.name not in ("foreign.py", "files.py")]
+    calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
+    names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
+    assert not names & READS_DISK, "read by commonlaw.foreign, within its limits"

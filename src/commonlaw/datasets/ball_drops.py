@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
 from commonlaw.errors import CommonlawError
+from commonlaw.foreign import read_file
 from commonlaw.trials import Schema, Trial, Trials
 
 _SOURCE = (
@@ -70,7 +71,7 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
     drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of_object(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
-    trials = Trials(drops, Schema(("x",), units=units), _properties(balls.read_text()))
+    trials = Trials(drops, Schema(("x",), units=units), _properties(read_file(balls).decode()))
     return trials.clip_irregular() if clip else trials
 
 
@@ -99,11 +100,10 @@ def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:
 
 def _checked(path: Path, whose: str) -> Path:
     try:
-        content = path.read_bytes()
-    except OSError as error:
+        content = read_file(path)
+    except CommonlawError as error:
         raise CommonlawError(
-            f"cannot read {path.name} in {whose}, {str(path.parent)!r}: {error.strerror}; "
-            f"put the file from {_SOURCE} there, or name another folder"
+            f"cannot read {path.name} in {whose}: {error}; put the file from {_SOURCE} there, or name another folder"
         ) from None
     found = hashlib.sha256(content).hexdigest()
     if found != _SHA256[path.name]:

@@ -1,7 +1,7 @@
 """The saved form of a law: JSON of a versioned schema."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.foreign import read_json
 from commonlaw.law.earlier_versions import compared_with_the_best, renamed
 from commonlaw.law.provenance import Alternative, Provenance, Step
 from commonlaw.law.uncertainty import Uncertainty
@@ -100,16 +101,17 @@ def decode(content: bytes) -> Fields:
         If it is not a law, is damaged, or is of another version.
     """
     try:
-        version = msgspec.json.decode(content, type=_Header).version
-        if not 1 <= version <= VERSION:
-            raise CommonlawError(
-                f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
-                "read it with the release that wrote it, or discover the law again"
-            )
-        raw = msgspec.json.decode(content)
-        document = msgspec.convert(raw if version == VERSION else renamed(raw), type=_Law)
-    except msgspec.DecodeError as error:
+        version = read_json(content, _Header).version
+        if 1 <= version <= VERSION:
+            raw = read_json(content, dict[str, Any])
+            document = msgspec.convert(raw if version == VERSION else renamed(raw), type=_Law)
+    except (CommonlawError, msgspec.ValidationError) as error:
         raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
+    if not 1 <= version <= VERSION:
+        raise CommonlawError(
+            f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
+            "read it with the release that wrote it, or discover the law again"
+        )
     if version < VERSION:
         document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
     schema = document.schema
@@ -119,7 +121,7 @@ def decode(content: bytes) -> Fields:
     matrices = [
         _matrix(rows, f"the coefficients of {name!r} are", shape) for name, rows in document.coefficients.items()
     ]
-    coefficients = np.array(matrices).reshape(-1, *shape)
+    coefficients = np.array(matrices).reshape(len(objects), *shape)
     parameters = int(np.any(coefficients, axis=0).sum())
     uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
     saved = document.provenance
@@ -156,7 +158,7 @@ def _shared_factor(saved: Mapping[str, list[list[float]]], objects: tuple[str, .
     """Return what the errors of objects have in common, in the order of the coefficients."""
     shape = (parameters, parameters)
     found = [_matrix(saved.get(name, []), f"the shared factor of {name!r} is", shape) for name in objects]
-    return np.array(found).reshape(-1, *shape)
+    return np.array(found).reshape(len(objects), *shape)
 
 
 def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:

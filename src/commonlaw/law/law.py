@@ -1,9 +1,9 @@
 """The law that objects share."""
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
+from commonlaw.foreign import read_file
 from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import text
 from commonlaw.law.equations import AbstractEquations
@@ -52,7 +53,8 @@ class Law(AbstractEquations):
     Raises
     ------
     CommonlawError
-        If an array does not have the shape that terms, schema and objects ask for, or a value that it cannot have.
+        If there is no object or term, the terms are not over the variables of schema and order, or an array does not
+        have the shape that terms, schema and objects ask for, or a value that it cannot have.
     """
 
     terms: Terms
@@ -64,10 +66,26 @@ class Law(AbstractEquations):
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
+        self._check_names()
         shape = (len(self.objects), len(self.states), len(self.terms))
         values = checked(self.coefficients, "array of coefficients", "objects, equations, terms", shape)
         object.__setattr__(self, "coefficients", values)
         object.__setattr__(self, "uncertainty", self.uncertainty.checked(self.objects, self.support))
+
+    def _check_names(self) -> None:
+        if not self.objects or not len(self.terms):
+            raise CommonlawError(f"a law of no {'term' if self.objects else 'object'} says nothing: give at least one")
+        variables, schema = self.terms.variables, self.schema
+        names = variables.states[: len(schema.states)], variables.inputs, variables.time
+        rates = len(schema.states) * (self.order == 2)
+        if names != (schema.states, schema.inputs, schema.time) or len(self.rates) != rates:
+            raise CommonlawError(
+                f"the terms of a law of order {self.order} for {', '.join(schema.states)} are over "
+                f"{', '.join(variables.names)}; expected states and {rates} rates, inputs and time"
+            )
+        twice = [name for name, count in Counter(variables.names).items() if count > 1]
+        if twice:
+            raise CommonlawError(f"the name {twice[0]!r} stands for two variables of the law: give each its own")
 
     # Laws of other objects
 
@@ -357,9 +375,8 @@ class Law(AbstractEquations):
         CommonlawError
             If the file cannot be read or is no law; the message names the file.
         """
+        content = read_file(path)
         try:
-            return cls.from_json(Path(path).read_bytes())
-        except OSError as error:
-            raise CommonlawError(f"cannot read {path}: {error.strerror}; check the path") from None
+            return cls.from_json(content)
         except CommonlawError as error:
             raise CommonlawError(f"{path}: {error}") from None

@@ -3,13 +3,17 @@
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.files import write_whole
+from commonlaw.foreign import LARGEST_FILE, check_size, checked_file, read_json
 from commonlaw.trials.columns import Column, Table, frame_table
 
 if TYPE_CHECKING:
@@ -18,34 +22,55 @@ if TYPE_CHECKING:
 
 _METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
 
+_BATCH = 65_536
+"""Rows that are unpacked at a time."""
+
+
+class _Roles(TypedDict, total=False):
+    """Names of columns by role."""
+
+    object: str
+    trial: str
+    time: str
+    states: list[str]
+    inputs: list[str]
+    properties: list[str]
+
+
+class _Kept(TypedDict, total=False):
+    """What a file says of its columns itself."""
+
+    roles: _Roles
+    notes: tuple[str, ...]
+
 
 def parquet_table(source: str, content: bytes) -> Table:
     """Return the table in a Parquet file."""
     arrow, parquet = _arrow("reading Parquet files")
-    try:
-        data = parquet.read_table(arrow.BufferReader(content))
-    except (arrow.ArrowException, OSError) as error:
-        raise CommonlawError(f"{source} is a damaged Parquet file ({error}): write it again") from error
-    kept = _kept(data.schema.metadata)
-    return replace(frame_table(data, source), roles=kept.get("roles", {}), notes=tuple(kept.get("notes", ())))
+    with _whole(source):
+        file = parquet.ParquetFile(arrow.BufferReader(content))
+        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
+        data = arrow.Table.from_batches(_unpacked(source, file), file.schema_arrow)
+    kept = _kept(source, data.schema.metadata)
+    return replace(frame_table(data, source), roles=_roles(kept), notes=kept.get("notes", ()))
 
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
     """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
     arrow, parquet = _arrow("streaming Parquet files")
     try:
-        file = parquet.ParquetFile(path)
-    except OSError as error:
-        raise CommonlawError(f"cannot read {path}: {error.strerror or error}; check the path") from None
-    except arrow.ArrowInvalid as error:
+        file = parquet.ParquetFile(checked_file(path, np.inf))
+    except (arrow.ArrowException, OSError) as error:
         raise CommonlawError(f"{path} is no Parquet file ({error}): only Parquet can be streamed") from None
-    return file, _kept(file.schema_arrow.metadata).get("roles", {})
+    return file, _roles(_kept(str(path), file.schema_arrow.metadata))
 
 
-def batch_table(batch: "pa.RecordBatch") -> Table:
-    """Return the table in a batch of rows of a Parquet file."""
+def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
+    """Yield the tables in so many rows of a Parquet file after the other."""
     arrow, _ = _arrow("streaming Parquet files")
-    return frame_table(arrow.Table.from_batches([batch]))
+    with _whole(str(path)):
+        for batch in opened(path)[0].iter_batches(batch_size=rows):
+            yield frame_table(arrow.Table.from_batches([batch]))
 
 
 def write_parquet(
@@ -64,6 +89,44 @@ def _arrow(feature: str) -> tuple[Any, Any]:
     return optional_import("pyarrow", feature, "parquet"), optional_import("pyarrow.parquet", feature, "parquet")
 
 
-def _kept(metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
-    kept: dict[str, Any] = json.loads((metadata or {}).get(_METADATA, b"{}"))
-    return kept
+@contextmanager
+def _whole(source: str) -> Iterator[None]:
+    """Refuse a file that turns out to be damaged while it is read."""
+    arrow, _ = _arrow("reading Parquet files")
+    try:
+        yield
+    except (arrow.ArrowException, OSError) as error:
+        raise CommonlawError(f"{source} is a damaged Parquet file ({error}): write it again") from error
+
+
+def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:
+    """Yield the rows of a file in batches; a few bytes of a file can stand for a text that is in every row."""
+    metadata, size = file.metadata, 0
+    chunks = [
+        metadata.row_group(i).column(j) for i in range(metadata.num_row_groups) for j in range(metadata.num_columns)
+    ]
+    texts = (each.total_uncompressed_size for each in chunks if each.physical_type == "BYTE_ARRAY")
+    # No text is longer than all that are stored
+    rows = LARGEST_FILE // max(1, *texts, LARGEST_FILE // _BATCH)
+    for batch in file.iter_batches(batch_size=max(1, rows)):
+        size += batch.nbytes
+        if size > LARGEST_FILE:
+            raise CommonlawError(
+                f"{source} holds more than {LARGEST_FILE} bytes once it is unpacked: leave out what is not needed, or "
+                "read it with TrialStream.from_parquet"
+            )
+        yield batch
+
+
+def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
+    try:
+        return read_json((metadata or {}).get(_METADATA, b"{}"), _Kept)
+    except CommonlawError as error:
+        raise CommonlawError(
+            f"{source}: what the file says of its columns, in its metadata {_METADATA.decode()!r}, is damaged "
+            f"({error}); write the file again without it, and name the columns yourself"
+        ) from None
+
+
+def _roles(kept: _Kept) -> dict[str, Any]:
+    return dict(kept.get("roles", {}))

@@ -10,7 +10,7 @@ from typing import Unpack, cast
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.trials.parquet import batch_table, opened
+from commonlaw.trials.parquet import batch_tables, opened
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Roles, Schema, Trial, check_measured
 
@@ -63,15 +63,14 @@ class TrialStream:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
         if not file.metadata.num_rows:
             raise CommonlawError(f"{path} has no rows: give it the measured rows")
-        first = read_rows(batch_table(next(file.iter_batches(batch_size=1))), "object", known)
+        first = read_rows(next(batch_tables(path, 1)), "object", known)
         return cls(first.data.schema, lambda: _trials(Path(path), known))
 
 
 def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch may go on in the next."""
     done: set[tuple[str, str]] = set()
-    tables = map(batch_table, opened(path)[0].iter_batches(batch_size=_ROWS))
-    batches = (read_rows(each, "object", roles) for each in tables)
+    batches = (read_rows(each, "object", roles) for each in batch_tables(path, _ROWS))
     trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
     for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
         parts, states = zip(*group, strict=True)

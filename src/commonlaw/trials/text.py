@@ -10,10 +10,8 @@ import numpy as np
 
 from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
+from commonlaw.foreign import BYTE_ORDER_MARK, check_size, check_text
 from commonlaw.trials.columns import Table, filled_table
-
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-"""What Excel writes before UTF-8."""
 
 if TYPE_CHECKING:
     from _csv import Reader
@@ -32,6 +30,7 @@ def text_table(source: str, content: bytes) -> Table:
     first = next((line for line in unquoted.splitlines() if line.strip()), b"")
     delimiter = max("\t;,", key=lambda each: first.count(each.encode()))
     header, before = _header(source, content, delimiter)
+    check_size(source, content.count(b"\n") + 1, len(header))
     body = content.split(b"\n", before)[before] if content.count(b"\n") >= before else b""
     if not body.strip():
         return filled_table(source, header, [np.empty(0, dtype=object)] * len(header))
@@ -71,15 +70,7 @@ def text_table(source: str, content: bytes) -> Table:
 def _decodable(source: str, content: bytes) -> bytes:
     """Return UTF-8 text without its byte order mark, lines ended by a line feed."""
     content = content.removeprefix(BYTE_ORDER_MARK)
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise CommonlawError(f"{source} is text in UTF-16: save it as UTF-8")
-    try:
-        content.decode()
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise CommonlawError(
-            f"{source}, line {line}: byte {content[error.start]:#x} is not UTF-8 text; save the file as CSV in UTF-8"
-        ) from None
+    check_text(source, content)
     if b"\0" in content:
         raise CommonlawError(f"{source} is neither text nor a workbook nor Parquet: save the table as CSV in UTF-8")
     return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")

@@ -1,0 +1,140 @@
+"""Bytes of strangers: whatever is read from a file comes through here, within stated limits."""
+
+import os
+import re
+import stat
+from difflib import get_close_matches
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+
+LARGEST_FILE = 2**30
+"""Bytes of a file that is read whole."""
+MOST_ROWS = 20_000_000
+MOST_COLUMNS = 10_000
+MOST_CELLS = 50_000_000
+"""Rows, columns and cells of a table that is held in memory."""
+DEEPEST = 32
+"""Lists and objects within each other in JSON."""
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+"""What Excel writes before UTF-8."""
+
+T = TypeVar("T")
+
+_LISTED = 10_000
+_STRING = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
+
+
+def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) -> Path:
+    """Return the path of a regular file of at most so many bytes.
+
+    Raises
+    ------
+    CommonlawError
+        If there is none: folders, devices and pipes, which may have no end, are refused too.
+    """
+    file = Path(path)
+    try:
+        found = file.stat()
+    except FileNotFoundError:
+        raise CommonlawError(_no_file(file)) from None
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+    if stat.S_ISDIR(found.st_mode):
+        raise CommonlawError(f"{file} is a folder: name a file in it")
+    if not stat.S_ISREG(found.st_mode):
+        raise CommonlawError(f"{file} is a device or a pipe: write what comes out of it to a file, and name that")
+    if found.st_size > largest:
+        raise CommonlawError(
+            f"{file} has {found.st_size} bytes, and at most {largest:.0f} are read: split it, or write it as Parquet "
+            "and read it with TrialStream.from_parquet"
+        )
+    return file
+
+
+def read_file(path: str | os.PathLike[str]) -> bytes:
+    """Return what is in a regular file.
+
+    Raises
+    ------
+    CommonlawError
+        If it cannot be read, or is larger than `LARGEST_FILE`; the message names the file.
+    """
+    file = checked_file(path)
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise _unreadable(file, error) from None
+
+
+def check_size(source: str, rows: int, columns: int) -> None:
+    """Refuse a table of more rows, columns or cells than are held in memory."""
+    for count, most, what in (
+        (columns, MOST_COLUMNS, "columns"),
+        (rows, MOST_ROWS, "rows"),
+        (rows * columns, MOST_CELLS, f"cells, {rows} rows of {columns}"),
+    ):
+        if count > most:
+            raise CommonlawError(
+                f"{source} has {count} {what}, and at most {most} are read: leave out what is not needed, or write it "
+                "as Parquet and read it with TrialStream.from_parquet"
+            )
+
+
+def check_text(source: str, content: bytes) -> None:
+    """Refuse bytes that are not text in UTF-8; the message names the line."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise CommonlawError(f"{source} is text in UTF-16: save it as UTF-8")
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise CommonlawError(
+            f"{source}, line {line}: byte {content[error.start]:#x} is not UTF-8 text; save the file in UTF-8"
+        ) from None
+
+
+def read_json(content: bytes, kind: type[T]) -> T:
+    """Return the value of a type that msgspec knows from JSON.
+
+    Raises
+    ------
+    CommonlawError
+        If it is no JSON, of another type, or nested deeper than `DEEPEST`; the message says where.
+    """
+    import msgspec
+
+    check_text("JSON", content)
+    brackets = np.frombuffer(_STRING.sub(b"", content), dtype=np.uint8)
+    opening, closing = np.isin(brackets, list(b"[{")), np.isin(brackets, list(b"]}"))
+    depth = int(np.cumsum(opening.astype(np.int64) - closing).max(initial=0))
+    if depth > DEEPEST:
+        raise CommonlawError(f"JSON is nested {depth} levels deep, and at most {DEEPEST} are read")
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except msgspec.DecodeError as error:
+        raise CommonlawError(str(error)) from None
+
+
+def _unreadable(file: Path, error: Exception) -> CommonlawError:
+    reason = getattr(error, "strerror", None) or error
+    return CommonlawError(f"cannot read {str(file)[:200]}: {reason}; check the file and who may read it")
+
+
+def _no_file(file: Path) -> str:
+    folder = file.parent
+    if not folder.is_dir():
+        return f"there is no file {str(file)!r}, nor a folder {str(folder)!r}: check the path"
+    try:
+        where = str(folder.absolute())
+        names = {each.name.casefold(): each.name for each in islice(folder.iterdir(), _LISTED)}
+    except OSError:  # The folder may not be listed, or was deleted
+        where, names = str(folder), {}
+    near = get_close_matches(file.name.casefold(), names, n=1)
+    hint = f"did you mean {names[near[0]]!r}?" if near else "check the name"
+    return f"there is no file {file.name!r} in {where!r}: {hint}"

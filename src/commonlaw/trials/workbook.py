@@ -1,0 +1,77 @@
+"""Workbooks, read by a process of its own: a sheet with a value in its last cell would take all memory."""
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.extras import optional_import
+from commonlaw.foreign import check_size
+from commonlaw.trials import workbook_process
+from commonlaw.trials.columns import Table, column_of, filled_table
+
+_SECONDS = 60
+"""What reading a workbook may take."""
+
+Rows = list[list[Any]]
+
+
+def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
+    """Return the table in one sheet of a workbook, or in all of them if they have the same header."""
+    sheets = _sheets(source, content)
+    if wanted is not None and wanted not in sheets:
+        raise CommonlawError(f"{source}: {unknown('sheet', wanted, sheets)}")
+    chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
+    if not chosen:
+        raise CommonlawError(f"{source}: there is nothing in the {'sheet' if wanted else 'workbook'}: give it a table")
+    headers = {name: " | ".join(str(cell).strip() for cell in rows[0]).rstrip(" |") for name, rows in chosen.items()}
+    if len(set(headers.values())) > 1:
+        shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
+        raise CommonlawError(f"{source}: the sheets have different headers, choose one with sheet=...: {shown}")
+    return _sheets_table(source, chosen)
+
+
+def _sheets(source: str, content: bytes) -> dict[str, Rows]:
+    """Return the rows of all sheets by name."""
+    optional_import("python_calamine", "reading workbooks", "excel")
+    # With -P Python does not import what lies in the working folder
+    command = [sys.executable, "-P", str(Path(workbook_process.__file__))]
+    try:
+        done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
+    except subprocess.TimeoutExpired:
+        raise CommonlawError(f"{source} was not read within {_SECONDS} s: save it as CSV") from None
+    if done.returncode == workbook_process.NO_WORKBOOK:
+        reason = done.stderr.decode(errors="replace").strip()
+        raise CommonlawError(f"{source} cannot be read as a workbook ({reason}): save it as xlsx or CSV")
+    if done.returncode:
+        raise CommonlawError(
+            f"{source} cannot be read as a workbook in {workbook_process.MEMORY / 2**30:g} GiB of memory: it is "
+            "damaged, or a cell far from the table holds a value; delete the rows and columns beside the table, or "
+            "save it as CSV"
+        )
+    sheets: dict[str, Rows] = pickle.loads(done.stdout)
+    for name, rows in sheets.items():
+        check_size(f"{source}, sheet {name!r}", len(rows), len(rows[0]) if rows else 0)
+    return sheets
+
+
+def _sheets_table(source: str, sheets: dict[str, Rows]) -> Table:
+    """Return the table of sheets below each other; several sheets without a column ``object`` are an object each."""
+    many = len(sheets) > 1
+    header = max((rows[0] for rows in sheets.values()), key=len)
+    locations, cells, names = [], [], []
+    for name, rows in sheets.items():
+        for number, row in enumerate(rows[1:], 1):
+            full = [None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row))
+            if any(cell is not None for cell in full):
+                cells.append(full)
+                names.append(name)
+                locations.append(f"row {number}" + f" of sheet {name!r}" * many)
+    made = [column_of([row[i] for row in cells]) for i in range(len(header))]
+    columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
+    titles = [str(cell) for cell in header]
+    if many and "object" not in {title.strip().casefold() for title in titles}:
+        titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]
+    return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__)

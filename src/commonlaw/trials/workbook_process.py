@@ -1,0 +1,36 @@
+"""The process that reads a workbook: bytes in, the rows of its sheets by name out; it imports nothing of the package.
+
+Its memory is limited where the system knows such limits, and its time by its caller.
+"""
+
+import contextlib
+import io
+import pickle
+import sys
+
+MEMORY = 2**31
+"""Bytes."""
+NO_WORKBOOK = 3
+"""What it exits with if the bytes are no workbook; the reason is on stderr."""
+
+
+def main() -> None:
+    """Read standard input."""
+    # A limit that is lower already stays
+    with contextlib.suppress(ImportError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    import python_calamine
+
+    try:
+        book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(sys.stdin.buffer.read()))
+        sheets = {name: book.get_sheet_by_name(name).to_python() for name in book.sheet_names}
+    except python_calamine.CalamineError as error:
+        sys.stderr.write(str(error))
+        sys.exit(NO_WORKBOOK)
+    sys.stdout.buffer.write(pickle.dumps(sheets))
+
+
+if __name__ == "__main__":
+    main()
