@@ -22,6 +22,7 @@ from .discovery import (
     TrajectoryLikelihood as TrajectoryLikelihood,
     WeakRegression as WeakRegression,
     discover as discover,
+    fit as fit,
 )
 from .errors import CommonlawError as CommonlawError
 from .forecast import (

@@ -3,6 +3,7 @@
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.estimator import LawDiscovery, default_method, discover
+from commonlaw.discovery.fitting import fit
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
@@ -18,4 +19,5 @@ __all__ = [
     "WeakRegression",
     "default_method",
     "discover",
+    "fit",
 ]

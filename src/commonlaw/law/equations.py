@@ -11,6 +11,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
 from commonlaw.law import text
+from commonlaw.law.from_text import Coefficient, read_equations
+from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, term_unit
 from commonlaw.trials import Schema
@@ -30,6 +32,7 @@ class AbstractEquations(ABC):
     objects: tuple[str, ...]
     coefficients: Floats
     uncertainty: Uncertainty
+    provenance: Provenance
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -154,7 +157,7 @@ class AbstractEquations(ABC):
         """
         name = self._only(name)
         rows = zip(self.left_hand_sides, self.coefficients_of(name), self._shown_errors(name, errors), strict=True)
-        return tuple(text.equation(*row, self.terms.names, digits) for row in rows)
+        return tuple(text.equation(*row, self.terms.factors, digits) for row in rows)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
         """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`.
@@ -166,7 +169,7 @@ class AbstractEquations(ABC):
         """
         name = self._only(name)
         left = text.latex_left_hand_sides(self.states, self.order)
-        terms = [term.latex(self.terms.variables.names) for term in self.terms.terms]
+        terms = [text.latex_factor(term, self.terms.variables.names) for term in self.terms.terms]
         return text.latex(left, self.coefficients_of(name), self._shown_errors(name, errors), terms, digits)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
@@ -224,13 +227,29 @@ class AbstractEquations(ABC):
         return found
 
     def structure(self) -> tuple[str, ...]:
-        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``."""
-        return text.structure(self.left_hand_sides, self.terms.names, self.support, self.letters)
+        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was."""
+        given = self.provenance.equations
+        return given or text.structure(self.left_hand_sides, self.terms.factors, self.support, self.letters)
 
     @property
     def letters(self) -> tuple[str, ...]:
-        """The letters that `structure` uses, one for each coefficient in the law."""
-        return text.free_letters(int(self.support.sum()), self.terms.variables.names)
+        """The letters that `structure` uses, one for each coefficient."""
+        return tuple(each.name for each in self.named_coefficients)
+
+    @cached_property
+    def named_coefficients(self) -> tuple[Coefficient, ...]:
+        """Where each letter of `structure` stands: before a term, in an equation, multiplied with a factor."""
+        if self.provenance.equations:
+            return read_equations(self.provenance.equations, self.schema).coefficients
+        letters = text.free_letters(int(self.support.sum()), self.terms.variables.names)
+        pairs = zip(letters, np.argwhere(self.support).tolist(), strict=True)
+        return tuple(Coefficient(letter, j, k) for letter, (j, k) in pairs)
+
+    def letter_values(self) -> tuple[Floats, Floats]:
+        """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
+        j, k = (np.array([each[i] for each in self.named_coefficients], dtype=int) for i in (1, 2))
+        factors = np.array([each.factor for each in self.named_coefficients])
+        return self.coefficients[:, j, k] / factors, self.standard_errors[:, j, k] / np.abs(factors)
 
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:

@@ -42,6 +42,7 @@ class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     outcomes: tuple[Outcome, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     history: tuple[Step, ...] = ()
+    equations: tuple[str, ...] = ()
 
 
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -72,6 +73,7 @@ def encode(fields: Fields) -> bytes:
             outcomes=provenance.outcomes,
             alternatives=provenance.alternatives,
             history=provenance.history,
+            equations=provenance.equations,
         ),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
@@ -126,7 +128,7 @@ def decode(content: bytes) -> Fields:
     uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
-    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history)
+    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history, saved.equations)
     return terms, schema, document.order, objects, coefficients, uncertainty, provenance
 
 

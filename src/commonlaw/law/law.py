@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from commonlaw.integration import Event, InitialValueProblem, Trajectory, Vector
 from commonlaw.law import text
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
+from commonlaw.law.from_text import Names, stated_law
 from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
@@ -212,15 +213,16 @@ class Law(AbstractEquations):
         return f"<Law of {', '.join(self.objects)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:
-        return text.printed(self._body(), self.rates, self.states, self.outcomes)
+        own = self.provenance.equations and len(self.objects) == 1
+        values = zip(self.letters, *(each[0] for each in self.letter_values()), strict=True) if own else ()
+        return text.printed(self._body(), self.rates, self.states, values, self.outcomes)
 
     def _body(self) -> list[str]:
         """Return the lines that hold the coefficients of all objects."""
         if len(self.objects) == 1:
             return [*self.equations()]
         if self.shared:
-            values, errors = self.coefficients[:, self.support], self.standard_errors[:, self.support]
-            return [*self.structure(), "", text.coefficient_table(self.objects, self.letters, values, errors)]
+            return [*self.structure(), "", text.coefficient_table(self.objects, self.letters, *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
 
     # What the law predicts
@@ -340,7 +342,40 @@ class Law(AbstractEquations):
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""
         return self.predict(trials).score()
 
-    # Keeping it
+    # Keeping it, and writing it down
+
+    @classmethod
+    def from_text(
+        cls,
+        equations: str | Sequence[str],
+        values: Mapping[str, float | Mapping[str, float]] | None = None,
+        **names: Unpack[Names],
+    ) -> "Law":
+        """Return the law that equations state, for instance to simulate it; `commonlaw.fit` finds coefficients instead.
+
+        Parameters
+        ----------
+        equations
+            As they print, one for each state, in one text between semicolons or in several: ``"x'' = -9.81 - c v"``.
+            Left-hand sides may be ``dT/dt`` and ``d2T/dt2`` too. What is neither a variable nor a number and stands as
+            a factor before a term is a coefficient.
+        values
+            Of these coefficients by name: one number, or one for each object by its name.
+        **names
+            Of inputs and time, and units, see `Schema`.
+
+        Raises
+        ------
+        CommonlawError
+            If the text cannot be read, the message says at which character; or if a coefficient has no value.
+
+        Examples
+        --------
+        >>> law = Law.from_text("T' = -k (T - 20)", {"k": {"cup": 0.1, "mug": 0.05}})
+        >>> law.simulate([0.0, 10.0], [80.0])["cup"].states[-1].round(2)
+        array([42.07])
+        """
+        return cls(*stated_law(equations, values or {}, **names))
 
     def to_json(self) -> str:
         """Return the law as JSON of a versioned schema."""

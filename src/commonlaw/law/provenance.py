@@ -96,12 +96,15 @@ class Provenance:
         The candidates that it was chosen from, if it was chosen.
     history
         Every choice on the way to the law, in order.
+    equations
+        The equations as they were given, if they were; letters in them name the coefficients.
     """
 
     differentiation: AbstractDifferentiator | None = None
     outcomes: tuple[Outcome, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     history: tuple[Step, ...] = ()
+    equations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))

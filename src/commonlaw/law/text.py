@@ -1,12 +1,13 @@
 """Equations and coefficients as people write them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from string import ascii_lowercase
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
+from commonlaw.library import AbstractTerm
 from commonlaw.library.naming import latex_name
 from commonlaw.outcomes import Outcome
 
@@ -36,6 +37,12 @@ def left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
     """Return what each equation gives: ``x'``, ``x''``, or ``x[k+1]`` in discrete time."""
     mark = "'" * order if order else "[k+1]"
     return tuple(f"{state}{mark}" for state in states)
+
+
+def latex_factor(term: AbstractTerm, names: Sequence[str]) -> str:
+    """Return a term as LaTeX that stands behind a coefficient."""
+    latex = term.latex(names)
+    return rf"\left({latex}\right)" if term.is_sum else latex
 
 
 def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
@@ -75,10 +82,20 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
     )
 
 
-def printed(body: Sequence[str], rates: Sequence[str], states: Sequence[str], outcomes: Sequence[Outcome]) -> str:
-    """Return a law as `print` shows it: its equations, what the rates are, and what a user should know."""
-    meaning = ", ".join(f"{rate} = {state}'" for rate, state in zip(rates, states, strict=False))
-    return "\n".join([*body, *(["", f"with {meaning}"] if rates else []), *(f"Note: {each}" for each in outcomes)])
+def printed(
+    body: Sequence[str],
+    rates: Sequence[str],
+    states: Sequence[str],
+    values: Iterable[tuple[str, float, float]],
+    outcomes: Sequence[Outcome],
+) -> str:
+    """Return a law as `print` shows it: its equations, what names stand for, and what a user should know.
+
+    Names are those of rates, and of coefficients with their values and standard errors.
+    """
+    known = [f"{name} = {with_error(value, np.nan_to_num(error))}" for name, value, error in values]
+    meaning = ", ".join([*(f"{rate} = {state}'" for rate, state in zip(rates, states, strict=False)), *known])
+    return "\n".join([*body, *(["", f"with {meaning}"] if meaning else []), *(f"Note: {each}" for each in outcomes)])
 
 
 def _right_hand_side(

@@ -50,8 +50,11 @@ class Expression(AbstractTerm):
         """Return ``abs(v)``, ``1 + x**2``."""
         return with_names(self.code, [quoted(name) for name in names])
 
+    @property
+    def is_sum(self) -> bool:
+        tree = ast.parse(self.code, mode="eval").body
+        return isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
+
     def needs_parentheses(self, power: int) -> bool:
         """Say whether it stands in parentheses as that power in a product."""
-        tree = ast.parse(self.code, mode="eval").body
-        is_sum = isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
-        return is_sum or (power > 1 and not isinstance(tree, ast.Call))
+        return self.is_sum or (power > 1 and not isinstance(ast.parse(self.code, mode="eval").body, ast.Call))

@@ -36,7 +36,7 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "arctan": np.arctan,
     "sign": np.sign,
 }
-_OTHER_NAMES = {"atan": "arctan"}
+OTHER_NAMES = {"atan": "arctan"}
 OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
     ast.Add: add,
     ast.Sub: sub,
@@ -127,7 +127,7 @@ def _translated(token: re.Match[str], names: Sequence[str]) -> str:
     if kind == "function":
         if text in names:
             raise CommonlawError(f"{text} is a variable, not a function: write products with '*'")
-        function = _OTHER_NAMES.get(text, text)
+        function = OTHER_NAMES.get(text, text)
         if function not in FUNCTIONS:
             raise unknown("function", text, FUNCTIONS)
         return function

@@ -38,6 +38,11 @@ class AbstractTerm(ABC):
     def columns(self) -> frozenset[int]:
         """Return the columns of the variables that the term depends on."""
 
+    @property
+    def is_sum(self) -> bool:
+        """Whether it needs parentheses behind a coefficient."""
+        return False
+
     @abstractmethod
     def text(self, names: Sequence[str]) -> str:
         """Return the term as the field writes it: ``x^2 v``, ``sin(2 x)``."""

@@ -84,6 +84,12 @@ class Terms:
         return tuple(term.text(self.variables.names) for term in self.terms)
 
     @cached_property
+    def factors(self) -> tuple[str, ...]:
+        """The same as factors of a product, sums in parentheses."""
+        pairs = zip(self.terms, self.names, strict=True)
+        return tuple(f"({name})" if term.is_sum else name for term, name in pairs)
+
+    @cached_property
     def _plan(self) -> Plan:
         return Plan.of(self.terms)
 

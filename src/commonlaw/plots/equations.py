@@ -44,22 +44,29 @@ def equation_lines(law: Law) -> str:
 
 
 def letter_of(law: Law, equation: int, term: int) -> str:
-    """Return the letter of a coefficient as a label; empty if it is not in the law."""
-    if not law.support[equation, term]:
-        return ""
-    before = np.count_nonzero(law.support.ravel()[: equation * len(law.terms) + term])
-    letter = law.letters[before]
-    return f"${letter[0]}_{{{letter[1:]}}}$" if letter[1:] else f"${letter}$"
+    """Return the letter of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
+    factor, letter = _factor_and_letter(law, equation, term)
+    sign = {1.0: "", -1.0: "$-$"}.get(factor, _number(factor))
+    return sign + letter if letter and law.support[equation, term] else ""
+
+
+def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
+    """Return what a coefficient is as given: a factor times a letter, or a number and no letter."""
+    for each in law.named_coefficients:
+        if (each.equation, each.term) == (equation, term):
+            return each.factor, math(latex_name(each.name), each.name)
+    return float(law.coefficients[0, equation, term]), ""
 
 
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j]):
-        value = law.coefficients[0, j, k]
-        factor = _number(abs(value)) if one else letter_of(law, j, int(k))
-        rest = "" if law.terms.names[k] == "1" else f" {labels[k]}"
-        summands.append(("$-$" if one and value < 0 else "$+$", factor + rest))
+        value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_letter(law, j, int(k))
+        number = "" if letter and abs(value) == 1 else _number(abs(value))
+        label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]
+        rest = "" if law.terms.names[k] == "1" else f" {label}"
+        summands.append(("$-$" if value < 0 else "$+$", number + letter + rest))
     return summands
 
 

@@ -1,0 +1,90 @@
+"""Laws that somebody has in mind, their coefficients found in trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw import datasets
+from commonlaw.errors import CommonlawError
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return datasets.linear_drag(noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def fitted(drops):
+    return cl.fit("x'' = -9.8 - k v", drops)
+
+
+def test_coefficients_and_errors_are_those_of_refining_the_same_terms(drops):
+    law = cl.fit("x'' = -g - k v", drops)
+    found = cl.discover(drops, order=2, library="poly:1")
+    refined = cl.refine(found, drops)
+    assert law.terms.names == ("1", "v")
+    np.testing.assert_allclose(law.coefficients, refined.coefficients[:, :, refined.support[0]], rtol=1e-6)
+    np.testing.assert_allclose(law.covariance, refined.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_array_equal(law.noise, refined.noise)
+
+
+def test_numbers_in_the_text_stay(fitted):
+    truth = datasets.truth_of("linear-drag")
+    constant, drag = (fitted.terms.index(name) for name in ("1", "v"))
+    assert (fitted.coefficients[:, 0, constant] == -9.8).all()
+    assert (fitted.standard_errors[:, 0, constant] == 0).all()
+    true = truth.select(fitted.objects).coefficients[:, 0, truth.terms.index("v")]
+    assert (np.abs(fitted.coefficients[:, 0, drag] - true) < 4 * fitted.standard_errors[:, 0, drag]).all()
+
+
+def test_letters_of_the_text_name_what_was_found(fitted):
+    assert fitted.structure() == ("x'' = -9.8 - k v",)
+    assert fitted.letters == ("k",)
+    values, errors = fitted.letter_values()
+    np.testing.assert_array_equal(values, -fitted.coefficients[:, 0, 1:])
+    assert (errors > 0).all()
+    one = fitted.select(fitted.objects[:1])
+    assert f"k = {values[0, 0]:.3f} ±"[:8] in str(one)
+    assert "x'' = -9.8 - k v" in str(fitted)
+
+
+def test_names_and_history_are_saved(fitted):
+    again = cl.Law.from_json(fitted.to_json())
+    assert again.structure() == fitted.structure()
+    assert (again.history[0].stage, again.history[0].choice) == ("equations", "x'' = -9.8 - k v")
+    assert str(again) == str(fitted)
+
+
+def test_several_states_and_gaps():
+    trials = datasets.lotka_volterra(noise=0.1, trials=1, samples=60)
+    first = trials[0]
+    states = first.states.copy()
+    states[5, 0] = states[20:23, 1] = np.nan
+    gaps = trials.with_trials([replace(first, states=states)])
+    law = cl.fit(["x' = a x - b x y", "y' = -c y + d x y"], gaps)
+    values, errors = (each[0] for each in law.letter_values())
+    truth = datasets.truth_of("lotka-volterra")
+    pairs = zip(law.named_coefficients, values, errors, strict=True)
+    for each, value, error in pairs:
+        true = truth.coefficients[0, each.equation, truth.terms.index(law.terms.names[each.term])] / each.factor
+        assert abs(value - true) < 4 * error, each.name
+
+
+def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
+    states = [0.3]
+    for _ in range(60):
+        states.append(3.7 * states[-1] * (1 - states[-1]))
+    trials = cl.Trials.from_arrays(np.arange(61.0), states)
+    law = cl.fit("x[k+1] = r x (1 - x)", trials)
+    assert law.letter_values()[0] == pytest.approx(3.7)
+    assert cl.fit("x[k+1] = r x - 3.7 x^2", trials).letter_values()[0] == pytest.approx(3.7)
+    with pytest.raises(CommonlawError, match="takes no noise: leave it out"):
+        cl.fit("x[k+1] = r x", trials, noise={"x": 0.1})
+
+
+def test_a_law_without_coefficients_is_only_judged(drops):
+    law = cl.fit("x'' = -9.8", drops)
+    assert (law.coefficients == -9.8).all()
+    assert law.noise[0] > 0
