@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli import main
 from commonlaw.law import Step
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
@@ -24,21 +23,6 @@ SETTINGS = [
     "--solver",
     "group-stlsq:1.5",
 ]
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command in an empty folder; return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["commonlaw", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture

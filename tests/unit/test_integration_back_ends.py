@@ -11,7 +11,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.integration import Event, InitialValueProblem, VectorField, simulate, simulation
+from commonlaw.integration import Event, InitialValueProblem, Inputs, VectorField, simulate, simulation
 from commonlaw.library import Terms, Variables, parse_term
 
 METHODS = ["auto", "scipy"] + (["heyoka"] if find_spec("heyoka") else [])
@@ -41,6 +41,7 @@ def run(moved, initial, times, **options):
     ]
 
 
+RAMP = Inputs.of(np.array([0.0, 9.0]), np.array([[0.0], [9.0]]))
 FALL = field("xv", {"1": -9.8}, order=2)
 PENDULUM = field("xv", {"sin(x)": -1.3, "v": -0.1, "cos(2*x)*v**3": 0.05, "x*t": 0.01}, order=2)
 RATIONAL = field("xy", {"x/(1 + y**2)": -0.7, "exp(-x)": 0.3}, {"x*y**3": -0.2, "sqrt(1 + x**2)": 0.4, "1/y**2": 0.1})
@@ -202,14 +203,17 @@ def test_laws_that_have_no_taylor_series_are_integrated_by_scipy():
     drag = field("xv", {"1": -9.8, "v*abs(v)": -0.02}, order=2)
     expected = np.sqrt(9.8 / 0.02)
     assert run(drag, [0.0, 0.0], [0.0, 100.0]).states[1, 1] == pytest.approx(-expected, rel=1e-6)
-    driven = field("x", {"u": 1.0}, inputs=lambda t: np.array([t]), input_names=("u",))
+    driven = field("x", {"u": 1.0}, inputs=RAMP, input_names=("u",))
     assert run(driven, [0.0], [0.0, 2.0]).states[1, 0] == pytest.approx(2.0)
     root = run(field("x", {"1": 1.0, "sqrt(x)": 1.0}), [0.0], [0.0, 1.0])
     inverse = 2 * (np.sqrt(root.states[1, 0]) - np.log(1 + np.sqrt(root.states[1, 0])))
     assert inverse == pytest.approx(1.0, abs=1e-5)
     if "heyoka" in METHODS:
         assert run(drag, [0.0, 0.0], [0.0, 1.0]).method == "scipy (abs has no Taylor series at 0)"
-        assert run(driven, [0.0], [0.0, 1.0]).method == "scipy (the law has inputs)"
+        assert run(driven, [0.0], [0.0, 1.0]).method == "heyoka"
+        between = run(driven, [0.0], [0.0, 1.0], dense=True)
+        assert between.method == "scipy (the law has inputs, and states between the times are wanted)"
+        np.testing.assert_allclose(between.at([0.5]), [[0.125]], rtol=1e-6)
         assert root.method == "scipy (heyoka stopped, at t = 0: a state is not finite)"
         with pytest.raises(
             CommonlawError, match="heyoka cannot integrate this law: abs has no Taylor series at 0; choo"
@@ -283,7 +287,7 @@ def test_a_law_in_discrete_time_is_iterated_and_may_diverge():
     assert lost.outcome.kind == "diverged"
     assert np.isfinite(lost.states[lost.times < lost.ended]).all()
     assert np.isnan(lost.states[lost.times >= lost.ended]).all()
-    driven = field("x", {"x": 0.5, "u": 1.0}, order=0, inputs=lambda t: np.array([t]), input_names=("u",))
+    driven = field("x", {"x": 0.5, "u": 1.0}, order=0, inputs=RAMP, input_names=("u",))
     assert run(driven, [8.0], np.arange(4.0)).states[:, 0].tolist() == [8, 4, 3, 3.5]
     with pytest.raises(CommonlawError, match="a law in discrete time has no events and no dense output"):
         run(LOGISTIC, [0.3], [0.0, 1.0], dense=True)

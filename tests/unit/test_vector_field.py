@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.integration import VectorField
+from commonlaw.integration import Inputs, VectorField
 from commonlaw.library import PolynomialLibrary, Variables
 
 FREE = np.random.default_rng(1).random((2, 28)) < 0.5
@@ -14,7 +14,7 @@ def field(order: int, free: np.ndarray | None = None) -> VectorField:
     terms = PolynomialLibrary(2).bind(Variables(states, ("u",), "t"))
     coefficients = np.random.default_rng(0).standard_normal((2, len(terms)))
     coefficients[:, 3] = 0
-    return VectorField(terms, coefficients, order, lambda t: np.array([np.sin(t)]), free)
+    return VectorField(terms, coefficients, order, Inputs.of(np.array([0.4]), np.sin([[0.4]])), free)
 
 
 def points(order: int) -> np.ndarray:

@@ -21,11 +21,25 @@ from commonlaw.trials import Trials
 )
 @click.option("--until", type=float, metavar="TIME", help="Forecast until this time, beyond the measurements.")
 @click.option("--step", type=click.FloatRange(0, min_open=True), help="Step of these times.  [default: a hundredth]")
+@click.option(
+    "--input-between",
+    type=click.Choice(["held", "linear", "cubic"]),
+    default="linear",
+    show_default=True,
+    help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline.",
+)
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
 def predict(
-    law_path: str, source: Source, start: int | None, save: str | None, plot: str | None, as_json: bool, **grid: float
+    law_path: str,
+    source: Source,
+    start: int | None,
+    input_between: str,
+    save: str | None,
+    plot: str | None,
+    as_json: bool,
+    **grid: float,
 ) -> None:
     """Forecast every trial in FILE with LAW.json, each from its own initial state.
 
@@ -44,7 +58,8 @@ def predict(
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
         return_std = bool(save or plot) and law.has_std
-        forecast = law.predict(trials, times=_times(trials, **grid), start=start, return_std=return_std)
+        times = _times(trials, **grid)
+        forecast = law.predict(trials, times=times, start=start, return_std=return_std, input_between=input_between)
         errors = forecast.errors()
         outputs = {}
         if save:

@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.integration import Trajectory
+from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -69,7 +69,7 @@ class FittedInitialState:
         return replace(trajectory, sensitivities=carried), root @ root.T
 
 
-def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
+def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> FittedInitialState:
     """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
 
     The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
@@ -85,7 +85,8 @@ def fit_initial_state(law: Law, trial: Trial, count: int) -> FittedInitialState:
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    model = TrajectoryModel(law.terms, law.order, meshes([trial], _POINTS), observation_model, unit)
+    mesh = [replace(each, inputs=inputs.at(each.times)) for each in meshes([trial], _POINTS)]
+    model = TrajectoryModel(law.terms, law.order, mesh, observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
         model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _MODEL_ERRORS

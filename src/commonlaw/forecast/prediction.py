@@ -9,7 +9,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
-from commonlaw.integration import InitialValueProblem, Trajectory, simulate
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
 from commonlaw.trials import Trial, Trials
@@ -28,16 +28,19 @@ def predict(
     method: str = "auto",
     tolerance: float = 1e-8,
     seed: int = 0,
+    input_between: str = "linear",
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
     covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
-    fitted = [_fitted_start(law, trial, start) for trial in trials]
+    inputs = [Inputs.of(trial.times, trial.inputs, input_between) for trial in trials]
+    fitted = [_fitted_start(law, trial, own, start) for trial, own in zip(trials, inputs, strict=True)]
     unknown = [each.label for each in trials if law.order == 2 and len(each.measured()) == 1]
     note = f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}"
     if times is not None or unknown:
-        trials = trials.with_trials([_with_times(law, each, times) for each in trials], note if unknown else None)
-    problems = [_problem(law, trial, own) for trial, own in zip(trials, fitted, strict=True)]
+        extended = [_with_times(law, trial, own, times) for trial, own in zip(trials, inputs, strict=True)]
+        trials = trials.with_trials(extended, note if unknown else None)
+    problems = [_problem(law, *each) for each in zip(trials, inputs, fitted, strict=True)]
     if covariance is None or noise is None:
         return Forecast(trials, simulate(problems, method=method, tolerance=tolerance))
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
@@ -55,11 +58,11 @@ def predict(
     return Forecast(trials, tuple(replace(each, sensitivities=None) for each in found), tuple(deviations), noise)
 
 
-def _fitted_start(law: Law, trial: Trial, start: int | None) -> FittedInitialState | None:
+def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> FittedInitialState | None:
     """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
     measured = trial.measured()
     count = _count(law, measured, len(measured) < len(trial)) if start is None else start
-    return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, count)
+    return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
 
 
 def _count(law: Law, trial: Trial, ahead: bool) -> int:
@@ -79,24 +82,21 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 
-def _with_times(law: Law, trial: Trial, times: ArrayLike | None) -> Trial:
+def _with_times(law: Law, trial: Trial, inputs: Inputs, times: ArrayLike | None) -> Trial:
     """Return a trial with samples to be forecast at more times after its first."""
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
         raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
     index = np.interp(wanted, trial.times, np.arange(len(trial)))
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
-    order = np.argsort(grid := np.concatenate([trial.times, wanted[between]]))
+    grid = np.concatenate([trial.times, wanted[between]])
+    order = np.argsort(grid)
     states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
-    inputs = [np.interp(grid[order], trial.times, column) for column in trial.inputs.T]
-    return replace(trial, times=grid[order], states=states[order], inputs=np.array(inputs).T)
+    return replace(trial, times=grid[order], states=states[order], inputs=inputs.at(grid[order]))
 
 
-def _problem(law: Law, trial: Trial, fitted: FittedInitialState | None) -> InitialValueProblem:
-    def inputs(t: float) -> Floats:
-        return np.array([np.interp(t, trial.times, column) for column in trial.inputs.T])
-
-    field = replace(law.vector_field(trial.object), inputs=inputs if trial.inputs.size else None)
+def _problem(law: Law, trial: Trial, inputs: Inputs, fitted: FittedInitialState | None) -> InitialValueProblem:
+    field = replace(law.vector_field(trial.object), inputs=inputs)
     initial = _measured_start(law, trial.measured()) if fitted is None else fitted.initial
     return InitialValueProblem(field, initial, trial.times, trial.label)
 

@@ -2,13 +2,16 @@
 
 from commonlaw.integration.event import Event, Occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem
+from commonlaw.integration.inputs import BETWEEN, Inputs
 from commonlaw.integration.simulation import integrate, simulate
 from commonlaw.integration.trajectory import Trajectory
 from commonlaw.integration.vector_field import VectorField
 
 __all__ = [
+    "BETWEEN",
     "Event",
     "InitialValueProblem",
+    "Inputs",
     "Occurrences",
     "Trajectory",
     "VectorField",

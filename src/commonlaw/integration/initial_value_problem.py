@@ -1,6 +1,7 @@
 """What is integrated, from where, and what is asked of it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,6 +46,12 @@ class InitialValueProblem:
     def start(self) -> float:
         """The first time."""
         return float(self.times[0])
+
+    @cached_property
+    def stops(self) -> Floats:
+        """Where an input changes its course, in the span of the times, and the last time."""
+        knots = self.times[:0] if self.field.inputs is None else self.field.inputs.knots
+        return np.append(knots[(knots > self.times[0]) & (knots < self.times[-1])], self.times[-1])
 
 
 @dataclass(frozen=True)

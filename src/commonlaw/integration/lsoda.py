@@ -1,7 +1,9 @@
 """Integration by SciPy: LSODA (Petzold 1983), for stiff problems and others, and for any function of the states."""
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 from scipy.integrate import LSODA, DenseOutput, OdeSolution
@@ -41,7 +43,9 @@ class LsodaIntegrator(AbstractIntegrator):
             rhs, scales = _variational(vector_field, width), _sensitivity_scales(problem)
             start = np.concatenate([start, np.eye(*scales.shape, scales.shape[1] - width).ravel()])
         times, where = problem.times, problem.where
-        result = solve(rhs, start, times, options.tolerance, where, scales.ravel(), search, options.dense)
+        result = solve(
+            rhs, start, times, options.tolerance, where, scales.ravel(), search, options.dense, problem.stops
+        )
         found = occurrences(options.events, search.found if search else [], width)
         if options.sensitivities:
             sensitivities = result.states[:, width:].reshape(len(times), *scales.shape)
@@ -55,6 +59,15 @@ class RightHandSide:
     derivatives: Function
     jacobian: Function | None
     width: int
+
+    def until(self, last: float) -> "RightHandSide":
+        """Return the same with whatever depends on time as it is at the `last` one from there on."""
+        derivatives, jacobian = self.derivatives, self.jacobian
+        return RightHandSide(
+            lambda t, y: derivatives(min(t, last), y),
+            None if jacobian is None else lambda t, y: jacobian(min(t, last), y),
+            self.width,
+        )
 
 
 @dataclass
@@ -101,11 +114,12 @@ def solve(
     other_scales: Floats | tuple[()] = (),
     search: _EventSearch | None = None,
     dense: bool = False,
+    stops: Floats | None = None,
 ) -> Trajectory:
     """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
 
     The absolute tolerance is a thousandth of the relative one times the size of the states, which come first, and times
-    a scale of each other number.
+    a scale of each other number. No step goes past one of the `stops`, the last of which is the last time.
     """
     states, width = np.full((len(times), len(start)), np.nan), rhs.width
     states[0] = start
@@ -121,10 +135,9 @@ def solve(
         absolute = 1e-3 * tolerance * np.concatenate([np.full(width, size), other_scales])
         # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
         # takes steps without end before a blow-up, and calls it a success where states have become infinite.
-        span = times[0], start, times[-1]
-        solver = LSODA(rhs.derivatives, *span, rtol=tolerance, atol=absolute, jac=rhs.jacobian)
+        steps = _steps(rhs, start, times[0], times[-1:] if stops is None else stops, tolerance, absolute)
         reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
-        for _ in range(MAX_STEPS):
+        for solver in islice(steps, MAX_STEPS):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)
                 bad = solver.step() or _runaway(solver.y[:width], size)
@@ -143,10 +156,23 @@ def solve(
                     track.knots.append(float(solver.t))
             if stop is not None:
                 return Trajectory(times, states, None, stop, dense=track)
-            if solver.status == "finished":
+            if solver.t >= times[-1]:
                 return Trajectory(times, states, dense=track)
     ended = float(solver.t)
     return Trajectory(times, states, diverged(ended, why, where), ended, dense=track)
+
+
+def _steps(
+    rhs: RightHandSide, states: Floats, time: float, stops: Floats, relative: float, absolute: Floats
+) -> Iterator[LSODA]:
+    """Yield the solver before each of its steps, a new one after each stop."""
+    for stop in stops:
+        # At the stop itself what follows it would hold
+        own = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
+        solver = LSODA(own.derivatives, time, states, stop, rtol=relative, atol=absolute, jac=own.jacobian)
+        while solver.status == "running":
+            yield solver
+        time, states = solver.t, solver.y
 
 
 @dataclass

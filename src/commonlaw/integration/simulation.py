@@ -20,6 +20,8 @@ METHODS = ("auto", "heyoka", "scipy")
 
 _FEW_POINTS = 5000
 """Points that LSODA gives sooner than heyoka is imported and has compiled the law."""
+_STOP = 10
+"""Points that take LSODA as long as one stop, where inputs change their course."""
 
 
 def simulate(
@@ -38,11 +40,11 @@ def simulate(
     problems
         What to integrate; all must be of one kind of law if there are events.
     method
-        ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with inputs, abs or sign are refused.
-        ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000 points, or
-        sensitivities); LSODA otherwise, for laws that heyoka does not take, and for problems that it cannot finish:
-        stiff ones, which need too many of its steps, and those through points where the law has no derivatives.
-        `Trajectory.method` says which one it was, and why.
+        ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with abs or sign are refused, and inputs with
+        dense output. ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000
+        points, 500 changes of inputs, or sensitivities); LSODA otherwise, for laws that heyoka does not take, and for
+        problems that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
+        law has no derivatives. `Trajectory.method` says which one it was, and why.
     tolerance
         Relative error of a step.
     events
@@ -66,14 +68,16 @@ def simulate(
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
     options, problems = OutputOptions(tolerance, tuple(events), dense, sensitivities), tuple(problems)
-    if method == "auto" and not sensitivities and sum(len(problem.times) for problem in problems) < _FEW_POINTS:
+    points = sum(len(problem.times) + _STOP * (len(problem.stops) - 1) for problem in problems)
+    if method == "auto" and not sensitivities and points < _FEW_POINTS:
         method = "scipy"
-    choices: dict[tuple[int, int, bytes], _Choice] = {}
+    choices: dict[tuple[int, int, int, bytes], _Choice] = {}
     trajectories = []
     for problem in problems:
         vector_field = problem.field
         masks = vector_field.kept.tobytes() + vector_field.parameter_mask.tobytes()
-        key = (id(vector_field.terms), vector_field.order, masks)
+        powers = 0 if vector_field.inputs is None else vector_field.inputs.powers
+        key = (id(vector_field.terms), vector_field.order, powers, masks)
         if key not in choices:
             choices[key] = _choice(vector_field, method, options)
         trajectories.append(choices[key].integrate(problem))
@@ -163,8 +167,8 @@ def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _
 
 def _fast(vector_field: VectorField, options: OutputOptions) -> AbstractIntegrator | str:
     """Return the compiled integrator of a law, or why there is none."""
-    if vector_field.terms.variables.inputs:
-        return "the law has inputs"
+    if vector_field.terms.variables.inputs and options.dense:
+        return "the law has inputs, and states between the times are wanted"
     if find_spec("heyoka") is None:
         return "heyoka is not installed, pip install 'commonlaw[fast]'"
     from commonlaw.integration.heyoka import HeyokaIntegrator, UnsupportedError

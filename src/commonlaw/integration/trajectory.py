@@ -35,7 +35,7 @@ class Trajectory:
         The states at any times within reach, from shape (m,) to shape (m, states), if they were asked for.
     method
         Which back end integrated it, and if it was not the first choice why: ``"heyoka"``,
-        ``"scipy (the law has inputs)"``.
+        ``"scipy (abs has no Taylor series at 0)"``.
     """
 
     times: Floats

@@ -1,6 +1,5 @@
 """The right-hand side of a law for one object, with its derivatives, at many points at once."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -8,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.integration.inputs import Inputs
 from commonlaw.library import Terms
 
 
@@ -35,7 +35,7 @@ class VectorField:
     order
         1 or 2; 0 for a law in discrete time, which gives the next states instead of derivatives.
     inputs
-        The inputs at a time, shape (inputs,); needed to integrate a law that has inputs.
+        The inputs at any time; needed to integrate a law that has inputs.
     free
         Which coefficients are parameters, by which derivatives are taken, shape (equations, terms); without it those
         that are not zero. What all objects share is worth giving: it keeps the meaning of derivatives when a
@@ -45,7 +45,7 @@ class VectorField:
     terms: Terms
     coefficients: Floats
     order: int = 1
-    inputs: Callable[[float], Floats] | None = None
+    inputs: Inputs | None = None
     free: Bools | None = None
 
     def __call__(self, t: float, z: Floats) -> Floats:

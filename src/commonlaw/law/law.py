@@ -300,6 +300,7 @@ class Law(AbstractEquations):
         method: str = "auto",
         tolerance: float = 1e-8,
         seed: int = 0,
+        input_between: str = "linear",
     ) -> Forecast:
         """Forecast each trial from its own initial state.
 
@@ -325,6 +326,9 @@ class Law(AbstractEquations):
             How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
         seed
             Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
+        input_between
+            The course of inputs between samples: ``"held"`` at the earlier value, as a controller does, ``"linear"`` or
+            ``"cubic"`` (a spline, for smooth inputs).
 
         Raises
         ------
@@ -335,7 +339,7 @@ class Law(AbstractEquations):
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "return_std": return_std, "method": method, "tolerance": tolerance, "seed": seed}
-        forecast: Forecast = predict(self, trials, times=times, **options)
+        forecast: Forecast = predict(self, trials, times=times, input_between=input_between, **options)
         return forecast
 
     def score(self, trials: Trials) -> float:

@@ -30,7 +30,8 @@ class Structure:
 
     The terms that are in some equation, over `size` variables (time is the last); for each coefficient, in their order,
     its `pair`: the equation and the index of the term; the indices of those that sensitivities are wanted of, if any
-    (`free`); each event's expression, direction and whether it is terminal.
+    (`free`); how many `inputs` there are, and how many powers their polynomials have; each event's expression,
+    direction and whether it is terminal.
     """
 
     terms: tuple[AbstractTerm, ...]
@@ -39,13 +40,15 @@ class Structure:
     equations: int
     order: int
     size: int
+    inputs: int
+    powers: int
     events: tuple[tuple[AbstractTerm, int, bool], ...]
     tolerance: float
     sensitivities: bool
 
     @classmethod
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
-        """Return the structure of a vector field without inputs."""
+        """Return the structure of a vector field."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
         events = EventFunctions(options.events, vector_field).terms.terms
         free = np.flatnonzero(vector_field.parameter_mask[vector_field.kept] & options.sensitivities)
@@ -56,6 +59,8 @@ class Structure:
             len(vector_field.coefficients),
             vector_field.order,
             len(vector_field.terms.variables.names),
+            len(vector_field.terms.variables.inputs),
+            0 if vector_field.inputs is None else vector_field.inputs.powers,
             tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
             max(options.tolerance, float(np.finfo(float).eps)),
             options.sensitivities,
@@ -66,19 +71,21 @@ class Structure:
 class Compiled:
     """What heyoka made of a structure: its integrator, which holds parameters, state and time, for `width` states.
 
+    Its parameters are coefficients and levels of events, so many `constants`, and then the polynomials of the inputs.
     `terminal` are the indices of the terminal events; the others write to `found`. Initial sensitivities are row by
     row, empty without.
     """
 
     stepper: Any
     width: int
+    constants: int
     terminal: list[int]
     found: Found
     initial_sensitivities: Floats
 
     def start(self, problem: InitialValueProblem, levels: Floats) -> None:
         """Set parameters, state and time to the start of a problem."""
-        self.stepper.pars[:] = np.concatenate([problem.field.coefficients[problem.field.kept], levels])
+        self.stepper.pars[: self.constants] = np.concatenate([problem.field.coefficients[problem.field.kept], levels])
         self.reset(problem.start, np.concatenate([problem.initial, self.initial_sensitivities]))
 
     def reset(self, time: float, row: Floats) -> None:
@@ -89,12 +96,24 @@ class Compiled:
         if self.terminal:
             self.stepper.reset_cooldowns()
 
+    def follow(self, problem: InitialValueProblem) -> float:
+        """Set the inputs to what holds from the present time on; return until when."""
+        time, stops, inputs = self.stepper.time, problem.stops, problem.field.inputs
+        if inputs is not None:
+            piece = inputs.piece(time)
+            # heyoka has no parameters after the last one that the law uses
+            own = self.stepper.pars[self.constants :]
+            own[:] = np.append(inputs.knots[piece], inputs.coefficients[piece])[: len(own)]
+        following = stops.searchsorted(time, side="right")
+        return float(stops[following]) if following < len(stops) else np.inf
+
 
 @lru_cache(maxsize=32)
 def compiled(structure: Structure, _thread: int) -> Compiled:
     """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
-    variables = [*states, heyoka.time]
+    parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
+    variables = [*states, *_inputs(structure, constants), heyoka.time]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
     for i, (equation, index) in enumerate(structure.pairs):
@@ -102,7 +121,7 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
     rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest
     system: Any = list(zip(states, rates, strict=True))
-    parameters, initial_sensitivities = len(structure.pairs), np.empty(0)
+    initial_sensitivities = np.empty(0)
     if structure.sensitivities:
         system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
         initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
@@ -111,13 +130,23 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     stepper = heyoka.taylor_adaptive(
         system,
         np.zeros(len(states)),
-        pars=np.zeros(parameters + len(structure.events)),
         tol=structure.tolerance,
         compact_mode=large,
         opt_level=1 if large else 0,
         **events,
     )
-    return Compiled(stepper, len(states), terminal, found, initial_sensitivities)
+    return Compiled(stepper, len(states), constants, terminal, found, initial_sensitivities)
+
+
+def _inputs(structure: Structure, first: int) -> list[Any]:
+    """Return the inputs as polynomials, whose knot and coefficients are parameters from the index `first` on."""
+    since, found = heyoka.time - heyoka.par[first], []
+    for j in range(structure.inputs):
+        value = heyoka.expression(0.0)
+        for power in reversed(range(structure.powers)):
+            value = value * since + heyoka.par[first + 1 + power * structure.inputs + j]
+        found.append(value)
+    return found
 
 
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:

@@ -43,7 +43,7 @@ class HeyokaIntegrator(AbstractIntegrator):
         width = len(problem.initial)
         with np.errstate(all="ignore"):
             self.compiled.start(problem, self._levels(problem))
-            path = _propagate(self.compiled, problem.times, self.options.dense)
+            path = _propagate(self.compiled, problem, self.options.dense)
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
             reached = _before_runaway(problem, path.rows[:, :width])
             rows[:reached] = path.rows[:reached]
@@ -89,9 +89,9 @@ class _Path:
     broke: bool = False
 
 
-def _propagate(law: Compiled, times: Floats, dense: bool) -> _Path:
+def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Path:
     """Integrate over the times from where the law was placed."""
-    stepper, row = law.stepper, law.stepper.state.copy()
+    stepper, row, times = law.stepper, law.stepper.state.copy(), problem.times
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if dense else None)
     if dense:
@@ -102,7 +102,7 @@ def _propagate(law: Compiled, times: Floats, dense: bool) -> _Path:
         )
         states = _dense(output, row, law.width)
     else:
-        result, _, _, _, _, rows = stepper.propagate_grid(times, max_steps=MAX_STEPS)
+        result, rows = _rows(law, problem)
         states = None
     # A state that is not finite at once leaves no row at all.
     rows, found, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
@@ -115,6 +115,22 @@ def _propagate(law: Compiled, times: Floats, dense: bool) -> _Path:
             return _Path(rows, found, states, time, f"{MAX_STEPS} steps were not enough")
     found.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
     return _Path(rows, found, states, time)
+
+
+def _rows(law: Compiled, problem: InitialValueProblem) -> tuple[Any, Floats]:
+    """Return how heyoka ended and the rows at the times, as far as it came; inputs change their course at stops."""
+    stepper, times, left = law.stepper, problem.times, MAX_STEPS
+    parts, reached = [law.stepper.state.copy()[np.newaxis]], 1
+    while True:
+        stop = law.follow(problem)
+        until = int(np.searchsorted(times, stop, side="right"))
+        wanted = times[reached:until]
+        grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
+        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=left)
+        parts.append(rows[1 : 1 + len(wanted)])
+        left, reached = left - steps, until
+        if result != heyoka.taylor_outcome.time_limit or stop == times[-1]:
+            return result, np.concatenate(parts)
 
 
 def _dense(output: Any, row: Floats, width: int) -> Dense:
@@ -130,7 +146,7 @@ def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: flo
     limit = FAR * state_scale(problem.initial, problem.field, problem.times)
     law.reset(time, row)
     for _ in range(MAX_STEPS):
-        law.stepper.step()
+        law.stepper.step(law.follow(problem) - law.stepper.time)
         peak = float(np.max(np.abs(law.stepper.state[: law.width])))
         if not np.isfinite(peak):
             break
