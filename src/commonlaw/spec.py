@@ -38,7 +38,7 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
         return makers[name](*positional, **{key: _value(value) for key, value in named})
     except CommonlawError as error:
         raise CommonlawError(f"{kind} {text!r}: {error}") from None
-    except TypeError as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise CommonlawError(f"{kind} {text!r} does not fit: write it as {_usage(name, makers[name])}") from error
 
 

@@ -57,6 +57,7 @@ CASES = {
     "code instead of a term": (rows(), ["--library", "terms:__import__('os')"], "__import__"),
     "no such trial": (rows(), ["--where", "drop=3"], "unknown trial '3'"),
     "no such property": (rows(), ["--where", "mass=3"], "unknown property 'mass'"),
+    "a property that is called like a word of Python": (rows(), ["--where", "self=1"], "unknown property 'self'"),
     "a figure of unknown kind": (
         rows(),
         ["--plot", "law.jpeg"],
@@ -98,6 +99,22 @@ def test_a_missing_file_and_one_with_nearly_that_name(fails, tmp_path):
     said = fails("discover", "drop.csv", *COLUMNS)
     assert "drop.csv" in said
     assert "drops.csv" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("gravity=abc", "data set 'linear-drag:gravity=abc': gravity is 'abc': give a number"),
+        ("noise=abc", "noise is 'abc': give a number"),
+        ("drag=(", r"drag is '\(': give a number"),
+        ("samples=1e999", "samples is inf: give a whole number"),
+        ("seed=-1", "seed is -1: give a whole number"),
+        ("nonsense=1", "does not fit: write it as"),
+    ],
+)
+def test_options_of_data_sets_that_are_not_numbers_are_refused(fails, options, message):
+    said = fails("data", "check", "--dataset", f"linear-drag:{options}")
+    assert re.search(message, said), said
 
 
 def test_unsorted_times_are_sorted_and_said(monkeypatch, capsys, tmp_path):

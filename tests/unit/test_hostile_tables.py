@@ -6,6 +6,7 @@ import os
 import numpy as np
 import openpyxl
 import pandas as pd
+import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -79,3 +80,62 @@ def test_a_parquet_file_cut_or_changed_inside_is_refused(tmp_path):
         (tmp_path / "drops.parquet").write_bytes(damaged)
         with pytest.raises(cl.CommonlawError, match=r"drops.parquet is a damaged Parquet file"):
             cl.Trials.read(tmp_path / "drops.parquet")
+
+
+ODD = {
+    "complex states": (FRAME.assign(x=FRAME.x + 1j), {"states": "x"}, "column 'x' holds complex"),
+    "long doubles beyond doubles": (
+        FRAME.assign(x=FRAME.x.to_numpy(np.longdouble) * 1e300 * 1e300),
+        {},
+        "row 2.*inf",
+    ),
+    "an integer beyond doubles": (FRAME.assign(x=[10**400, 1, 2, 3, 4]), {}, "column 'x', row 1, .*infinite"),
+    "a lazy frame of a column that is not there": (
+        pl.DataFrame({"t": [0.0], "x": [1.0]}).lazy().select("t", "z"),
+        {},
+        "the frame cannot be computed .ColumnNotFoundError: .*z",
+    ),
+    "a number as unit": (FRAME, {"units": {"x": 5}}, "the unit of column 'x' is 5: give a text, such as 'm'"),
+    "a text as units": (FRAME, {"units": "m"}, "units are 'm': give them by column"),
+    "a number as states": (FRAME, {"states": 5}, "columns are named by 5"),
+    "a list as a property": (FRAME, {"properties": {"object": {"mass": [1]}}}, r"property 'mass' of object is \[1\]"),
+}
+
+
+@pytest.mark.parametrize(("frame", "roles", "message"), ODD.values(), ids=ODD)
+def test_odd_frames_and_roles_are_refused(frame, roles, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.Trials.from_frame(frame, **roles)
+
+
+@pytest.mark.parametrize("kind", [pl.Int128, pl.UInt64, pl.Decimal(20, 2), pl.Float32])
+def test_numbers_of_every_kind_are_read(kind):
+    frame = pl.DataFrame({"t": FRAME.t.to_numpy(), "x": pl.Series(FRAME.x.to_numpy()).cast(kind)})
+    assert cl.Trials.from_frame(frame)[0].states[:, 0].tolist() == FRAME.x.tolist()
+
+
+def test_integers_above_two_to_the_63_are_read():
+    assert cl.Trials.from_frame(FRAME.assign(x=[2**63, 2**64, 2**65, 0, 1]))[0].states[1, 0] == 2.0**64
+
+
+ARRAYS = {
+    "complex times": (FRAME.t.to_numpy() + 1j, FRAME.x, {}, "complex"),
+    "a number as times": (3, 3, {}, "expected an array of 1 dimensions"),
+    "rows of several lengths": (FRAME.t, [[1], [1, 2]], {}, "expected an array of numbers"),
+    "an integer beyond doubles": ([10**400, 1], [1, 2], {}, "too large"),
+    "a number as name": (FRAME.t, FRAME.x, {"names": [1]}, r"names are \[1\]: give a list of 1 names"),
+    "a number as unit": (FRAME.t, FRAME.x, {"units": {"x": 5}}, "the unit of column 'x' is 5"),
+}
+
+
+@pytest.mark.parametrize(("times", "states", "options", "message"), ARRAYS.values(), ids=ARRAYS)
+def test_odd_arrays_are_refused(times, states, options, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.Trials.from_arrays(times, states, **options)
+
+
+def test_a_property_may_have_any_name_in_a_selection():
+    trials = cl.Trials.from_frame(FRAME, properties={"object": {"self": 1.0}})
+    assert len(trials.select(self=1)) == 1
+    with pytest.raises(cl.CommonlawError, match="unknown property 'cls'"):
+        trials.split(cls=1)

@@ -41,7 +41,7 @@ def measure(
     by object, trial by trial, at every noise level alike.
     """
     check_whole_number("trials", trials, 1)
-    if not (np.isfinite(noise) and noise >= 0):
+    if numbers("noise", noise)[0] < 0:
         raise CommonlawError(f"noise is {noise:g}: give its standard deviation, 0 or positive")
     if not hasattr(seed, "standard_normal"):
         check_whole_number("seed", seed, 0)
@@ -69,7 +69,10 @@ def sample_times(samples: int, rate: float) -> Floats:
 
 def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:
     """Return one or several numbers as a tuple, if they are finite, and positive where they must be."""
-    found = tuple(float(each) for each in np.atleast_1d(values))
+    try:
+        found = tuple(float(each) for each in np.atleast_1d(values))
+    except (TypeError, ValueError):
+        raise CommonlawError(f"{name} is {values!r}: give a number") from None
     if not found:
         raise CommonlawError(f"{name} is empty: give a number for each object")
     for each in found:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import given_properties
-from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, check_measured, label, shown
+from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured, label, shown
 
 
 def trials_from_arrays(
@@ -56,10 +56,10 @@ def trials_from_arrays(
 def _empty(times: Any, states: Any) -> NDArray[np.int64]:
     """Return the indices of samples without a measured state before one; none where `Trial` refuses the arrays."""
     try:
-        values = np.asarray(states, dtype=np.float64)
-    except (TypeError, ValueError):
+        values = as_numbers(states)
+    except CommonlawError:
         return np.empty(0, dtype=np.int64)
-    if not values.size or len(values) != len(times) or values.ndim > 2:
+    if not values.size or values.ndim not in (1, 2) or np.shape(times) != (len(values),):
         return np.empty(0, dtype=np.int64)
     measured = np.flatnonzero(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
     return np.setdiff1d(np.arange(measured[-1]), measured) if len(measured) else measured
@@ -69,7 +69,7 @@ def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, empty: NDA
     """Return a trial without its samples that are empty."""
     inputs = np.empty((0, 0)) if inputs is None else inputs
     if len(empty):
-        times, states = np.delete(times, empty), np.delete(np.asarray(states, dtype=np.float64), empty, axis=0)
+        times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
         inputs = np.delete(inputs, empty, axis=0) if np.size(inputs) else inputs
     return Trial(name, run, times, states, inputs)
 
@@ -99,7 +99,8 @@ def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...]
     states, inputs = trial.states.shape[1], trial.inputs.shape[1]
     if names is None:
         return _numbered("x", states), _numbered("u", inputs)
-    if isinstance(names, str) or len(names) != states + inputs:
+    listed = isinstance(names, list | tuple | np.ndarray) and all(isinstance(name, str) for name in names)
+    if not listed or len(names) != states + inputs:
         driven = f" and {inputs} of inputs" if inputs else ""
         raise CommonlawError(f"names are {names!r}: give a list of {states} names of states{driven}")
     return tuple(names[:states]), tuple(names[states:])

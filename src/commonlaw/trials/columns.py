@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import find_name, split_headers
+from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -109,7 +111,8 @@ class Table:
         """Return a column as numbers, NaN where it is empty."""
         column = self.columns[name]
         if column.dtype.kind != "O":
-            return column.astype(np.float64)
+            with np.errstate(over="ignore"):
+                return column.astype(np.float64)
         if _kind(column) != "str":
             raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
         parsed = self._parsed(name)
@@ -168,13 +171,14 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
     if len(kinds) > 1:
         column[~empty] = [str(cell) for cell in present]
         return column, True
-    if not kinds <= {bool, numbers.Number}:
+    if not kinds <= {bool, numbers.Real}:
         return column, False
     whole = not empty.any() and all(isinstance(cell, numbers.Integral) for cell in present)
     try:
-        return column.astype(np.int64 if whole and len(column) else np.float64), False
+        with np.errstate(over="ignore"):  # Of long doubles; what is infinite is refused
+            return column.astype(np.int64 if whole and len(column) else np.float64), False
     except OverflowError:
-        return column.astype(np.float64), False
+        return np.array([np.nan if cell is None else nearest(cell) for cell in column.tolist()]), False
 
 
 def frame_table(frame: Any, source: str = "the frame") -> Table:
@@ -183,7 +187,7 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
 
     try:
         data = nw.from_native(frame)
-        eager = data.collect() if isinstance(data, nw.LazyFrame) else data
+        eager = _collected(data, source) if isinstance(data, nw.LazyFrame) else data
         headers = [str(name) for name in eager.columns]
     except nw.exceptions.DuplicateError as error:
         text = " ".join(str(error).split())
@@ -199,16 +203,29 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
 
 def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
     """Return a column of a frame, and whether it was of several kinds and became text."""
-    if series.dtype.is_integer() or series.dtype.is_float():
+    import narwhals as nw
+
+    # NumPy has no integers of 128 bits
+    if (series.dtype.is_integer() or series.dtype.is_float()) and series.dtype not in (nw.Int128, nw.UInt128):
         values = series.to_numpy()
         if values.dtype.kind in "iuf":
             return values, False
     return column_of(series.to_list())
 
 
+def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
+    try:
+        return frame.collect()
+    except Exception as error:  # Whatever the engine of the frame raises, in computing what the user asked of it
+        text = " ".join(str(error).split())
+        raise CommonlawError(
+            f"{source} cannot be computed ({type(error).__name__}: {text}); collect it first"
+        ) from error
+
+
 def _family(kind: type) -> type:
     """Return the class that cells of this class can share a column under."""
-    shared = (bool, np.bool_), (numbers.Number,), (str,), (date,)
+    shared = (bool, np.bool_), (numbers.Real, Decimal), (str,), (date,)
     return next((each[0] for each in shared if issubclass(kind, each)), kind)
 
 

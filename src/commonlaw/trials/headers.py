@@ -60,8 +60,12 @@ def joined_units(
     An empty unit takes the one from the header away. Units can be given for the known columns.
     """
     units, known = dict(headers), list(known)
+    if given is not None and not isinstance(given, Mapping):
+        raise CommonlawError(f"units are {given!r}: give them by column, such as {{'x': 'm'}}")
     for name, unit in (given or {}).items():
         column = find_name(name, known)
+        if not isinstance(unit, str):
+            raise CommonlawError(f"the unit of column {column!r} is {unit!r}: give a text, such as 'm'")
         if unit.strip():
             units[column] = check_unit(unit, f"column {column!r}")
         else:

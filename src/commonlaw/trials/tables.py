@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Unpack, cast
@@ -154,6 +154,8 @@ def _columns(table: Table, roles: Roles, taken: list[str], owners: Codes) -> _Co
 
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:
+    if not isinstance(names, Iterable):
+        raise CommonlawError(f"columns are named by {names!r}: give the name of one, or a list of names")
     return tuple(table.find(name) for name in ([names] if isinstance(names, str) else names))
 
 

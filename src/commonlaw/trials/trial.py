@@ -1,5 +1,6 @@
 """One run of one object, the names of what was measured in it, and the keywords that say which column is what."""
 
+import numbers
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -7,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
@@ -204,6 +206,23 @@ def property_names(properties: Mapping[str, Mapping[str, Property]]) -> list[str
     return list(dict.fromkeys(name for values in properties.values() for name in values))
 
 
+def normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, dict[str, Property]]:
+    """Return properties with labels for objects, floats for numbers, and no object that has none."""
+    return {
+        label(name): {str(key): _property(f"property {key!r} of {name}", value) for key, value in values.items()}
+        for name, values in properties.items()
+        if values
+    }
+
+
+def _property(what: str, value: object) -> Property:
+    if isinstance(value, numbers.Real):
+        return nearest(value)
+    if not isinstance(value, str):
+        raise CommonlawError(f"{what} is {value!r}: give a number or a text")
+    return value.strip()
+
+
 def check_measured(trial: Trial, states: Sequence[str]) -> None:
     """Refuse a trial in which a state with gaps has too few measured values; one will do if rows are to be forecast."""
     least = 1 if np.isnan(trial.states[-1]).all() else _LEAST
@@ -228,12 +247,27 @@ def label(value: object) -> str:
     return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
 
 
+def as_numbers(values: ArrayLike) -> Floats:
+    """Return a copy of `values`, refused if they are no real numbers."""
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError("these are complex ones, give their real and imaginary parts")
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CommonlawError(f"expected an array of numbers: {error}") from None
+
+
+def nearest(value: Any) -> float:
+    """Return the float nearest to a number, infinite if that is too large for one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf if value > 0 else -np.inf
+
+
 def _frozen(values: Floats, dimensions: int) -> Floats:
     """Return a read-only copy of `values` with the given number of dimensions."""
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise CommonlawError(f"expected an array of numbers: {error}") from None
+    array = as_numbers(values)
     if array.ndim == 1 and dimensions == 2:
         array = array[:, np.newaxis]
     if array.ndim != dimensions:

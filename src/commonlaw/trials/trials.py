@@ -1,7 +1,6 @@
 """The collection of trials that everything downstream takes."""
 
 import math
-import numbers
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,17 @@ from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, regular_length
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
 from commonlaw.trials.tables import read_trials, trials_from_frame
-from commonlaw.trials.trial import Property, PropertyTable, Roles, Schema, Trial, TrialData, label, property_names
+from commonlaw.trials.trial import (
+    Property,
+    PropertyTable,
+    Roles,
+    Schema,
+    Trial,
+    TrialData,
+    label,
+    normalized,
+    property_names,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,7 +77,7 @@ class Trials:
             ):
                 if values.shape[1] != len(names):
                     raise CommonlawError(f"{trial.label} has {values.shape[1]} {kind}, expected {', '.join(names)}")
-        object.__setattr__(self, "properties", _normalized(self.properties))
+        object.__setattr__(self, "properties", normalized(self.properties))
         self._check_properties()
 
     @classmethod
@@ -290,7 +299,7 @@ class Trials:
         """
         to_parquet(self._data, path)
 
-    def select(self, object: object = None, trial: object = None, **properties: object) -> "Trials":
+    def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that fit every condition.
 
         Parameters
@@ -313,7 +322,7 @@ class Trials:
             raise CommonlawError(f"no trial fits {', '.join(f'{name}={conditions[name]}' for name in tests)} together")
         return self.with_trials(kept)
 
-    def split(self, **conditions: object) -> tuple["Trials", "Trials"]:
+    def split(self, /, **conditions: object) -> tuple["Trials", "Trials"]:
         """Return the trials that `select` keeps with these conditions, and all others.
 
         Raises
@@ -373,15 +382,3 @@ class Trials:
 
 def _listed(value: object) -> list[Any]:
     return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
-
-
-def _normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, dict[str, Property]]:
-    """Return properties with labels for objects, floats for numbers, and no object that has none."""
-    return {
-        label(name): {
-            key: float(value) if isinstance(value, numbers.Real) else str(value).strip()
-            for key, value in values.items()
-        }
-        for name, values in properties.items()
-        if values
-    }
