@@ -7,7 +7,7 @@ import click
 
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "refine", "predict", "show", "data")
+_COMMANDS = ("discover", "fit", "refine", "predict", "show", "data")
 
 
 class _Commands(click.Group):
@@ -36,6 +36,7 @@ def commonlaw() -> None:
     Start with:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 --save law.json
+      commonlaw fit "height'' = -9.81 - c v" drops.csv --object ball --trial drop --time t
       commonlaw predict law.json drops.csv
       commonlaw show law.json --latex
 

@@ -1,0 +1,55 @@
+"""`commonlaw fit`: from equations in mind and a table to a law."""
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from commonlaw.cli.learned import Learned, Outputs, with_outputs
+from commonlaw.cli.methods import with_likelihood
+from commonlaw.cli.options import GroupedCommand
+from commonlaw.cli.output import working
+from commonlaw.cli.source import Source, with_source
+
+if TYPE_CHECKING:
+    from commonlaw.trials import Trials
+
+
+@click.command(cls=GroupedCommand)
+@click.argument("equations")
+@with_source
+@with_likelihood
+@with_outputs
+def fit(equations: str, source: Source, settings: dict[str, Any], outputs: Outputs) -> None:
+    """Fit a law that you have in mind to the trials in FILE.
+
+    EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
+    dP/dt = c H P - d P". Letters that stand as factors before terms are coefficients to be found, numbers are known;
+    v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
+    inputs. The law is checked like one of `commonlaw discover`.
+
+    \b
+    Examples:
+      commonlaw fit "T' = -k (T - 20)" cups.csv --save law.json
+      commonlaw fit "x'' = -g - c v" --dataset linear-drag:noise=0.05
+    """
+    import commonlaw as cl
+
+    with working("Fitting ..."):
+        training, held_out = source.split(_load(source, equations))
+        law = cl.fit(equations, training, **settings)
+        learned = Learned.check(law, source, training, held_out, bands=bool(outputs.plot))
+    outputs.give(learned)
+
+
+def _load(source: Source, equations: str) -> "Trials":
+    """Return the trials, their columns in the roles that equations give them."""
+    from commonlaw.library.equation import split_equations
+
+    trials, states = source.load(), tuple(each.state for each in split_equations(equations))
+    if source.dataset or source.states or {*states} == {*trials.schema.states}:
+        return trials
+    others = [name for name in trials.schema.states if name not in states]
+    inputs = tuple(name for name in others if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations))
+    return replace(source, states=states, inputs=source.inputs or inputs).load()

@@ -1,0 +1,206 @@
+"""What commands say of a law that they learned: on the terminal, in files, as JSON."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from commonlaw.cli.options import option, with_options
+from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table
+from commonlaw.cli.source import Source
+from commonlaw.errors import CommonlawError
+from commonlaw.files import write_all
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from commonlaw.forecast import Forecast
+    from commonlaw.law import Law
+    from commonlaw.trials import Trials
+
+_output = partial(option, "Output")
+
+_OPTIONS = (
+    _output("--save", metavar="LAW.json", help="Write the law."),
+    _output("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf)."),
+    _output("--history", is_flag=True, help="Print every choice on the way to the law, and why."),
+    _output("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+)
+
+_MORE_TERMS = 2
+
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability")
+"""What is shown of a candidate, as far as it is there."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What is wanted of a law that was learned."""
+
+    save: str | None
+    plot: str | None
+    history: bool
+    as_json: bool
+
+    def give(self, learned: "Learned") -> None:
+        """Write the files and print the rest."""
+        outputs = learned.files(self.save, self.plot)
+        write_all(outputs)
+        if self.as_json:
+            print_json(learned.document())
+        else:
+            learned.show()
+            if self.history:
+                print_history(learned.law)
+            for path in outputs:
+                click.echo(f"Wrote {path}")
+        print_notes(learned.notes())
+
+
+def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that say what is wanted of a law to a command; it receives them as `outputs`."""
+
+    @wraps(command)
+    def wrapped(**options: Any) -> None:
+        outputs = Outputs(**{field.name: options.pop(field.name) for field in fields(Outputs)})
+        command(outputs=outputs, **options)
+
+    return with_options(wrapped, _OPTIONS)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known.
+
+    What the check lacked is said in words.
+    """
+
+    training: "Trials"
+    law: "Law"
+    forecast: "Forecast | None"
+    truth: "Law | None"
+    lacking: tuple[str, ...] = ()
+
+    @classmethod
+    def check(cls, law: "Law", source: Source, training: "Trials", held_out: "Trials | None", bands: bool) -> "Learned":
+        """Return a law with forecasts, and their bands if wanted, of the trials held out, or if none of its own."""
+        from commonlaw.datasets import truth_of
+
+        of_known = [trial for trial in held_out or () if trial.object in law.objects]
+        checked = training if held_out is None or not of_known else held_out.with_trials(of_known)
+        truth = truth_of(source.dataset) if source.dataset else None
+        try:
+            forecast = law.predict(checked, return_std=bands and law.has_std)
+        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
+            lacking = f"the law was not checked by forecasts, nor drawn: {error}"
+            return cls(training, law, None, truth, (lacking,))
+        return cls(training, law, forecast, truth)
+
+    @property
+    def is_held_out(self) -> bool:
+        """Whether the forecasts are of trials that the law was not learned from."""
+        return self.forecast is not None and self.forecast.trials is not self.training
+
+    def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
+        """Return the contents of the files to write, all made before the first is written."""
+        outputs = {}
+        if save:
+            outputs[save] = self.law.to_json().encode()
+        if plot and self.forecast:
+            from commonlaw.plots import plot_law, render
+
+            outputs[plot] = render(plot_law(self.law, self.forecast, truth=self.truth), plot)
+        return outputs
+
+    def show(self) -> None:
+        """Print the law and how well it forecasts."""
+        law, training = self.law, self.training
+        click.echo(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
+        if law.shared:
+            click.echo("\n".join((*law.structure(), "")))
+            columns = self._coefficient_columns()
+            print_table(list(columns), zip(*columns.values(), strict=True))
+        else:
+            click.echo(str(law))
+        if law.alternatives:
+            click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
+            print_frame(_shown_candidates(law))
+        where = "held-out trials" if self.is_held_out else "trials it was learned from"
+        if self.forecast:
+            click.echo(
+                f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
+                f"R^2 = {self.forecast.score():.5g}"
+            )
+
+    def document(self) -> dict[str, object]:
+        """Return all results for ``--json``."""
+        law, forecast = self.law, self.forecast
+        return {
+            "law": json.loads(law.to_json()),
+            "equations": {name: list(law.equations(name)) for name in law.objects},
+            "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
+            "history": [asdict(step) for step in law.history],
+            "truth": None if self.truth is None else json.loads(self.truth.to_json()),
+            "forecast": forecast
+            and {
+                "of": "held out" if self.is_held_out else "training",
+                "score": forecast.score(),
+                "errors": forecast.errors().to_dict(orient="records"),
+            },
+            "notes": list(self.training.notes),
+            "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
+        }
+
+    def notes(self) -> list[object]:
+        """Return what else there is to know."""
+        outcomes = self.forecast.outcomes if self.forecast else ()
+        return [*self.training.notes, *self.law.outcomes, *self.lacking, *outcomes]
+
+    def _coefficient_columns(self) -> dict[str, list[object]]:
+        """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""
+        law, truth = self.law, self.truth
+        units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
+        values, errors = law.letter_values()
+        for each, own, deviations in zip(law.named_coefficients, values.T, np.nan_to_num(errors.T), strict=True):
+            term = law.terms.names[each.term]
+            head = _with_unit(each.name, units.get((law.left_hand_sides[each.equation], term)))
+            pairs = zip(own.tolist(), deviations.tolist(), strict=True)
+            columns[head] = [(value, error) if error else value for value, error in pairs]
+            if truth is not None:
+                true = [_true_value(truth, name, each.equation, term) / each.factor for name in law.objects]
+                columns[f"true {each.name}"] = list[object](true)
+        if self.forecast is None:
+            return columns
+        missed = self.forecast.errors().pivot_table(
+            index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
+        )
+        for state in law.states:
+            head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
+            columns[head] = missed[state].reindex(law.objects).tolist()
+        return columns
+
+
+def _shown_candidates(law: "Law") -> "pd.DataFrame":
+    """Return the candidates up to a few terms more than were chosen, with the measures that are there."""
+    frame = law.candidates()
+    chosen = frame[frame["chosen"]].groupby("equation")["size"].first()
+    measures = [name for name in _MEASURES if name in frame and frame[name].notna().any()]
+    frame["terms"] = [" + ".join(each.terms) or "0" for each in law.alternatives]
+    frame[""] = np.where(frame["chosen"], "*", "")
+    few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
+    return frame.loc[few, ["", "equation", "terms", *measures]]
+
+
+def _with_unit(name: str, unit: str | None) -> str:
+    return f"{name} ({unit})" if unit else name
+
+
+def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
+    """Return a true coefficient; zero where the true law has no such term."""
+    if term not in truth.terms.names:
+        return 0.0
+    return float(truth.coefficients_of(name)[equation, truth.terms.index(term)])

@@ -1,0 +1,60 @@
+"""`commonlaw fit` as a user meets it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+
+
+@pytest.fixture
+def cups(tmp_path):
+    """Two cups of tea that cool in rooms of 20 degrees, by a table with a column of no use."""
+    noise, frame = np.random.default_rng(3), pd.DataFrame({"min": np.tile(np.arange(0.0, 30.0, 1.5), 2)})
+    frame["cup"], rates = np.repeat(["thin", "thick"], 20), np.repeat([0.1, 0.05], 20)
+    frame["T"] = 20 + 60 * np.exp(-rates * frame["min"]) + noise.normal(0, 0.2, len(frame))
+    frame["light"] = noise.normal(size=len(frame))
+    frame.to_csv(tmp_path / "cups.csv", index=False)
+
+
+ROLES = ("--object", "cup", "--time", "min")
+
+
+@pytest.mark.usefixtures("cups")
+def test_fit_finds_the_coefficients_of_an_equation_by_their_names(run, tmp_path):
+    code, out, err = run("fit", "dT/dt = -k (T - 20)", "cups.csv", *ROLES, "--save", "law.json", "--plot", "law.svg")
+    assert (code, err) == (0, "Note: columns left out: light\n")
+    assert "dT/dt = -k (T - 20)" in out
+    law = cl.Law.load(tmp_path / "law.json")
+    assert law.schema.states == ("T",)
+    assert law.letter_values()[0].ravel() == pytest.approx([0.1, 0.05], rel=0.02)
+    assert (tmp_path / "law.svg").stat().st_size > 0
+
+
+@pytest.mark.usefixtures("cups")
+def test_columns_that_occur_on_the_right_are_inputs(run, tmp_path):
+    code, *_ = run("fit", "T' = a + b T + c light", "cups.csv", *ROLES, "--save", "law.json")
+    assert code == 0
+    assert cl.Law.load(tmp_path / "law.json").schema.inputs == ("light",)
+
+
+@pytest.mark.usefixtures("cups")
+@pytest.mark.parametrize(
+    ("equation", "message"),
+    [
+        ("T' = a + b (T", "at character 12, '(': this parenthesis is not closed; variables: T, min"),
+        ("Q' = a", "unknown column 'Q'"),
+        ("T[k+1] = a T", "takes no noise"),
+    ],
+)
+def test_what_cannot_be_fitted_is_one_line_on_stderr(run, equation, message):
+    code, out, err = run("fit", equation, "cups.csv", *ROLES, "--noise", "T=0.2")
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert message in err
+
+
+def test_known_noise_and_history_are_taken_as_by_discover(run):
+    code, out, _ = run("fit", "x'' = -g - c v", "--dataset", "linear-drag:noise=0.05", "--noise", "x=0.05", "--history")
+    assert code == 0
+    assert "as given" in out
+    assert "true g" in out
