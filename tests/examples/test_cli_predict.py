@@ -33,3 +33,31 @@ def test_inputs_between_samples_are_as_the_user_says(run, tmp_path, tank):
         assert pd.read_csv(tmp_path / "out.csv")["x error"].abs().max() > 0.05
     code, _, err = run(*predict, "--input-between", "zoh")
     assert (code, "'zoh' is not one of 'held', 'linear', 'cubic'" in err) == (2, True)
+
+
+@pytest.mark.usefixtures("tank")
+def test_a_law_of_one_object_forecasts_a_table_that_names_none(run, tmp_path):
+    frame = pd.read_csv(tmp_path / "tank.csv").drop(columns="object")
+    frame.to_csv(tmp_path / "other.csv", index=False)
+    code, out, err = run("predict", "law.json", "other.csv", "--start", "1")
+    assert (code, "other" in out) == (0, True)
+    assert err == "Note: no object is named: other has the coefficients of tank, the only object of the law\n"
+    assert run("predict", "law.json", "other.csv", "--start", "1", "--object-name", "tank")[2] == ""
+    frame.assign(object="barrel").to_csv(tmp_path / "named.csv", index=False)
+    code, _, err = run("predict", "law.json", "named.csv")
+    assert (code, "unknown object of this law 'barrel'" in err) == (1, True)
+    code, _, err = run("predict", "law.json", "named.csv", "--object-name", "tank")
+    assert (code, "column 'object' names the objects: leave --object-name" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("tank")
+def test_a_law_of_several_objects_asks_which_one_a_table_is_of(run, tmp_path):
+    law = Law.load(tmp_path / "law.json")
+    several = Law(law.terms, law.schema, 1, ("tank", "tub"), np.array([[[-1.0, 1.0]], [[-2.0, 1.0]]]))
+    several.save(tmp_path / "several.json")
+    pd.read_csv(tmp_path / "tank.csv").drop(columns="object").to_csv(tmp_path / "other.csv", index=False)
+    code, _, err = run("predict", "several.json", "other.csv")
+    assert (code, "the law has several: say it with --object-name ..., one of tank, tub" in err) == (1, True)
+    code, out, err = run("predict", "several.json", "other.csv", "--object-name", "tub")
+    assert (code, err) == (0, "")
+    assert "tub" in out

@@ -22,6 +22,7 @@ _OPTIONS = (
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
     _table("--object", metavar="COLUMN", help="Column that names the object."),
+    _table("--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"),
     _table("--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
     _table("--time", metavar="COLUMN", help="Column of times."),
     _columns("--state", "states", help="Column of a measured state; repeat for more."),
@@ -52,6 +53,7 @@ class Source:
     path: str | None
     dataset: str | None
     object: str | None
+    object_name: str | None
     trial: str | None
     time: str | None
     states: tuple[str, ...]
@@ -99,6 +101,7 @@ class Source:
         return Trials.read(
             self.path,
             object=self.object or (schema.object if schema else None),
+            object_name=self.object_name,
             trial=self.trial or (schema.trial if schema else None),
             time=self.time or (schema.time if schema else None),
             states=self.states or (schema.states if schema else None),

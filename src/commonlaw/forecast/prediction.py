@@ -32,6 +32,7 @@ def predict(
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
+    law, trials = _with_object(law, trials)
     covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
     inputs = [Inputs.of(trial.times, trial.inputs, input_between) for trial in trials]
     fitted = [_fitted_start(law, trial, own, start) for trial, own in zip(trials, inputs, strict=True)]
@@ -191,6 +192,20 @@ def _noise_of(law: Law) -> Floats:
             "give its noise, a standard deviation for each state"
         )
     return law.noise
+
+
+def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
+    """Return law and trials; where the trials' only object was not named, it is the only one of the law."""
+    name, others = trials.objects[0], ", ".join(law.objects)
+    if not trials.nameless or name in law.objects:
+        return law, trials
+    if len(law.objects) > 1:
+        raise CommonlawError(
+            f"the trials do not say of which object they are, and the law has several: say it with object_name=..., "
+            f"one of {others}"
+        )
+    note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
+    return replace(law, objects=(name,)), trials.with_trials(trials.trials, note)
 
 
 def _check_variables(law: Law, trials: Trials) -> None:

@@ -50,7 +50,7 @@ def trials_from_arrays(
         if len(here)
     ]
     notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
-    return TrialData(made, schema, known.values, (*known.notes, *notes))
+    return TrialData(made, schema, known.values, (*known.notes, *notes), set(objects) == {"object"})
 
 
 def _empty(times: Any, states: Any) -> NDArray[np.int64]:

@@ -85,7 +85,7 @@ class Report:
 
 def check(data: TrialData, tolerance: float) -> Report:
     """Return figures of every trial and what is odd about them, see `Trials.check`."""
-    trials, schema, _, notes = data
+    trials, schema, notes = data.trials, data.schema, data.notes
     names = schema.states
     rows = tuple(_figures(trial, names, tolerance) for trial in trials)
     oddities = [

@@ -48,7 +48,7 @@ def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
 
 def _columns(data: TrialData) -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
-    trials, schema, properties, _ = data
+    trials, schema, properties = data.trials, data.schema, data.properties
     row_trials = np.repeat(np.arange(len(trials)), [len(trial) for trial in trials])
 
     def per_trial(values: Sequence[Property | None]) -> Column:

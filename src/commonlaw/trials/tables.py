@@ -75,7 +75,9 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
         raise CommonlawError(
             f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"
         )
-    owners, objects = _labels(table, objects_in, "object", default_object)
+    if objects_in is not None and "object_name" in roles:
+        raise CommonlawError(f"{table.source}: column {objects_in!r} names the objects: leave object_name=... out")
+    owners, objects = _labels(table, objects_in, "object", roles.get("object_name") or default_object)
     runs, labels = _labels(table, trials_in, "trial", "1")
     columns = _columns(table, roles, [each for each in (objects_in, trials_in, time) if each is not None], owners)
     if columns.properties is None:
@@ -92,7 +94,9 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
     )
     values = np.column_stack([located.numbers(name, missing=name in columns.states) for name in names])
     made, empty, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
-    return Rows(TrialData(made, schema, known.values, (*table.notes, *columns.notes, *known.notes, *notes)), empty)
+    remarks = (*table.notes, *columns.notes, *known.notes, *notes)
+    nameless = objects_in is None and "object_name" not in roles
+    return Rows(TrialData(made, schema, known.values, remarks, nameless), empty)
 
 
 def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:

@@ -29,6 +29,8 @@ class Roles(TypedDict, total=False):
     ----------
     object
         Column of the objects' names. Default: ``object`` if there is such a column, else the table is of one object.
+    object_name
+        Name of the one object of a table without such a column.
     trial
         Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
     time
@@ -47,6 +49,7 @@ class Roles(TypedDict, total=False):
     """
 
     object: str | None
+    object_name: str | None
     trial: str | None
     time: str | None
     states: str | Sequence[str] | None
@@ -194,6 +197,7 @@ class TrialData(NamedTuple):
     schema: Schema
     properties: Mapping[str, Mapping[str, Property]]
     notes: tuple[str, ...]
+    nameless: bool = False
 
 
 def shown(locations: Sequence[str]) -> str:

@@ -47,6 +47,8 @@ class Trials:
         not known, it is left out.
     notes
         What was done to the data on the way in (sorted, clipped), in words.
+    nameless
+        Whether no object was named, so that the only one has the name of its file, or ``object``.
 
     A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
     ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it.
@@ -62,6 +64,7 @@ class Trials:
     schema: Schema
     properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    nameless: bool = False
 
     def __post_init__(self) -> None:
         if not self.trials:
@@ -187,7 +190,7 @@ class Trials:
 
     @property
     def _data(self) -> TrialData:
-        return TrialData(self.trials, self.schema, self.properties, self.notes)
+        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless)
 
     @property
     def shape(self) -> tuple[int]:
@@ -220,7 +223,7 @@ class Trials:
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
-        return Trials(tuple(trials), self.schema, properties, notes)
+        return Trials(tuple(trials), self.schema, properties, notes, self.nameless)
 
     def of_object(self, name: str) -> tuple[Trial, ...]:
         """Return the trials of one object."""
