@@ -47,6 +47,25 @@ def test_a_text_is_read_as_the_simplest_kind_of_term(text, term):
 
 
 @pytest.mark.parametrize(
+    ("text", "factors"),
+    [
+        ("1", 0),
+        ("x", 1),
+        ("x^2*v", 3),
+        ("sin(2*x)", 2),
+        ("x*sin(v)", 3),
+        ("v*abs(v)", 3),
+        ("x/(1 + x^2)", 3),
+        ("exp(-x)", 2),
+        ("(1 + v)^2", 2),
+        ("sqrt(x + v)", 3),
+    ],
+)
+def test_a_term_is_as_complex_as_the_factors_that_write_it(text, factors):
+    assert parse_term(text, XV).complexity() == factors
+
+
+@pytest.mark.parametrize(
     ("one", "other"), [("abs(v)*v", "v*abs(v)"), ("cos(x)*sin(x)", "sin(x)*cos(x)"), ("(x/v)/(v/x)", "x^2*v^-2")]
 )
 def test_equal_terms_compare_equal_however_they_are_written(one, other):

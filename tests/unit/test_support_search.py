@@ -150,6 +150,7 @@ def test_choices_are_counted():
         assert log_choices(library, size) == pytest.approx(np.log(comb(library, size)))
 
 
+PRICES = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
 TRUTH = np.array([[True, False, False, True, False], [False, True, False, True, True]])
 
 
@@ -174,7 +175,7 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 @pytest.mark.parametrize("solver", [BestSubset(nodes=20), StepwiseSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
-    evidence = SupportEvidence(coupled(objects), allowed, 240 * objects)
+    evidence = SupportEvidence(coupled(objects), allowed, 240 * objects, PRICES)
     for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
         np.testing.assert_array_equal(evidence.choose(start, solver), TRUTH)
 
@@ -183,14 +184,14 @@ def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
     for seed in range(4):
-        evidence = SupportEvidence(coupled(1, seed=seed), allowed, 240)
+        evidence = SupportEvidence(coupled(1, seed=seed), allowed, 240, PRICES)
         best = min(every, key=evidence.value)
         np.testing.assert_array_equal(evidence.choose(allowed, BestSubset(nodes=20)), best)
 
 
 def test_an_equation_has_no_more_terms_than_it_may():
     for most in (1, 2):
-        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), 480, most).choose(
+        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), 480, PRICES, most).choose(
             np.ones_like(TRUTH), BestSubset(nodes=20)
         )
         assert chosen.sum(axis=1).tolist() == [most, most]
@@ -199,7 +200,7 @@ def test_an_equation_has_no_more_terms_than_it_may():
 def test_terms_that_are_not_allowed_are_not_chosen():
     allowed = np.ones_like(TRUTH)
     allowed[0, 3] = allowed[1] = False
-    evidence = SupportEvidence(coupled(), allowed, 480)
+    evidence = SupportEvidence(coupled(), allowed, 480, PRICES)
     chosen = evidence.choose(allowed, BestSubset(nodes=20))
     assert not (chosen & ~allowed).any()
     assert chosen[0, 0]
@@ -209,18 +210,31 @@ def test_terms_that_are_not_allowed_are_not_chosen():
 
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 480)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 480, PRICES)
     expected = (
         minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
         + 2 * np.log(comb(5, 2))
         + 2 * np.log(comb(5, 3))
+        + (0 + 2)
+        + (1 + 2 + 3)
     )
     assert evidence.value(TRUTH) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("simple", [0, 1])
+def test_of_terms_that_data_cannot_tell_apart_the_simpler_is_chosen(simple):
+    prices = np.array([3.0, 3.0])
+    prices[simple] = 1.0
+    for seed in range(10):
+        ((library, target),) = rows([[2.0]], seed=seed)
+        both = library * [1, 1] + 1e-6 * np.random.default_rng(seed).standard_normal((40, 2))
+        evidence = SupportEvidence(problems([(both, target)]), np.ones((1, 2), dtype=bool), 40, prices)
+        assert evidence.choose(np.ones((1, 2), dtype=bool), BestSubset())[0].tolist() == [simple == 0, simple == 1]
+
+
 def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
-    found = SupportEvidence(parts, np.ones_like(TRUTH), 240).coefficients(TRUTH)
+    found = SupportEvidence(parts, np.ones_like(TRUTH), 240, PRICES).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
     for problem, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
@@ -232,7 +246,7 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
 @pytest.mark.parametrize("objects", [1, 3])
 def test_neighbours_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
     parts = coupled(objects, seed=1)
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 240 * objects)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 240 * objects, PRICES)
     np.testing.assert_array_equal(evidence.choose(TRUTH, BestSubset()), TRUTH)
     for equation, listed in enumerate(evidence.neighbours(TRUTH)):
         inside = TRUTH[equation].sum()

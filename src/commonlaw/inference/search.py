@@ -14,7 +14,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
+from commonlaw.inference.support_search import FACTOR, ComparedSupport, SupportEvidence
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
@@ -172,8 +172,9 @@ def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error
     measured = sum(problem.measured)
     # A model error is one more number to be found, at the price of any (BIC)
     price = 0.0 if model_error <= NEGLIGIBLE else float(np.log(measured))
+    prices = FACTOR * problem.models[0].terms.complexities
     offset = sum(each.log_determinant for each in linear) + price
-    return SupportEvidence(problems, problem.allowed, measured, problem.most_terms, offset)
+    return SupportEvidence(problems, problem.allowed, measured, prices, problem.most_terms, offset)
 
 
 def _restricted(

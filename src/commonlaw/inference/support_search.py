@@ -20,6 +20,9 @@ MOST_TERMS = 20
 SAMPLES_FOR_A_TERM = 5
 """For each term of an equation, all objects together need so many samples; with fewer, terms follow the noise."""
 
+FACTOR = 2 * np.log(2)
+"""What a factor of a term costs: one bit, by which a text that says a law tells whether the term goes on or ends."""
+
 _SWEEPS = 4
 """How often each equation is chosen again, given the others."""
 
@@ -39,13 +42,15 @@ class SupportEvidence:
     """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
 
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
-    ... Which terms may enter which equation has shape (equations, terms). Measured numbers are counted, and the offset
-    is added to the value of all supports, for a comparison with those of other problems.
+    ... Which terms may enter which equation has shape (equations, terms). Measured numbers are counted. Each term has a
+    price, shape (terms,), beside what its coefficients cost and choosing so many of all terms. The offset is added to
+    the value of all supports, for a comparison with those of other problems.
     """
 
     problems: Sequence[LeastSquaresProblem]
     allowed: Bools
     measured: int
+    prices: Floats
     most: int = MOST_TERMS
     offset: float = 0.0
 
@@ -67,8 +72,7 @@ class SupportEvidence:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
         factors = np.array([problem.factor for problem in self.problems])
         evidence = self.offset + minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
-        sizes = zip(self.allowed.sum(axis=1), supports.sum(axis=1), strict=True)
-        return evidence + sum(2 * log_choices(int(library), int(size)) for library, size in sizes)
+        return evidence + sum(_price(each, self.prices) for each in supports)
 
     def neighbours(self, supports: Bools, others: Sequence[tuple[float, Bools]] = ()) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
@@ -77,7 +81,7 @@ class SupportEvidence:
         """
         found = []
         for j, chosen in enumerate(supports):
-            equation = _EquationEvidence.of(self._alone(supports, j), self.measured)
+            equation = _EquationEvidence.of(self._alone(supports, j), self.measured, self.prices)
             near = [chosen, *(each for _, each in equation.neighbours(chosen, self.allowed[j], chosen.size))]
             listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in others))}.values())
             errors = [min((e for e, s in others if np.array_equal(s[j], each)), default=None) for each in listed]
@@ -95,7 +99,7 @@ class SupportEvidence:
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
         problems = self._alone(supports, equation)
-        evidence, allowed = _EquationEvidence.of(problems, self.measured), self.allowed[equation]
+        evidence, allowed = _EquationEvidence.of(problems, self.measured, self.prices), self.allowed[equation]
         listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
@@ -129,20 +133,20 @@ class _EquationEvidence:
 
     factors: Floats
     measured: int
+    prices: Floats
 
     @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int) -> "_EquationEvidence":
+    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int, prices: Floats) -> "_EquationEvidence":
         """Return the evidence on these problems."""
-        return cls(np.array([problem.factor for problem in problems]), measured)
+        return cls(np.array([problem.factor for problem in problems]), measured, prices)
 
     def value(self, support: Bools, needed: float = np.inf) -> float:
         """Return minus twice the log-evidence of a support, with what choosing it costs.
 
         Supports that do not come below what is needed get a lower bound of theirs.
         """
-        choices = 2 * log_choices(len(support), int(support.sum()))
-        indices = np.flatnonzero(support)
-        return choices + minus_twice_log_evidence(self.factors, indices, self.measured, needed - choices)
+        price, indices = _price(support, self.prices), np.flatnonzero(support)
+        return price + minus_twice_log_evidence(self.factors, indices, self.measured, needed - price)
 
     def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, value: float) -> tuple[Bools, float]:
         """Return the best of a support of given value and of others, listed with lower bounds; and its value."""
@@ -162,7 +166,12 @@ class _EquationEvidence:
                 size = int(changed.sum())
                 if size <= most:
                     cost = cost_of_coefficients(size, len(self.factors), self.measured)
-                    yield rests[index] + cost + 2 * log_choices(len(support), size), changed
+                    yield rests[index] + cost + _price(changed, self.prices), changed
+
+
+def _price(support: Bools, prices: Floats) -> float:
+    """Return what it costs to say a support of one equation: how many of all terms, and what each is written with."""
+    return 2 * log_choices(len(support), int(support.sum())) + float(prices[support].sum())
 
 
 def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.library.dual import DUAL, Dual
-from commonlaw.library.grammar import NUMPY, columns_in, compiled, with_names
+from commonlaw.library.grammar import NUMPY, columns_in, compiled, factors_in, with_names
 from commonlaw.library.naming import quoted
 from commonlaw.library.term import AbstractTerm
 
@@ -41,6 +41,9 @@ class Expression(AbstractTerm):
 
     def columns(self) -> frozenset[int]:
         return columns_in(self.code)
+
+    def complexity(self) -> float:
+        return factors_in(self.code)
 
     def text(self, names: Sequence[str]) -> str:
         """Return ``abs(v)``, ``1 + x^2``."""

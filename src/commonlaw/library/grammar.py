@@ -94,6 +94,26 @@ def columns_in(code: str) -> frozenset[int]:
     return frozenset(int(each) for each in _COLUMN.findall(code))
 
 
+def factors_in(code: str) -> float:
+    """Return how many variables and functions there are in what `write` returned, repeated for powers.
+
+    Examples
+    --------
+    >>> factors_in("v0*abs(v1)"), factors_in("(1 + v0)**2")
+    (3.0, 2.0)
+    """
+    return _factors(ast.parse(code, mode="eval").body)
+
+
+def _factors(tree: ast.AST) -> float:
+    match tree:
+        case ast.Name():
+            return 1.0
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            return _factors(base) * max(1.0, abs(constant(exponent) or 0.0))
+    return sum((_factors(each) for each in ast.iter_child_nodes(tree)), 0.0)
+
+
 @lru_cache(maxsize=4096)
 def compiled(code: str) -> Compiled:
     """Return the function of variables, by column, and an algebra that computes what `write` returned.

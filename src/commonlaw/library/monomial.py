@@ -61,6 +61,9 @@ class Monomial(AbstractTerm):
     def columns(self) -> frozenset[int]:
         return frozenset(i for i, power in enumerate(self.exponents) if power)
 
+    def complexity(self) -> float:
+        return self.degree
+
     def text(self, names: Sequence[str]) -> str:
         """Return ``x^2 v``."""
         return " ".join(self.powers(names, "^")) or "1"

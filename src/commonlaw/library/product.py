@@ -57,6 +57,9 @@ class Product(AbstractTerm):
     def columns(self) -> frozenset[int]:
         return frozenset().union(*(each.columns() for each in (*self.factors, *self.divisors)))
 
+    def complexity(self) -> float:
+        return sum(each.complexity() for each in (*self.factors, *self.divisors))
+
     def text(self, names: Sequence[str]) -> str:
         """Return ``x^2 sin(x)``, ``v*abs(v)``, ``x/(1 + x^2)``."""
         loose = not any(isinstance(each, Expression) for each in self.factors)

@@ -44,6 +44,13 @@ class AbstractTerm(ABC):
         return False
 
     @abstractmethod
+    def complexity(self) -> float:
+        """Return how many factors it takes to write the term: variables and functions, but no numbers.
+
+        Three for ``x^2 v``, two for ``sin(2 x)``, none for ``1``.
+        """
+
+    @abstractmethod
     def text(self, names: Sequence[str]) -> str:
         """Return the term as the field writes it: ``x^2 v``, ``sin(2 x)``."""
 

@@ -90,6 +90,11 @@ class Terms:
         return tuple(f"({name})" if term.is_sum else name for term, name in pairs)
 
     @cached_property
+    def complexities(self) -> Floats:
+        """How many factors it takes to write each term, see `AbstractTerm.complexity`, shape (number of terms,)."""
+        return np.array([term.complexity() for term in self.terms], dtype=np.float64)
+
+    @cached_property
     def _plan(self) -> Plan:
         return Plan.of(self.terms)
 

@@ -45,6 +45,10 @@ class Trigonometric(AbstractTerm):
     def columns(self) -> frozenset[int]:
         return frozenset((self.variable,))
 
+    def complexity(self) -> float:
+        """Return two: a function and a variable."""
+        return 2
+
     def text(self, names: Sequence[str]) -> str:
         """Return ``sin(2 x)``."""
         return f"{self.function}({self._times(' ')}{names[self.variable]})"
