@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_whole
+from commonlaw.files import check_targets, write_whole
 from commonlaw.report import Picture, Table, Text, to_json, write_report
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.study import inquire, run
@@ -38,6 +38,7 @@ def falling_balls(out: str, data: str | None, only: str | None, seed: int, resul
     Example:
       make study ARGS="--out report/ --only tables"
     """
+    check_targets([] if results is None else [results])
     inquiry = inquire(data, seed, simulated_only=only == "simulated")
     with _progress() as show:
         report = run(inquiry, show)

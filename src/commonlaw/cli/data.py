@@ -68,12 +68,10 @@ def export(source: Source, save: str) -> None:
     Example:
       commonlaw data export --dataset linear-drag:noise=0.05 --save drops.csv
     """
-    trials, _ = source.split(source.load())
-    if save.endswith(".csv"):
-        trials.to_csv(save)
-    elif save.endswith(".parquet"):
-        trials.to_parquet(save)
-    else:
+    if not save.endswith((".csv", ".parquet")):
         raise CommonlawError(f"cannot tell the format of {save!r}: name it .csv or .parquet")
+    trials, _ = source.split(source.load())
+    write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
+    write(save)
     click.echo(f"Wrote {save}")
     print_notes(trials.notes)

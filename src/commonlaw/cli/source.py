@@ -9,6 +9,7 @@ import click
 
 from commonlaw.cli.options import in_options, option, pairs, with_options
 from commonlaw.errors import CommonlawError
+from commonlaw.files import check_targets
 from commonlaw.trials import Schema, Trials
 
 _table = partial(option, "Table")
@@ -44,6 +45,10 @@ _OPTIONS = (
     ),
     _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."),
 )
+
+
+_INPUTS, _OUTPUTS = ("path", "law_path"), ("save", "plot")
+"""Parameters of commands that name files."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +118,17 @@ class Source:
 
 
 def with_source(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the file argument and the shared options to a command; it receives them as `source`."""
+    """Add the file argument and the shared options to a command; it receives them as `source`.
+
+    Files that it is to write and cannot, or must not, are refused before it does anything.
+    """
 
     @wraps(command)
     def wrapped(**options: Any) -> None:
+        inputs, outputs = (
+            [options[name] for name in names if options.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
+        )
+        check_targets(outputs, inputs)
         source = Source(**{field.name: options.pop(field.name) for field in fields(Source)})
         try:
             command(source=source, **options)
