@@ -34,7 +34,7 @@ from .formulation import (
     StrongForm as StrongForm,
     WeakForm as WeakForm,
 )
-from .inference import refine as refine
+from .inference import compare as compare, refine as refine
 from .integration import (
     Event as Event,
     Trajectory as Trajectory,

@@ -1,5 +1,7 @@
 """`commonlaw fit` as a user meets it."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,6 +53,18 @@ def test_what_cannot_be_fitted_is_one_line_on_stderr(run, equation, message):
     code, out, err = run("fit", equation, "cups.csv", *ROLES, "--noise", "T=0.2")
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert message in err
+
+
+@pytest.mark.usefixtures("cups")
+def test_evidence_is_compared_with_that_of_another_law(run):
+    assert run("fit", "T' = a + b T", "cups.csv", *ROLES, "--save", "linear.json")[0] == 0
+    code, out, _ = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "linear.json", "--json")
+    compared = json.loads(out)["compared"]
+    assert code == 0
+    assert [(each["law"], each["coefficients"]) for each in compared] == [("linear.json", 2), ("fitted", 1)]
+    assert compared[1]["2 log B"] > 10
+    code, out, _ = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "linear.json")
+    assert "Evidence, with the same noise" in out
 
 
 def test_known_noise_and_history_are_taken_as_by_discover(run):

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 @click.argument("equations")
 @with_source
 @with_likelihood
+@click.option("--against", metavar="LAW.json", help="Say how the fitted law stands in evidence beside another.")
 @with_outputs
-def fit(equations: str, source: Source, settings: dict[str, Any], outputs: Outputs) -> None:
+def fit(equations: str, source: Source, settings: dict[str, Any], against: str | None, outputs: Outputs) -> None:
     """Fit a law that you have in mind to the trials in FILE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
@@ -32,6 +33,7 @@ def fit(equations: str, source: Source, settings: dict[str, Any], outputs: Outpu
     \b
     Examples:
       commonlaw fit "T' = -k (T - 20)" cups.csv --save law.json
+      commonlaw fit "T' = a + b T" cups.csv --against discovered.json
       commonlaw fit "x'' = -g - c v" --dataset linear-drag:noise=0.05
     """
     import commonlaw as cl
@@ -40,6 +42,10 @@ def fit(equations: str, source: Source, settings: dict[str, Any], outputs: Outpu
         training, held_out = source.split(_load(source, equations))
         law = cl.fit(equations, training, **settings)
         learned = Learned.check(law, source, training, held_out, bands=bool(outputs.plot))
+        if against:
+            laws = {"fitted": law, against: cl.Law.load(against)}
+            same = {name: settings[name] for name in ("noise", "huber_threshold") if name in settings}
+            learned = replace(learned, compared=cl.compare(laws, training, **same))
     outputs.give(learned)
 
 

@@ -76,7 +76,7 @@ def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
 class Learned:
     """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known.
 
-    What the check lacked is said in words.
+    What the check lacked is said in words; laws may be compared, see `commonlaw.compare`.
     """
 
     training: "Trials"
@@ -84,6 +84,7 @@ class Learned:
     forecast: "Forecast | None"
     truth: "Law | None"
     lacking: tuple[str, ...] = ()
+    compared: "pd.DataFrame | None" = None
 
     @classmethod
     def check(cls, law: "Law", source: Source, training: "Trials", held_out: "Trials | None", bands: bool) -> "Learned":
@@ -129,6 +130,9 @@ class Learned:
         if law.alternatives:
             click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
             print_frame(_shown_candidates(law))
+        if self.compared is not None:
+            click.echo("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
+            print_frame(self.compared)
         where = "held-out trials" if self.is_held_out else "trials it was learned from"
         if self.forecast:
             click.echo(
@@ -151,6 +155,7 @@ class Learned:
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
+            "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
             "notes": list(self.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
         }

@@ -1,5 +1,6 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
+from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_best_forecast
 from commonlaw.inference.refinement import refine
@@ -12,6 +13,7 @@ __all__ = [
     "PATH",
     "CovarianceKind",
     "LawSearch",
+    "compare",
     "finish",
     "fit_supports",
     "known_noise",

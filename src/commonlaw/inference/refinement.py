@@ -6,6 +6,7 @@ from typing import get_args
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.law_search import fitted_law
@@ -78,10 +79,8 @@ def refine(
     with v = x'
     """
     check_choice("covariance", covariance, get_args(CovarianceKind))
-    law, trials = _of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
-    known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
-    certain = law.standard_errors == 0
-    known[certain] = law.coefficients[certain]
+    law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
+    known = known_coefficients(law)
     levels = None if noise is None else known_noise(noise, law.states)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing")
@@ -95,7 +94,15 @@ def refine(
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 
-def _of_objects(law: Law, trials: Trials) -> Law:
+def known_coefficients(law: Law) -> Floats:
+    """Return those that are known, shape (objects, equations, terms), NaN where one is to be found."""
+    known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
+    certain = law.standard_errors == 0
+    known[certain] = law.coefficients[certain]
+    return known
+
+
+def of_objects(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, which it fits."""
     if law.order == 0:
         raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")

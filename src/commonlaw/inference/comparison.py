@@ -1,0 +1,102 @@
+"""Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.mesh_refinement import until_resolved
+from commonlaw.inference.refinement import known_coefficients, of_objects
+from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.law import Law
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def compare(
+    laws: Mapping[str, Law],
+    trials: Trials,
+    *,
+    noise: Mapping[str, float] | None = None,
+    huber_threshold: float = HUBER_THRESHOLD,
+) -> "pd.DataFrame":
+    """Return how probable the measurements make each of several laws, whatever found them.
+
+    The coefficients of all laws are fitted again, to these trials and with one noise for all; known ones stay. What was
+    to choose from when a law was found costs it nothing here.
+
+    Parameters
+    ----------
+    laws
+        By names of your own; of one order, and of the trials' objects.
+    trials
+        What was measured.
+    noise, huber_threshold
+        See `refine`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each law, the most probable first: its name, its equations, the number of coefficients that were
+        found for each object, whether the measurements depart from it by more than their noise, 2 log B (Kass and
+        Raftery 1995) against the first, and its probability if one of these laws holds.
+
+    Raises
+    ------
+    CommonlawError
+        If the laws are of different orders, or `refine` would not take one of them.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> laws = {text: cl.fit(text, drops) for text in ("x'' = a + b v", "x'' = a + b v^2")}
+    >>> cl.compare(laws, drops)["law"].tolist()
+    ["x'' = a + b v", "x'' = a + b v^2"]
+    """
+    import pandas as pd
+
+    if len({law.order for law in laws.values()}) > 1:
+        raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
+    fitted = [_fitted(of_objects(law, trials), trials, noise, huber_threshold) for law in laws.values()]
+    finest = max(problem.points for problem, _ in fitted)
+    states = [_on_mesh(problem, state, finest) for problem, state in fitted]
+    above = np.array([state.value for state in states]) - min(state.value for state in states)
+    weights = np.exp(-above / 2)
+    frame = pd.DataFrame(
+        {
+            "law": list(laws),
+            "equations": ["; ".join(law.structure()) for law in laws.values()],
+            "coefficients": [int(state.supports.sum()) for state in states],
+            "model error": [state.has_model_error for state in states],
+            "2 log B": above,
+            "probability": weights / weights.sum(),
+        }
+    )
+    return frame.sort_values("2 log B", ignore_index=True)
+
+
+def _fitted(
+    law: Law, trials: Trials, noise: Mapping[str, float] | None, huber_threshold: float
+) -> tuple[SearchProblem, SearchState]:
+    """Return a law fitted on a mesh that is fine enough for it."""
+    trials = trials.with_trials([each.measured() for each in trials])
+    levels: Floats | None = None if noise is None else known_noise(noise, law.states)
+    known = known_coefficients(law)
+    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
+    return until_resolved(problem, state, lambda _, fitted: fitted)
+
+
+def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> SearchState:
+    """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
+    fine = problem
+    while fine.points < points:
+        fine = fine.finer()
+    return fit_supports(fine, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))
