@@ -19,6 +19,13 @@ from commonlaw.trials import Trials
     " law is fitted.  [default: 1, or for laws of second order that know their noise, what first rates would be "
     "estimated from; all that were measured where rows follow that were not]",
 )
+@click.option(
+    "--from",
+    "from_time",
+    type=float,
+    metavar="TIME",
+    help="Forecast from this time on; what was measured before, or the last N samples of --start, tells the start.",
+)
 @click.option("--until", type=float, metavar="TIME", help="Forecast until this time, beyond the measurements.")
 @click.option("--step", type=click.FloatRange(0, min_open=True), help="Step of these times.  [default: a hundredth]")
 @click.option(
@@ -35,6 +42,7 @@ def predict(
     law_path: str,
     source: Source,
     start: int | None,
+    from_time: float | None,
     input_between: str,
     save: str | None,
     plot: str | None,
@@ -51,6 +59,7 @@ def predict(
     Example:
       commonlaw predict law.json drops.csv --save forecast.csv
       commonlaw predict law.json drops.csv --until 30 --step 0.1 --save forecast.csv
+      commonlaw predict law.json lynx.csv --from 1920 --plot forecast.png
     """
     from commonlaw.law import Law
 
@@ -58,8 +67,15 @@ def predict(
     with working("Forecasting ..."):
         trials, _ = source.split(source.load(law.schema))
         return_std = bool(save or plot) and law.has_std
-        times = _times(trials, **grid)
-        forecast = law.predict(trials, times=times, start=start, return_std=return_std, input_between=input_between)
+        times = _times(trials, from_time, **grid)
+        forecast = law.predict(
+            trials,
+            times=times,
+            start=start,
+            from_time=from_time,
+            return_std=return_std,
+            input_between=input_between,
+        )
         errors = forecast.errors()
         outputs = {}
         if save:
@@ -79,9 +95,10 @@ def predict(
     print_notes([*forecast.trials.notes, *forecast.outcomes])
 
 
-def _times(trials: Trials, until: float | None, step: float | None) -> list[float]:
-    """Return the times that ``--until`` and ``--step`` ask for, from the first of all samples on."""
-    first, last = min(each.times[0] for each in trials), max(each.times[-1] for each in trials)
+def _times(trials: Trials, first: float | None, until: float | None, step: float | None) -> list[float]:
+    """Return the times that ``--until`` and ``--step`` ask for, from the first time on or that of all samples."""
+    first = min(each.times[0] for each in trials) if first is None else first
+    last = max(each.times[-1] for each in trials)
     span = (last if until is None else until) - first
     if until is step is None or span <= 0:
         return []

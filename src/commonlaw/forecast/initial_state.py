@@ -77,8 +77,6 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Fit
     than the count is used whole.
     """
     noise = _noise_of(law)
-    if count < 1:
-        raise CommonlawError(f"start is {count}: give how many first samples tell the start, 1 or more")
     trial = trial.cut(count)
     _check_measured(law, trial)
     guess = _guess(law, trial)

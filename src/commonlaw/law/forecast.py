@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law.uncertainty import normal_quantile
@@ -32,12 +32,16 @@ class Forecast:
         state, of the shape of ``trajectory.states``; None if it was not asked for.
     noise
         Standard deviation of the measurement noise of each state, shape (states,); None if it is not known.
+    from_time
+        When forecasts begin, if that is not at the first sample. What was measured before told the initial states, and
+        is not in tables, errors and scores.
     """
 
     trials: Trials
     trajectories: tuple[Trajectory, ...]
     std: tuple[Floats, ...] | None = None
     noise: Floats | None = None
+    from_time: float | None = None
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -58,7 +62,7 @@ class Forecast:
 
         schema, parts = self.trials.schema, []
         margins = self.margins() if self.std is not None else None
-        for i, (trial, forecast) in enumerate(zip(self.trials, self._states(), strict=True)):
+        for i, (trial, forecast, ahead) in enumerate(zip(self.trials, self._states(), self.ahead, strict=True)):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
                 part[name] = trial.states[:, j]
@@ -67,7 +71,7 @@ class Forecast:
                 if margins is not None:
                     part[f"{name} low"] = forecast[:, j] - margins[i][:, j]
                     part[f"{name} high"] = forecast[:, j] + margins[i][:, j]
-            parts.append(pd.DataFrame(part))
+            parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
 
     def interval(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
@@ -87,13 +91,13 @@ class Forecast:
         """
         import pandas as pd
 
-        schema, parts = self.trials.schema, []
-        for trial, forecast, margin in zip(self.trials, self._states(), self.margins(level, measured), strict=True):
+        schema, parts, margins = self.trials.schema, [], self.margins(level, measured)
+        for trial, forecast, margin, ahead in zip(self.trials, self._states(), margins, self.ahead, strict=True):
             for j, name in enumerate(schema.states):
                 part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times, "state": name}
                 part |= {"forecast": forecast[:, j]}
                 part |= {"low": forecast[:, j] - margin[:, j], "high": forecast[:, j] + margin[:, j]}
-                parts.append(pd.DataFrame(part))
+                parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
@@ -124,11 +128,11 @@ class Forecast:
         import pandas as pd
 
         schema, rows = self.trials.schema, []
-        for trial, forecast, trajectory in zip(self.trials, self._states(), self.trajectories, strict=True):
-            errors = np.abs(np.nan_to_num(forecast, nan=np.inf) - trial.states)
-            lost = np.flatnonzero(np.isnan(forecast).any(axis=1))
+        for trial, trajectory, (states, forecast) in zip(self.trials, self.trajectories, self._compared(), strict=True):
+            errors = np.abs(np.nan_to_num(forecast, nan=np.inf) - states)
+            lost = np.flatnonzero(np.isnan(trajectory.states).any(axis=1))
             for j, name in enumerate(schema.states):
-                error = errors[~np.isnan(trial.states[:, j]), j]
+                error = errors[~np.isnan(states[:, j]), j]
                 rows.append(
                     {
                         schema.object: trial.object,
@@ -148,12 +152,22 @@ class Forecast:
         1 is perfect, 0 is as good as each trial's mean, and a forecast that diverged makes it minus infinity.
         Samples in which a state was not measured do not count; NaN if no state was seen to vary.
         """
-        states = self._states()
-        if any(np.isnan(forecast).any() for forecast in states):
+        compared = self._compared()
+        if any(np.isnan(forecast).any() for _, forecast in compared):
             return -np.inf
-        missed = _sum_of_squares([f - trial.states for f, trial in zip(states, self.trials, strict=True)])
-        varied = _sum_of_squares([trial.states - _means(trial.states) for trial in self.trials])
+        missed = _sum_of_squares([forecast - states for states, forecast in compared])
+        varied = _sum_of_squares([states - _means(states) for states, _ in compared])
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
+
+    @property
+    def ahead(self) -> tuple[Bools, ...]:
+        """Which samples of each trial are forecast, each of shape (n,); the others told the initial state."""
+        return tuple(trial.times >= (-np.inf if self.from_time is None else self.from_time) for trial in self.trials)
+
+    def _compared(self) -> list[tuple[Floats, Floats]]:
+        """Return for each trial the states as measured and as forecast, at the samples that are forecast."""
+        triples = zip(self.trials, self._states(), self.ahead, strict=True)
+        return [(trial.states[ahead], forecast[ahead]) for trial, forecast, ahead in triples]
 
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)

@@ -296,6 +296,7 @@ class Law(AbstractEquations):
         *,
         times: ArrayLike | None = None,
         start: int | None = None,
+        from_time: float | None = None,
         return_std: bool = False,
         method: str = "auto",
         tolerance: float = 1e-8,
@@ -317,6 +318,11 @@ class Law(AbstractEquations):
             states may be missing. More samples leave less noise in the start, and make it matter more that the law is
             right. Default: 1, but if the noise is known all that were measured where others follow, those that first
             rates would be estimated from, or as many as tell what the first sample lacks.
+        from_time
+            When the forecasts begin: what was measured before tells the initial state, all of it, or the last `start`
+            samples, and everything from then on is forecast. Trials without samples on both sides are left out, which
+            `Forecast.trials.notes` says. Without the noise of the law its last sample counts as measured, or for a law
+            of second order the first of five.
         return_std
             Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
             coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
@@ -338,8 +344,9 @@ class Law(AbstractEquations):
         """
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
-        options = {"start": start, "return_std": return_std, "method": method, "tolerance": tolerance, "seed": seed}
-        forecast: Forecast = predict(self, trials, times=times, input_between=input_between, **options)
+        options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
+        how = {"method": method, "tolerance": tolerance, "seed": seed}
+        forecast: Forecast = predict(self, trials, times=times, **options, **how)
         return forecast
 
     def score(self, trials: Trials) -> float:

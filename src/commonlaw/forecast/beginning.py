@@ -1,0 +1,195 @@
+"""Where the forecasts of trials begin: at which sample, in which state, and how well that is known."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
+from commonlaw.integration import Inputs
+from commonlaw.law import Law
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import shown
+
+_DRAWS = 200
+"""Vectors of noise that show what a differentiator makes of noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Where the forecast of one trial begins.
+
+    Parameters
+    ----------
+    trial
+        At whose times to forecast; its first one is that of the initial state.
+    inputs
+        At any time.
+    told
+        The samples that tell the initial state.
+    fitted
+        The initial state that is fitted to them, or None for the first of them as measured.
+    """
+
+    trial: Trial
+    inputs: Inputs
+    told: Trial
+    fitted: FittedInitialState | None
+
+    def initial(self, law: Law) -> Floats:
+        """Return the initial state, shape (width,)."""
+        return _measured_start(law, self.told) if self.fitted is None else self.fitted.initial
+
+
+def begin(
+    law: Law, trials: Trials, times: ArrayLike | None, start: int | None, from_time: float | None, input_between: str
+) -> tuple[Trials, list[Beginning]]:
+    """Return the trials that can be forecast, with samples at all times that are wanted, and where each begins."""
+    wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
+    if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
+        raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
+    if start is not None and start < 1:
+        raise CommonlawError(f"start is {start}: give how many first samples tell the start, 1 or more")
+    if from_time is not None and not np.isfinite(from_time):
+        raise CommonlawError(f"from_time={from_time} is not finite: give the time from which to forecast")
+    found, lost = [], []
+    for trial in trials:
+        inputs = Inputs.of(trial.times, trial.inputs, input_between)
+        extended = _with_times(trial, inputs, wanted) if len(wanted) else trial
+        if from_time is None:
+            found.append(Beginning(extended, inputs, trial.measured(), _fitted_start(law, trial, inputs, start)))
+        elif trial.times[0] < from_time <= extended.times[-1]:
+            found.append(_begin_later(law, trial, extended, inputs, start, from_time))
+        else:
+            lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
+    why = f"from_time={from_time}, with no sample before it or no row from then on: {shown(lost)}"
+    if not found:
+        raise CommonlawError(f"no trial can be forecast {why}")
+    notes = [f"trials not forecast {why}"] if lost else []
+    unknown = [each.told.label for each in found if law.order == 2 and len(each.told) == 1]
+    if unknown:
+        notes.append(f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}")
+    # Trials that are forecast as they are stay the same
+    kept = [each.trial for each in found]
+    trials = trials if kept == list(trials) else trials.with_trials(kept)
+    return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), found
+
+
+def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> FittedInitialState | None:
+    """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
+    measured = trial.measured()
+    count = _count(law, measured, len(measured) < len(trial)) if start is None else start
+    return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
+
+
+def _begin_later(
+    law: Law, trial: Trial, extended: Trial, inputs: Inputs, start: int | None, from_time: float
+) -> Beginning:
+    """Return the beginning at the last samples before a time: so many as are asked for, else all that can be fitted."""
+    measured = trial.measured()
+    stop = int(np.searchsorted(measured.times, from_time))
+    fits = can_fit_initial_state(law)
+    count = start or (stop if fits else MIN_SAMPLES if law.order == 2 else 1)
+    told = _rows(measured, slice(max(0, stop - count), stop))
+    first = int(np.searchsorted(extended.times, told.times[0]))
+    fitted = fit_initial_state(law, told, inputs, count) if (start or fits) and len(told) > 1 else None
+    return Beginning(_rows(extended, slice(first, None)), inputs, told, fitted)
+
+
+def _rows(trial: Trial, rows: slice) -> Trial:
+    return replace(trial, times=trial.times[rows], states=trial.states[rows], inputs=trial.inputs[rows])
+
+
+def _count(law: Law, trial: Trial, ahead: bool) -> int:
+    """Return how many samples tell where a forecast starts, if that is left open.
+
+    All if others are to be forecast; else the first, or those that its rate, or what it lacks, would be estimated from:
+    the law knows better than a polynomial how the states move there, if it knows what the samples are worth.
+    """
+    if not can_fit_initial_state(law) or ahead:
+        return len(trial) if ahead and can_fit_initial_state(law) else 1
+    known = np.isfinite(trial.states).cumsum(axis=0).min(axis=1)
+    if law.order == 2 and law.differentiation is not None:
+        count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
+        if known[:count][-1] >= MIN_SAMPLES:
+            return count
+    ready = known[0] and (law.order == 1 or _differentiation(law, trial) is not None)
+    return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
+
+
+def _with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
+    """Return a trial with samples to be forecast at more times after its first."""
+    index = np.interp(wanted, trial.times, np.arange(len(trial)))
+    between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
+    grid = np.concatenate([trial.times, wanted[between]])
+    order = np.argsort(grid)
+    states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
+    return replace(trial, times=grid[order], states=states[order], inputs=inputs.at(grid[order]))
+
+
+def _measured_start(law: Law, trial: Trial) -> Floats:
+    """Return the first measured states, and the estimated rates of a law of second order, shape (width,)."""
+    missing = np.isnan(trial.states)
+    if missing[0].any():
+        state = law.states[int(np.argmax(missing[0]))]
+        whole = np.flatnonzero(~missing.any(axis=1))
+        remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
+        raise CommonlawError(
+            f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "
+            "it to the first samples with start=15"
+        )
+    rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
+    return np.concatenate([trial.states[0], *rates])
+
+
+def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
+    """Return what estimates the first rates: the law's own method, or the first that takes the samples, if any."""
+    methods = law.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
+    return next((each for each in methods if each.takes(trial.times, trial.states)), None)
+
+
+def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
+    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,); zero if unknown."""
+    method = _differentiation(law, trial)
+    rates = None if method is None else method.differentiate(trial.times, states, 1).derivatives[0][0]
+    return np.zeros(states.shape[1]) if rates is None else rates
+
+
+def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
+    """Return the covariance of a trial's initial states (and rates) due to noise, shape (width, width).
+
+    Rates are estimated once more from the measured states with noise on top, many times: with draws that are white to
+    the last digit, so that this is exact for every linear differentiator. For others it is close; for medians, which
+    are the odd ones, it is up to a quarter too much.
+    """
+    if law.order != 2:
+        return np.diag(noise**2)
+    method = _differentiation(law, trial)
+    if method is None:
+        return np.diag(np.append(noise**2, np.full(len(noise), np.nan)))
+    states, samples = len(noise), _samples(method, len(trial))
+    covariance = np.zeros((2 * states, 2 * states))
+    for j, level in enumerate(noise):
+        draws = level * _white(samples, seed)
+        noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
+        noisy[:samples] += draws
+        indices = np.ix_((j, states + j), (j, states + j))
+        covariance[indices] = np.cov(draws[0], _first_rates(law, trial, noisy), bias=True)
+    return covariance
+
+
+def _samples(differentiation: AbstractDifferentiator, count: int) -> int:
+    """Return how many of the first samples the first rate can depend on; formulas at the ends reach twice as far."""
+    reach = differentiation.reach(1)
+    return count if reach is None else min(count, 2 * (reach + 1))
+
+
+def _white(samples: int, seed: int) -> Floats:
+    """Return draws of standard white noise, shape (samples, draws), centred and uncorrelated if there are enough."""
+    draws = np.random.default_rng(seed).standard_normal((_DRAWS, samples))
+    if samples < _DRAWS:
+        draws = np.sqrt(_DRAWS) * np.linalg.qr(np.column_stack([np.ones(_DRAWS), draws]))[0][:, 1:]
+    return np.asarray(draws.T)
