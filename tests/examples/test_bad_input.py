@@ -56,6 +56,15 @@ CASES = {
     "a term that is no expression": (rows(), ["--library", "terms:1,height*"], "height"),
     "code instead of a term": (rows(), ["--library", "terms:__import__('os')"], "__import__"),
     "no such trial": (rows(), ["--where", "drop=3"], "unknown trial '3'"),
+    "no such trial to hold out": (rows(), ["--hold-out", "drop=3"], "unknown trial '3'"),
+    "nothing left to learn from": (rows(), ["--hold-out", "drop=1"], "every trial fits the conditions"),
+    "everything left out": (rows(), ["--exclude", "ball=golf,tennis"], "every trial fits the conditions"),
+    "a time before the first sample": (rows(), ["--learn-until", "-1"], "every trial begins after t = -1"),
+    "an unknown property to leave out": (
+        rows(),
+        ["--exclude", "self=1"],
+        "unknown property",
+    ),
     "no such property": (rows(), ["--where", "mass=3"], "unknown property 'mass'"),
     "a property that is called like a word of Python": (rows(), ["--where", "self=1"], "unknown property 'self'"),
     "a figure of unknown kind": (

@@ -195,3 +195,12 @@ def test_arrays_that_do_not_fit_are_refused(keywords, message):
         given["states"] = []
     with pytest.raises(CommonlawError, match=message):
         Trials.from_arrays(**given)
+
+
+def test_samples_up_to_a_time_are_taken_and_trials_that_begin_later_left_out():
+    trials = Trials.from_arrays([[0.0, 1.0, 2.0], [5.0, 6.0]], [[1.0, 2.0, 3.0], [4.0, 5.0]])
+    early = trials.until(1.0)
+    assert [each.times.tolist() for each in early] == [[0.0, 1.0]]
+    assert trials.until(np.inf).objects == trials.objects
+    with pytest.raises(CommonlawError, match="every trial begins after t = -1"):
+        trials.until(-1.0)

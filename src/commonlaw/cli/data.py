@@ -25,7 +25,7 @@ def check(source: Source, as_json: bool) -> None:
     Example:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height
     """
-    trials, _ = source.split(source.load())
+    trials = source.select(source.load())
     report = trials.check()
     if as_json:
         print_json(report.to_dict())
@@ -70,7 +70,7 @@ def export(source: Source, save: str) -> None:
     """
     if not save.endswith((".csv", ".parquet")):
         raise CommonlawError(f"cannot tell the format of {save!r}: name it .csv or .parquet")
-    trials, _ = source.split(source.load())
+    trials = source.select(source.load())
     write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
     write(save)
     click.echo(f"Wrote {save}")

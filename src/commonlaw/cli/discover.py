@@ -9,7 +9,7 @@ from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import GroupedCommand, numbers, option
 from commonlaw.cli.output import working
-from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.source import Source, with_training_source
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -19,7 +19,7 @@ _law = partial(option, "Law")
 
 
 @click.command(cls=GroupedCommand)
-@with_source
+@with_training_source
 @_law(
     "--order",
     type=click.IntRange(0, 2),
@@ -58,18 +58,20 @@ def discover(
     """Find the law that the objects in FILE share.
 
     FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
-    trials that --where leaves out, or if it leaves none, those that it was learned from.
+    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from.
 
     \b
     Examples:
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
           --save law.json --plot law.png
+      commonlaw discover drops.csv --order 2 --exclude trial=3 --learn-until 1.5
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
     import commonlaw as cl
 
     with working("Discovering ...") as show:
-        training, held_out = source.split(source.load())
+        trials = source.load()
+        training = source.select(trials)
         law = cl.discover(
             training,
             order=order,
@@ -79,7 +81,7 @@ def discover(
             universal=[_key(name) for name in universal],
             progress=show,
         )
-        learned = Learned.check(law, source, training, held_out, bands=bool(outputs.plot))
+        learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
     outputs.give(learned)
 
 

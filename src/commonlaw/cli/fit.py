@@ -10,7 +10,7 @@ from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
 from commonlaw.cli.options import GroupedCommand
 from commonlaw.cli.output import working
-from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.source import Source, with_training_source
 
 if TYPE_CHECKING:
     from commonlaw.trials import Trials
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=GroupedCommand)
 @click.argument("equations")
-@with_source
+@with_training_source
 @with_likelihood
 @click.option("--against", metavar="LAW.json", help="Say how the fitted law stands in evidence beside another.")
 @with_outputs
@@ -39,9 +39,10 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     import commonlaw as cl
 
     with working("Fitting ..."):
-        training, held_out = source.split(_load(source, equations))
+        trials = _load(source, equations)
+        training = source.select(trials)
         law = cl.fit(equations, training, **settings)
-        learned = Learned.check(law, source, training, held_out, bands=bool(outputs.plot))
+        learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
         if against:
             laws = {"fitted": law, against: cl.Law.load(against)}
             same = {name: settings[name] for name in ("noise", "huber_threshold") if name in settings}

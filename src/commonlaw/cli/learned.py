@@ -87,24 +87,32 @@ class Learned:
     compared: "pd.DataFrame | None" = None
 
     @classmethod
-    def check(cls, law: "Law", source: Source, training: "Trials", held_out: "Trials | None", bands: bool) -> "Learned":
-        """Return a law with forecasts, and their bands if wanted, of the trials held out, or if none of its own."""
+    def check(cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool) -> "Learned":
+        """Return a law with forecasts, and their bands if wanted.
+
+        They are of the trials that the law was not learned from, or if there is none whose object it knows, of the
+        others, later samples included.
+        """
         from commonlaw.datasets import truth_of
 
-        of_known = [trial for trial in held_out or () if trial.object in law.objects]
-        checked = training if held_out is None or not of_known else held_out.with_trials(of_known)
+        learned_from = {(trial.object, trial.name) for trial in training}
+        others = [each for each in trials if (each.object, each.name) not in learned_from]
+        held_out = [each for each in others if each.object in law.objects]
+        checked = held_out or [each for each in trials if (each.object, each.name) in learned_from]
         truth = truth_of(source.dataset) if source.dataset else None
         try:
-            forecast = law.predict(checked, return_std=bands and law.has_std)
+            forecast = law.predict(trials.with_trials(checked), return_std=bands and law.has_std)
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             lacking = f"the law was not checked by forecasts, nor drawn: {error}"
             return cls(training, law, None, truth, (lacking,))
         return cls(training, law, forecast, truth)
 
     @property
-    def is_held_out(self) -> bool:
-        """Whether the forecasts are of trials that the law was not learned from."""
-        return self.forecast is not None and self.forecast.trials is not self.training
+    def forecast_of(self) -> str:
+        """Whether the forecasts are of trials ``"held out"``, or of those of ``"training"``."""
+        learned_from = {(trial.object, trial.name) for trial in self.training}
+        first = self.forecast and self.forecast.trials[0]
+        return "training" if first and (first.object, first.name) in learned_from else "held out"
 
     def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
         """Return the contents of the files to write, all made before the first is written."""
@@ -133,7 +141,7 @@ class Learned:
         if self.compared is not None:
             click.echo("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
             print_frame(self.compared)
-        where = "held-out trials" if self.is_held_out else "trials it was learned from"
+        where = "trials it was learned from" if self.forecast_of == "training" else "held-out trials"
         if self.forecast:
             click.echo(
                 f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
@@ -151,7 +159,7 @@ class Learned:
             "truth": None if self.truth is None else json.loads(self.truth.to_json()),
             "forecast": forecast
             and {
-                "of": "held out" if self.is_held_out else "training",
+                "of": self.forecast_of,
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },

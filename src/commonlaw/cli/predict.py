@@ -65,7 +65,7 @@ def predict(
 
     law = Law.load(law_path)
     with working("Forecasting ..."):
-        trials, _ = source.split(source.load(law.schema))
+        trials = source.select(source.load(law.schema))
         return_std = bool(save or plot) and law.has_std
         times = _times(trials, from_time, **grid)
         forecast = law.predict(

@@ -32,7 +32,7 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
 
     law = cl.Law.load(law_path)
     with working("Refining ..."):
-        trials, _ = source.split(source.load(law.schema))
+        trials = source.select(source.load(law.schema))
         law = cl.refine(law, trials, **settings)
         outputs = {save: law.to_json().encode()} if save else {}
     write_all(outputs)

@@ -1,13 +1,13 @@
 """Where trials come from: the options that every command on a table shares."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from typing import Any
 
 import click
 
-from commonlaw.cli.options import in_options, option, pairs, with_options
+from commonlaw.cli.options import Decorator, in_options, option, pairs, with_options
 from commonlaw.errors import CommonlawError
 from commonlaw.files import check_targets
 from commonlaw.trials import Schema, Trials
@@ -43,11 +43,30 @@ _OPTIONS = (
         multiple=True,
         help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several; repeat for more.",
     ),
+    _table(
+        "--exclude",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="Leave trials out that fit, written as for --where; of several, those that fit all.",
+    ),
     _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."),
 )
 
 
-_INPUTS, _OUTPUTS = ("path", "law_path"), ("save", "plot")
+_HELD_OUT = (
+    _table(
+        "--hold-out",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
+        "holds an object out.",
+    ),
+    _table(
+        "--learn-until", type=float, metavar="TIME", help="Learn from samples up to this time, check on the others."
+    ),
+)
+
+_INPUTS, _OUTPUTS = ("path", "law_path", "against"), ("save", "plot")
 """Parameters of commands that name files."""
 
 
@@ -67,7 +86,10 @@ class Source:
     units: tuple[str, ...]
     sheet: str | None
     where: tuple[str, ...]
+    exclude: tuple[str, ...]
     clip: bool
+    hold_out: tuple[str, ...] = ()
+    learn_until: float | None = None
 
     @property
     def name(self) -> str:
@@ -75,20 +97,19 @@ class Source:
         return self.dataset or str(self.path)
 
     def load(self, schema: Schema | None = None) -> Trials:
-        """Return all trials; names that no option gives are taken from `schema`."""
+        """Return all trials but those excluded; names that no option gives are taken from `schema`."""
         trials = self._from_dataset() if self.dataset else self._from_file(schema)
+        if self.exclude:
+            trials = trials.split(**_conditions("--exclude", self.exclude, trials.schema))[1]
         return trials.clip_irregular() if self.clip else trials
 
-    def split(self, trials: Trials) -> tuple[Trials, Trials | None]:
-        """Return the trials that fit ``--where``, and the others if there are any."""
-        if not self.where:
-            return trials, None
-        conditions: dict[str, object] = {}
-        for name, text in pairs("--where", self.where):
-            role = {trials.schema.object: "object", trials.schema.trial: "trial"}.get(name, name)
-            conditions[role] = [part if role in ("object", "trial") else _value(part) for part in text.split(",")]
-        chosen = trials.select(**conditions)
-        return (chosen, None) if len(chosen) == len(trials) else trials.split(**conditions)
+    def select(self, trials: Trials) -> Trials:
+        """Return the trials that fit ``--where`` and not ``--hold-out``, up to the time of ``--learn-until``."""
+        if self.where:
+            trials = trials.select(**_conditions("--where", self.where, trials.schema))
+        if self.hold_out:
+            trials = trials.split(**_conditions("--hold-out", self.hold_out, trials.schema))[1]
+        return trials if self.learn_until is None else trials.until(self.learn_until)
 
     def _from_dataset(self) -> Trials:
         from commonlaw.datasets import DATASETS
@@ -117,25 +138,38 @@ class Source:
         )
 
 
-def with_source(command: Callable[..., None]) -> Callable[..., None]:
+def with_source(command: Callable[..., None], options: Sequence[Decorator] = _OPTIONS) -> Callable[..., None]:
     """Add the file argument and the shared options to a command; it receives them as `source`.
 
     Files that it is to write and cannot, or must not, are refused before it does anything.
     """
 
     @wraps(command)
-    def wrapped(**options: Any) -> None:
+    def wrapped(**values: Any) -> None:
         inputs, outputs = (
-            [options[name] for name in names if options.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
+            [values[name] for name in names if values.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
         )
         check_targets(outputs, inputs)
-        source = Source(**{field.name: options.pop(field.name) for field in fields(Source)})
+        source = Source(**{field.name: values.pop(field.name) for field in fields(Source) if field.name in values})
         try:
-            command(source=source, **options)
+            command(source=source, **values)
         except CommonlawError as error:
             raise CommonlawError(in_options(str(error))) from error
 
-    return with_options(wrapped, _OPTIONS)
+    return with_options(wrapped, options)
+
+
+with_training_source = partial(with_source, options=(*_OPTIONS, *_HELD_OUT))
+"""Adds what tells trials to learn from from those to check the law on, too."""
+
+
+def _conditions(name: str, texts: Sequence[str], schema: Schema) -> dict[str, object]:
+    """Return what an option asks of trials, in the words of `Trials.select`."""
+    conditions: dict[str, object] = {}
+    for key, text in pairs(name, texts):
+        role = {schema.object: "object", schema.trial: "trial"}.get(key, key)
+        conditions[role] = [part if role in ("object", "trial") else _value(part) for part in text.split(",")]
+    return conditions
 
 
 def _value(text: str) -> float | str:

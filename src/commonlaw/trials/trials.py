@@ -229,6 +229,19 @@ class Trials:
         """Return the trials of one object."""
         return tuple(trial for trial in self.trials if trial.object == name)
 
+    def until(self, time: float) -> "Trials":
+        """Return the samples up to a time; trials that begin later are left out.
+
+        Raises
+        ------
+        CommonlawError
+            If no trial begins by then.
+        """
+        cuts = [(each, int(np.searchsorted(each.times, time, side="right"))) for each in self.trials]
+        if not any(stop for _, stop in cuts):
+            raise CommonlawError(f"every trial begins after {self.schema.time} = {time:g}: take a later time")
+        return self.with_trials([each.cut(stop) for each, stop in cuts if stop])
+
     def clip_irregular(self, tolerance: float = 0.005) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.
 
