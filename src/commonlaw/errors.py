@@ -3,9 +3,14 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+from commonlaw.names import in_line
+
 
 class CommonlawError(ValueError):
-    """Input that cannot be used; the message says what is wrong, where, and what to do."""
+    """Input that cannot be used; the message says in one line what is wrong, where, and what to do."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(in_line(message))
 
 
 def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:

@@ -4,6 +4,8 @@ import sys
 from collections.abc import Callable
 from time import monotonic
 
+from commonlaw.names import in_line
+
 PATIENCE = 2.0
 """Seconds after which people want to know."""
 
@@ -19,6 +21,6 @@ def on_terminal() -> ProgressCallback:
     def tell(step: str) -> None:
         seconds = monotonic() - began
         if seconds > PATIENCE:
-            sys.stderr.write(f"commonlaw: {step} ({seconds:.0f} s)\n")
+            sys.stderr.write(f"commonlaw: {in_line(step)} ({seconds:.0f} s)\n")
 
     return tell

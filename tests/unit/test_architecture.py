@@ -1,6 +1,7 @@
-"""Modules import one way, none another in a circle, for types included; one module writes, and one reads."""
+"""Modules import one way, none another in a circle, for types included; one reads, one writes, one speaks."""
 
 import ast
+import re
 from pathlib import Path
 
 import grimp
@@ -20,6 +21,9 @@ READS_DISK = {"fromfile", "genfromtxt", "loadtxt", "memmap", "open", "read_bytes
 
 MAKES_FILES = {"fcntl", "shutil", "tempfile"}
 """Modules for that."""
+
+TALKS = {"cli/output.py", "progress.py", "trials/workbook_process.py"}
+"""What writes to standard output or standard error: what people are shown, and what another process reads."""
 
 
 def reached(imports, start):
@@ -63,3 +67,9 @@ def test_one_module_reads_what_is_on_disk():
     calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
     assert not names & READS_DISK, "read by commonlaw.foreign, within its limits"
+
+
+def test_one_module_shows_people_what_there_is_to_say():
+    talk = re.compile(r"click\.s?echo\b|^ *print\(|sys\.std(out|err)\.\w*write|\bConsole\(", re.MULTILINE)
+    talking = {str(each.relative_to(SOURCES)) for each in SOURCES.rglob("*.py") if talk.search(each.read_text())}
+    assert talking == TALKS, "say it by commonlaw.cli.output"

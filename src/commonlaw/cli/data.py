@@ -5,9 +5,10 @@ import re
 import click
 
 from commonlaw.cli.options import in_options
-from commonlaw.cli.output import print_frame, print_json, print_notes
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
+from commonlaw.names import in_line
 
 
 @click.group()
@@ -30,9 +31,9 @@ def check(source: Source, as_json: bool) -> None:
     if as_json:
         print_json(report.to_dict())
         return
-    click.echo(
-        f"{source.name}: {len(trials)} trials of {len(trials.objects)} objects, "
-        f"states {', '.join(trials.schema.states)}"
+    say(
+        f"{in_line(source.name)}: {len(trials)} trials of {len(trials.objects)} objects, "
+        f"states {in_line(', '.join(trials.schema.states))}"
     )
     print_frame(report.to_frame())
     kinds: dict[str, list[str]] = {}
@@ -40,9 +41,9 @@ def check(source: Source, as_json: bool) -> None:
         kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
     for same in kinds.values():
         for each in same if len(same) < 4 else [f"in {len(same)} cases, such as {same[0]}"]:
-            click.echo(f"Odd: {in_options(each)}")
+            say(in_line(f"Odd: {in_options(each)}"))
     if not report.oddities:
-        click.echo("Nothing odd was found.")
+        say("Nothing odd was found.")
     print_notes(trials.notes)
 
 
@@ -55,7 +56,7 @@ def list_() -> None:
 
     for name, dataset in DATASETS.items():
         options = ", ".join(f"{each.name}={each.default}" for each in signature(dataset.load).parameters.values())
-        click.echo(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
+        say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 
 @data.command()
@@ -73,5 +74,5 @@ def export(source: Source, save: str) -> None:
     trials = source.select(source.load())
     write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
     write(save)
-    click.echo(f"Wrote {save}")
+    say(f"Wrote {save}")
     print_notes(trials.notes)

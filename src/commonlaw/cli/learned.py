@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, fields
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
-import click
 import numpy as np
 
 from commonlaw.cli.options import option, with_options
-from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table
+from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, say
 from commonlaw.cli.source import Source
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
+from commonlaw.names import in_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,7 +57,7 @@ class Outputs:
             if self.history:
                 print_history(learned.law)
             for path in outputs:
-                click.echo(f"Wrote {path}")
+                say(f"Wrote {path}")
         print_notes(learned.notes())
 
 
@@ -128,22 +128,22 @@ class Learned:
     def show(self) -> None:
         """Print the law and how well it forecasts."""
         law, training = self.law, self.training
-        click.echo(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
+        say(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
         if law.shared:
-            click.echo("\n".join((*law.structure(), "")))
+            say("\n".join((*map(in_line, law.structure()), "")))
             columns = self._coefficient_columns()
             print_table(list(columns), zip(*columns.values(), strict=True))
         else:
-            click.echo(str(law))
+            say(str(law))
         if law.alternatives:
-            click.echo("\nChosen (*) from these candidates; larger ones are left out:\n")
+            say("\nChosen (*) from these candidates; larger ones are left out:\n")
             print_frame(_shown_candidates(law))
         if self.compared is not None:
-            click.echo("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
+            say("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
             print_frame(self.compared)
         where = "trials it was learned from" if self.forecast_of == "training" else "held-out trials"
         if self.forecast:
-            click.echo(
+            say(
                 f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
                 f"R^2 = {self.forecast.score():.5g}"
             )

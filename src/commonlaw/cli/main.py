@@ -2,9 +2,11 @@
 
 import sys
 from importlib import import_module
+from io import StringIO
 
 import click
 
+from commonlaw.cli.output import say
 from commonlaw.errors import CommonlawError
 
 _COMMANDS = ("discover", "fit", "refine", "predict", "show", "data")
@@ -49,7 +51,16 @@ def commonlaw() -> None:
 def main() -> None:
     """Run the command line; errors that a user can mend are one line on stderr."""
     try:
-        commonlaw(prog_name="commonlaw")
+        code = commonlaw(prog_name="commonlaw", standalone_mode=False)
     except CommonlawError as error:
-        click.echo(f"commonlaw: {error}", err=True)
-        sys.exit(1)
+        say(f"commonlaw: {error}", err=True)
+        code = 1
+    except click.ClickException as error:
+        shown = StringIO()
+        error.show(shown)
+        say(shown.getvalue().rstrip(), err=True)
+        code = error.exit_code
+    except click.Abort:
+        say("Aborted!", err=True)
+        code = 1
+    sys.exit(code or 0)

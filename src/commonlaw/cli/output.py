@@ -10,11 +10,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from commonlaw.cli.options import in_options
+from commonlaw.names import in_line, visible
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from commonlaw.law import Law
+
+
+def say(text: str, err: bool = False) -> None:
+    """Print lines on stdout or stderr, with nothing in them that a terminal would obey."""
+    click.echo(visible(text), err=err)
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -30,9 +36,9 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for j, name in enumerate(head):
         numeric = all(isinstance(row[j], int | float | tuple) for row in rows)
-        table.add_column(name, justify="right" if numeric else "left")
+        table.add_column(in_line(name), justify="right" if numeric else "left")
     for row in rows:
-        table.add_row(*(shown(cell) for cell in row))
+        table.add_row(*(in_line(shown(cell)) for cell in row))
     width = None if sys.stdout.isatty() else 160
     Console(width=width, highlight=False, markup=False, emoji=False).print(table)
 
@@ -55,7 +61,7 @@ def shown(value: object) -> str:
 
 def print_history(law: "Law") -> None:
     """Print every choice on the way to a law."""
-    click.echo("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
+    say("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
     if law.history:
         rows = ([each.stage, each.choice, in_options(each.reason)] for each in law.history)
         print_table(["stage", "choice", "reason"], rows)
@@ -63,13 +69,13 @@ def print_history(law: "Law") -> None:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document as JSON; numbers that are not finite (a forecast that diverged) become null."""
-    click.echo(json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False))
+    say(json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def print_notes(notes: Iterable[object]) -> None:
     """Print remarks on stderr, so that they do not mix with results."""
     for note in notes:
-        click.echo(f"Note: {in_options(str(note))}", err=True)
+        say(in_line(f"Note: {in_options(str(note))}"), err=True)
 
 
 @contextmanager
@@ -79,9 +85,10 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
         yield lambda _: None
         return
     from rich.console import Console
+    from rich.text import Text
 
     with Console(stderr=True).status(text) as status:
-        yield lambda step: status.update(f"{text} {step}")
+        yield lambda step: status.update(Text(in_line(f"{text} {step}")))
 
 
 def _finite(value: Any) -> Any:

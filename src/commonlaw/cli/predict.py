@@ -2,7 +2,7 @@
 
 import click
 
-from commonlaw.cli.output import print_frame, print_json, print_notes, working
+from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 from commonlaw.trials import Trials
@@ -89,9 +89,9 @@ def predict(
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
         print_frame(errors.dropna(axis=1, how="all"))
-        click.echo(f"R^2 of all forecasts: {forecast.score():.5g}")
+        say(f"R^2 of all forecasts: {forecast.score():.5g}")
         for path in outputs:
-            click.echo(f"Wrote {path}")
+            say(f"Wrote {path}")
     print_notes([*forecast.trials.notes, *forecast.outcomes])
 
 

@@ -6,7 +6,7 @@ import click
 
 from commonlaw.cli.methods import with_likelihood
 from commonlaw.cli.options import GroupedCommand
-from commonlaw.cli.output import print_history, print_notes, working
+from commonlaw.cli.output import print_history, print_notes, say, working
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
@@ -36,9 +36,9 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
         law = cl.refine(law, trials, **settings)
         outputs = {save: law.to_json().encode()} if save else {}
     write_all(outputs)
-    click.echo(str(law))
+    say(str(law))
     if history:
         print_history(law)
     for path in outputs:
-        click.echo(f"\nWrote {path}")
+        say(f"\nWrote {path}")
     print_notes([*trials.notes, *law.outcomes])

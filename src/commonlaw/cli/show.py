@@ -2,7 +2,8 @@
 
 import click
 
-from commonlaw.cli.output import print_frame, print_history
+from commonlaw.cli.output import print_frame, print_history, say
+from commonlaw.names import in_line
 
 
 @click.command()
@@ -20,12 +21,12 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     law = Law.load(law_path)
     law = law.select([name]) if name else law.average() if average else law
     if not latex:
-        click.echo(str(law))
+        say(str(law))
         if law.covariance is not None:
-            click.echo("\nIntervals that hold the coefficients with a probability of 95 %:\n")
+            say("\nIntervals that hold the coefficients with a probability of 95 %:\n")
             print_frame(law.intervals())
         if history:
             print_history(law)
         return
     for each in law.objects:
-        click.echo(f"% {each}\n{law.to_latex(each)}")
+        say(f"% {in_line(each)}\n{law.to_latex(each)}")

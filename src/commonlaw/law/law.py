@@ -222,7 +222,7 @@ class Law(AbstractEquations):
         if len(self.objects) == 1:
             return [*self.equations()]
         if self.shared:
-            return [*self.structure(), "", text.coefficient_table(self.objects, self.letters, *self.letter_values())]
+            return [*self.structure(), "", *text.coefficient_table(self.objects, self.letters, *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
 
     # What the law predicts

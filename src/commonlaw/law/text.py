@@ -9,6 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library import AbstractTerm
 from commonlaw.library.naming import latex_name
+from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
 
 
@@ -69,17 +70,18 @@ def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
     return tuple(free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(count))
 
 
-def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> str:
-    """Return each object's coefficients under their letters; both arrays have the shape (objects, letters)."""
+def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
+    """Return lines of each object's coefficients under their letters; both arrays have the shape (objects, letters)."""
     pairs = zip(coefficients, np.nan_to_num(errors), strict=True)
     cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
-    first = max(map(len, objects))
-    rows = zip(["", *objects], [head, *cells], strict=True)
-    return "\n".join(
+    names = ["", *map(in_line, objects)]
+    first = max(map(len, names))
+    rows = zip(names, [head, *cells], strict=True)
+    return [
         "  ".join([f"{name:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))]).rstrip()
         for name, row in rows
-    )
+    ]
 
 
 def printed(
@@ -95,7 +97,8 @@ def printed(
     """
     known = [f"{name} = {with_error(value, np.nan_to_num(error))}" for name, value, error in values]
     meaning = ", ".join([*(f"{rate} = {state}'" for rate, state in zip(rates, states, strict=False)), *known])
-    return "\n".join([*body, *(["", f"with {meaning}"] if meaning else []), *(f"Note: {each}" for each in outcomes)])
+    lines = [*body, *(["", f"with {meaning}"] if meaning else []), *(f"Note: {each}" for each in outcomes)]
+    return "\n".join(map(in_line, lines))
 
 
 def _right_hand_side(

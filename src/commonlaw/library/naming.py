@@ -2,6 +2,8 @@
 
 import re
 
+from commonlaw.names import in_latex
+
 _WORD = re.compile(r"[^\W\d]\w*")
 _GREEK = re.compile(
     "alpha|beta|(var)?epsilon|zeta|eta|iota|kappa|mu|nu|rho|tau|chi|[Gg]amma|[Dd]elta|[Tt]heta|[Ll]ambda|[Xx]i|[Pp]i"
@@ -38,7 +40,7 @@ def latex_name(name: str) -> str:
     """
     match = re.fullmatch(r"([^\W\d_]+)(?:_?(\d+)|_([^\W_]+))?('*)", name)
     if match is None:
-        return rf"\mathrm{{{_escaped(name)}}}"
+        return rf"\mathrm{{{in_latex(name)}}}"
     stem, number, index, primes = match.groups()
     below = number or (_stem(index) if index else "")
     return _stem(stem) + (f"_{{{below}}}" if below else "") + primes
@@ -48,8 +50,3 @@ def _stem(word: str) -> str:
     if _GREEK.fullmatch(word):
         return f"\\{word}"
     return word if len(word) == 1 else rf"\mathrm{{{word}}}"
-
-
-def _escaped(text: str) -> str:
-    special = {"\\": r"\backslash ", "~": r"\sim ", "^": r"\hat{}", " ": r"\ "}
-    return "".join(special.get(each, f"\\{each}" if each in "#$%&_{}" else each) for each in text)

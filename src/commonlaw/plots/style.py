@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
+from commonlaw.names import in_line
+
 GREY = "#8c8c8c"
 ABSENT = "#ececec"
 
@@ -90,6 +92,7 @@ def plain(text: str, width: int = 28) -> str:
     >>> plain("US$ ball")
     'US\\\\$ ball'
     """
+    text = in_line(text)
     lines = textwrap.wrap(text, width, max_lines=2, placeholder=" …") or [text]
     return "\n".join(lines).replace("$", r"\$")
 

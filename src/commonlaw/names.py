@@ -1,0 +1,49 @@
+"""How names of strangers are shown: with nothing in them that a terminal, LaTeX or a page would obey."""
+
+import json
+from unicodedata import category
+
+_LETS_BE = frozenset("\n\t\u200c\u200d")
+"""Ends of lines, tabs, and the joiners that some scripts need."""
+
+_LATEX = {"\\": r"\backslash ", "~": r"\sim ", "^": r"\hat{}", " ": r"\ "} | {each: f"\\{each}" for each in "#$%&_{}"}
+
+
+def visible(text: str) -> str:
+    r"""Return a text in which characters that control a terminal or hide stand as JSON writes them: ``\u001b``.
+
+    Among them are those that turn the direction of writing, and bytes of file names that are not UTF-8. Lines stay.
+
+    >>> print(visible("a\x1b[2J\nb"))
+    a\u001b[2J
+    b
+    """
+    if text.isprintable():
+        return text
+    return "".join(each if each in _LETS_BE or _is_plain(each) else _escaped(each) for each in text)
+
+
+def in_line(text: str) -> str:
+    r"""Return a text as one line, `visible`, so that a name cannot look like more than it is.
+
+    >>> print(in_line("a\nNote: b"))
+    a\nNote: b
+    """
+    return "".join(_escaped(each) if each in "\n\t" else each for each in visible(text))
+
+
+def in_latex(name: str) -> str:
+    r"""Return a name as LaTeX shows it within ``\mathrm{...}``.
+
+    >>> print(in_latex("50% of \\input"))
+    50\%\ of\ \backslash input
+    """
+    return "".join(_LATEX.get(each, each) for each in in_line(name))
+
+
+def _is_plain(character: str) -> bool:
+    return character.isprintable() or category(character) == "Zs"
+
+
+def _escaped(character: str) -> str:
+    return json.dumps(character)[1:-1]
