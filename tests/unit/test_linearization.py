@@ -82,6 +82,9 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     matrix = matrix.reshape(len(linked) * width, -1)
     allowed = np.repeat((mesh.steps[linked] / step)[:, np.newaxis], width, 1) * (model_error * unit) ** 2
     covariance = matrix @ np.diag(variances.ravel()) @ matrix.T + np.diag(allowed.ravel())
+    hidden = np.ones(states.shape, dtype=bool)
+    hidden[:, :equations] = ~seen
+    unmeasured = np.sum(np.log(variances[linked + 1]), where=hidden[linked + 1])
     turned = sum(np.log(abs(np.linalg.det(linear.end[i]))) for i in linked)
     for seed in range(3):
         change = np.random.default_rng(seed).standard_normal(coefficients.shape)
@@ -91,8 +94,8 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
             + linear.coefficients[linked].reshape(len(covariance), -1) @ change.ravel()
         )
         density = multivariate_normal(mean, covariance).logpdf(np.zeros(len(mean)))
-        # The density of defects becomes that of the states at the ends of their steps
-        expected = -2 * (density + turned) - len(mean) * np.log(2 * np.pi)
+        # The density of defects becomes that of the states at the ends of their steps; that of unmeasured ones goes
+        expected = -2 * (density + turned) - len(mean) * np.log(2 * np.pi) - unmeasured
         found = linearization.problem.rss((coefficients + change).ravel(), 0) + linearization.log_determinant
         assert found == pytest.approx(expected, rel=1e-8)
 
@@ -107,7 +110,9 @@ def test_the_linearization_about_the_best_fit_has_its_minimum_and_curvature_ther
         linear = jacobians(model.field(found.coefficients, SUPPORT), mesh, states)
         residuals = model.residuals(mesh, states)
         weights = model.observation.weights(residuals)
-        held = held + eliminate_states(linear, model.precision(mesh, 0.1), weights, residuals).information
+        held = (
+            held + eliminate_states(linear, model.precision(mesh, 0.1), weights, residuals, model.observed).information
+        )
     errors = np.sqrt(np.diag(np.linalg.inv(held)))
     again = rows.least_squares(SUPPORT.ravel(), 0).reshape(SUPPORT.shape)
     np.testing.assert_allclose((again - found.coefficients)[SUPPORT] / errors, 0, atol=0.05)

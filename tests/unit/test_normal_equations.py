@@ -55,7 +55,7 @@ def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
     weights = np.where(np.isnan(residuals), 0.0, generator.uniform(0.5, 2, residuals.shape))
     precision = generator.uniform(1, 5, (len(mesh) - 1, field.width)) * mesh.contiguous[:, np.newaxis]
     linear, jacobian, both = dense(field, mesh, states, precision, weights, residuals)
-    reduced = eliminate_states(linear, precision, weights, residuals)
+    reduced = eliminate_states(linear, precision, weights, residuals, np.eye(weights.shape[1], field.width))
     size = states.size
     matrix, right = jacobian.T @ jacobian, jacobian.T @ both
     follow = -np.linalg.solve(matrix[:size, :size], matrix[:size, size:])

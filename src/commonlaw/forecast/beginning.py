@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.initial_state import MIN_SAMPLES, FittedInitialState, can_fit_initial_state, fit_initial_state
+from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial_state, fit_initial_state
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.trials import Trial, Trials
@@ -25,7 +25,7 @@ class Beginning:
     Parameters
     ----------
     trial
-        At whose times to forecast; its first one is that of the initial state.
+        At whose times to forecast.
     inputs
         At any time.
     told
@@ -37,7 +37,14 @@ class Beginning:
     trial: Trial
     inputs: Inputs
     told: Trial
-    fitted: FittedInitialState | None
+    fitted: Start | None
+
+    @property
+    def ahead(self) -> Trial:
+        """The rows of the trial from the time of the initial state on."""
+        begins = self.trial.times[0] if self.fitted is None else self.fitted.begins
+        first = int(np.searchsorted(self.trial.times, begins))
+        return _rows(self.trial, slice(first, None)) if first else self.trial
 
     def initial(self, law: Law) -> Floats:
         """Return the initial state, shape (width,)."""
@@ -78,7 +85,7 @@ def begin(
     return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), found
 
 
-def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> FittedInitialState | None:
+def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> Start | None:
     """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
     measured = trial.measured()
     count = _count(law, measured, len(measured) < len(trial)) if start is None else start

@@ -7,6 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.model_error import FilteredStart, filtered_start
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
 from commonlaw.likelihood import (
@@ -43,6 +44,19 @@ class FittedInitialState:
     trial: Trial
     observation_model: ObservationModel
 
+    @property
+    def begins(self) -> float:
+        """When the forecast starts."""
+        return float(self.trial.times[0])
+
+    def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:
+        """Return a trajectory from this start, which lacks nothing."""
+        return trajectory
+
+    def std_followed_by(self, std: Floats, times: Floats) -> Floats:
+        """Return standard deviations of a forecast from this start, which lack nothing."""
+        return std
+
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start with derivatives that let the start follow the coefficients.
 
@@ -69,7 +83,11 @@ class FittedInitialState:
         return replace(trajectory, sensitivities=carried), root @ root.T
 
 
-def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> FittedInitialState:
+Start = FittedInitialState | FilteredStart
+"""Where the forecast of a trial starts, and what came before."""
+
+
+def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Start:
     """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
 
     The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
@@ -80,6 +98,11 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Fit
     trial = trial.cut(count)
     _check_measured(law, trial)
     guess = _guess(law, trial)
+    if law.uncertainty.error_model:
+        filtered = filtered_start(law, trial, inputs, guess, noise)
+        if filtered is None:
+            raise CommonlawError(_not_finite(trial))
+        return filtered
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
@@ -90,11 +113,15 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Fit
         model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _MODEL_ERRORS
     )
     if not np.isfinite(found.objective):
-        raise CommonlawError(
-            f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its "
-            "start was to be fitted; take start=1, the first sample as measured, or leave the trial out"
-        )
+        raise CommonlawError(_not_finite(trial))
     return FittedInitialState(found.states[0][0], trial, observation_model)
+
+
+def _not_finite(trial: Trial) -> str:
+    return (
+        f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its start "
+        "was to be fitted; take start=1, the first sample as measured, or leave the trial out"
+    )
 
 
 def can_fit_initial_state(law: Law) -> bool:

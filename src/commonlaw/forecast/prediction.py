@@ -1,5 +1,6 @@
 """From measured trials to forecasts, and how far off these may be."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance
+from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
@@ -34,7 +36,8 @@ def predict(
     trials, beginnings = begin(law, trials, times, start, from_time, input_between)
     problems = [_problem(law, each) for each in beginnings]
     if covariance is None or noise is None:
-        return Forecast(trials, simulate(problems, method=method, tolerance=tolerance), from_time=from_time)
+        found = simulate(problems, method=method, tolerance=tolerance)
+        return Forecast(trials, _whole(beginnings, found), from_time=from_time)
     # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
     problems = [replace(each, field=replace(each.field, free=law.support)) for each in problems]
     found = simulate(problems, method=method, tolerance=tolerance, sensitivities=True)
@@ -42,18 +45,30 @@ def predict(
     for own, trajectory in zip(beginnings, found, strict=True):
         known = covariance[law.objects.index(own.trial.object)]
         if own.fitted is None:
-            deviations.append(trajectory_std(trajectory, known, start_covariance(law, own.told, noise, seed)))
+            first = law.uncertainty.error_model.measurement_std(own.told.states[:1], noise)[0]
+            std = trajectory_std(trajectory, known, start_covariance(law, own.told, first, seed))
         else:
             carried, initial = own.fitted.propagated(trajectory)
-            deviations.append(trajectory_std(carried, known, initial))
+            std = trajectory_std(carried, known, initial)
+        if law.uncertainty.error_model.of_law:
+            std = np.hypot(std, model_error_std(law, own.ahead, own.inputs, trajectory.states))
+        deviations.append(std if own.fitted is None else own.fitted.std_followed_by(std, own.trial.times))
     # The derivatives have done their work, and are many times larger than the states
-    lighter = tuple(replace(each, sensitivities=None) for each in found)
-    return Forecast(trials, lighter, tuple(deviations), noise, from_time)
+    lighter = _whole(beginnings, [replace(each, sensitivities=None) for each in found])
+    return Forecast(trials, lighter, tuple(deviations), noise, from_time, law.uncertainty.error_model)
 
 
 def _problem(law: Law, beginning: Beginning) -> InitialValueProblem:
     field = replace(law.vector_field(beginning.trial.object), inputs=beginning.inputs)
-    return InitialValueProblem(field, beginning.initial(law), beginning.trial.times, beginning.trial.label)
+    return InitialValueProblem(field, beginning.initial(law), beginning.ahead.times, beginning.trial.label)
+
+
+def _whole(beginnings: Sequence[Beginning], found: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
+    """Return trajectories with what is before their starts, at all times of the trials."""
+    return tuple(
+        trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
+        for own, trajectory in zip(beginnings, found, strict=True)
+    )
 
 
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:

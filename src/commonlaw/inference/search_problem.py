@@ -14,6 +14,8 @@ from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
+    NO_ERRORS,
+    ErrorModel,
     Estimate,
     ObservationModel,
     TrajectoryModel,
@@ -37,7 +39,8 @@ class SearchProblem:
 
     The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
     are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
-    measured on each object. The noise of each state has shape (d,). Coefficients that are known have shape (objects,
+    measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects.
+    Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step.
     """
 
@@ -50,6 +53,7 @@ class SearchProblem:
     noise_reason: str
     known: Floats
     points: int = 1
+    errors: ErrorModel = NO_ERRORS
 
     @property
     def allowed(self) -> Bools:
@@ -71,10 +75,37 @@ class SearchProblem:
 
     def noisier(self, factor: float) -> "SearchProblem":
         """Return the same problem with the noise of every state times a factor, for what solutions of a law leave."""
-        noise, reason = factor * self.noise, f"{self.noise_reason}, times {factor:.3g} for what the law leaves"
-        observation = replace(self.models[0].observation, noise=noise)
-        models = tuple(replace(each, observation=observation, unit=factor * each.unit) for each in self.models)
-        return replace(self, models=models, noise=noise, noise_reason=reason)
+        reason = f"{self.noise_reason}, times {factor:.3g} for what the law leaves"
+        models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
+        return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
+
+    def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
+        """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
+        models, starts = [], []
+        for model, start in zip(self.models, self.starts, strict=True):
+            states = tuple(each[:, : model.width] for each in start.states)
+            meshes = [
+                replace(mesh, scale=errors.scale(own[:, : model.equations], noise))
+                for mesh, own in zip(model.meshes, states, strict=True)
+            ]
+            observation = replace(model.observation, noise=noise)
+            own = replace(model, meshes=meshes, observation=observation)
+            own, start = own.with_latent(errors.latent, replace(start, states=states))
+            models.append(own)
+            starts.append(start)
+        return replace(
+            self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
+        )
+
+    def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""
+        pairs = zip(self.models, estimates, strict=True)
+        return tuple(
+            each
+            if all(states.shape[1] == model.width + model.latent.width for states in each.states)
+            else model.with_latent(model.latent, each)[1]
+            for model, each in pairs
+        )
 
     def finer(self) -> "SearchProblem":
         """Return the same problem with twice as many points for each sampling step."""
@@ -84,7 +115,9 @@ class SearchProblem:
         models = tuple(replace(model, meshes=meshes(group, points)) for model, group in pairs)
         pairs_of_starts = zip(self.starts, self.smoothed, strict=True)
         starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in pairs_of_starts)
-        return replace(self, models=models, starts=starts, points=points)
+        return replace(self, models=models, starts=starts, points=points).with_errors(
+            self.noise, self.errors, self.noise_reason
+        )
 
 
 def prepare(

@@ -10,6 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 
@@ -35,6 +36,8 @@ class Forecast:
     from_time
         When forecasts begin, if that is not at the first sample. What was measured before told the initial states, and
         is not in tables, errors and scores.
+    error_model
+        Errors of measurements beside that noise.
     """
 
     trials: Trials
@@ -42,6 +45,7 @@ class Forecast:
     std: tuple[Floats, ...] | None = None
     noise: Floats | None = None
     from_time: float | None = None
+    error_model: ErrorModel = NO_ERRORS
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -115,8 +119,10 @@ class Forecast:
         if measured and self.noise is None:
             raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
         width, factor = len(self.trials.schema.states), normal_quantile(level)
-        noise = self.noise if measured and self.noise is not None else 0.0
-        return tuple(factor * np.hypot(each[:, :width], noise) for each in self.std)
+        if not measured or self.noise is None:
+            return tuple(factor * each[:, :width] for each in self.std)
+        pairs, noise = zip(self.std, self._states(), strict=True), self.noise
+        return tuple(factor * np.hypot(std[:, :width], self.error_model.measurement_std(x, noise)) for std, x in pairs)
 
     def errors(self) -> "pd.DataFrame":
         """Return a table of errors, one row for each trial and state.

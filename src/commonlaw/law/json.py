@@ -1,6 +1,7 @@
 """The saved form of a law: JSON of a versioned schema."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any, Literal, cast
 
 import msgspec
@@ -14,6 +15,7 @@ from commonlaw.law.earlier_versions import compared_with_the_best, renamed
 from commonlaw.law.provenance import Alternative, Provenance, Step
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_term
+from commonlaw.likelihood import ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
 
@@ -28,6 +30,17 @@ class _Header(msgspec.Struct):
     version: int
 
 
+class _Errors(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """Levels by state, see `ErrorModel`."""
+
+    proportional: list[float] | None = None
+    correlated: list[float] | None = None
+    memory: float | None = None
+    force: list[float] | None = None
+    force_time: float | None = None
+    walk: list[float] | None = None
+
+
 class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
@@ -35,6 +48,7 @@ class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     shared_factor: dict[str, list[list[float]]] | None = None
     noise: list[float] | None = None
     inclusion_probabilities: list[list[float]] | None = None
+    error_model: _Errors | None = None
 
 
 class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -57,9 +71,9 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     provenance: _Provenance
 
 
-def encode(fields: Fields) -> bytes:
+def encode(parts: Fields) -> bytes:
     """Return what a law is made of as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
-    terms, schema, order, objects, coefficients, uncertainty, provenance = fields
+    terms, schema, order, objects, coefficients, uncertainty, provenance = parts
     method = provenance.differentiation
     document = _Law(
         order=cast(Literal[0, 1, 2], order),
@@ -91,7 +105,21 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Unc
         shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
         noise=noise,
         inclusion_probabilities=inclusion,
+        error_model=_saved_errors(uncertainty.error_model),
     )
+
+
+def _saved_errors(errors: ErrorModel) -> _Errors | None:
+    values = {field.name: getattr(errors, field.name) for field in fields(errors)}
+    kept = {name: each for name, each in values.items() if each is not None and np.all(np.isfinite(each))}
+    return _Errors(**{name: np.asarray(each).tolist() for name, each in kept.items()}) if kept else None
+
+
+def _read_errors(saved: _Errors | None) -> ErrorModel:
+    values = {} if saved is None else msgspec.structs.asdict(saved)
+    given: dict[str, Any] = {name: each for name, each in values.items() if each is not None}
+    given |= {name: np.array(each) for name, each in given.items() if isinstance(each, list)}
+    return ErrorModel(**given)
 
 
 def decode(content: bytes) -> Fields:
@@ -141,6 +169,7 @@ def _read_uncertainty(
         None if saved.shared_factor is None else _shared_factor(saved.shared_factor, objects, parameters),
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
+        _read_errors(saved.error_model),
     )
 
 

@@ -3,12 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.likelihood import NO_ERRORS, ErrorModel
 
 _ASYMMETRY = 1e-6
 """Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
@@ -33,12 +35,15 @@ class Uncertainty:
         Standard deviation of the measurement noise of each state, shape (states,).
     inclusion_probabilities
         Probability that a term is in the law, shape (equations, terms).
+    error_model
+        Errors beside white noise, of the measurements and of the law itself.
     """
 
     covariance: Floats | None = None
     shared_factor: Floats | None = None
     noise: Floats | None = None
     inclusion_probabilities: Floats | None = None
+    error_model: ErrorModel = NO_ERRORS
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -60,7 +65,7 @@ class Uncertainty:
         if inclusion is not None:
             what = "array of inclusion probabilities"
             inclusion = checked(inclusion, what, "equations, terms", support.shape, 0, 1)
-        return Uncertainty(covariance, factor, noise, inclusion)
+        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(self.error_model, len(support)))
 
     def known_covariance(self) -> Floats:
         """Return the covariance, shape (objects, parameters, parameters).
@@ -101,6 +106,20 @@ class Uncertainty:
         """Return that whose covariance and shared factor, where they are known, are changed alike."""
         covariance, factor = (None if each is None else change(each) for each in (self.covariance, self.shared_factor))
         return replace(self, covariance=covariance, shared_factor=factor)
+
+
+def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
+    """Return errors as read-only arrays, for so many states."""
+    found: dict[str, Any] = {}
+    for name, what in (("proportional", "share"), ("correlated", "level"), ("force", "level"), ("walk", "level")):
+        values = getattr(errors, name)
+        if values is not None:
+            size = len(values) if name == "walk" else states  # Rates walk too
+            found[name] = checked(values, f"{what} of errors ({name})", "states", (size,), low=0)
+    for name in ("memory", "force_time"):
+        if not getattr(errors, name) > 0:
+            raise CommonlawError(f"the {name} of a law's errors is {getattr(errors, name)}, expected a time above zero")
+    return replace(errors, **found)
 
 
 def normal_quantile(level: float) -> float:

@@ -1,6 +1,9 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
-from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit
+from commonlaw.likelihood.collocation import jacobians
+from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
+from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit, without_states
+from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.linearization import Linearization, linearize, whitened
 from commonlaw.likelihood.mesh import Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -8,7 +11,10 @@ from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationM
 
 __all__ = [
     "HUBER_THRESHOLD",
+    "NO_ERRORS",
+    "ErrorModel",
     "Estimate",
+    "LatentProcesses",
     "Linearization",
     "Mesh",
     "NotPositiveError",
@@ -16,7 +22,9 @@ __all__ = [
     "TrajectoryModel",
     "fit",
     "interpolate",
+    "jacobians",
     "linearize",
     "meshes",
     "whitened",
+    "without_states",
 ]

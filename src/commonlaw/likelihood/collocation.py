@@ -14,6 +14,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.integration import VectorField
+from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Mesh
 
 
@@ -31,23 +32,71 @@ class Jacobians:
     coefficients: Floats
 
 
-def defects(field: VectorField, mesh: Mesh, states: Floats) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D); states are z = x, or z = (x, x'), of shape (n, D)."""
-    derivatives = field.derivatives(_at_points(mesh, states))
-    return _defects(mesh, states, derivatives, field.derivatives(_at_middles(mesh, states, derivatives)))
+def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
+    """Return the defects of all steps, shape (n - 1, D); states are z = x, or z = (x, x'), of shape (n, D).
+
+    Those of latent processes, if there are any, follow, as their values follow the states.
+    """
+    own, hidden = np.split(states, [field.width], axis=1)
+    forces = _forces(field, hidden, latent)
+    derivatives = field.derivatives(_at_points(mesh, own)) + forces
+    middle = field.derivatives(_at_middles(mesh, own, derivatives)) + (forces[:-1] + forces[1:]) / 2
+    found = _defects(mesh, own, derivatives, middle)
+    return found if latent is None else np.column_stack([found, _latent_defects(hidden, latent)])
 
 
-def jacobians(field: VectorField, mesh: Mesh, states: Floats) -> Jacobians:
+def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Jacobians:
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
-    derivatives, by_states, by_own = field.linearize(_at_points(mesh, states))
-    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, states, derivatives))
+    own, hidden = np.split(states, [field.width], axis=1)
+    forces = _forces(field, hidden, latent)
+    derivatives, by_states, by_own = field.linearize(_at_points(mesh, own))
+    derivatives = derivatives + forces
+    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, own, derivatives))
     h, one = mesh.steps[:, np.newaxis, np.newaxis], np.eye(field.width)
     on = mesh.contiguous[:, np.newaxis, np.newaxis]
     start = -one - h / 6 * (by_states[:-1] + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * by_states[:-1]))
     end = one - h / 6 * (by_states[1:] + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * by_states[1:]))
     shifted = mid_by_own + np.matmul(h / 8 * mid_by_states, by_own[:-1] - by_own[1:])
     by_coefficients = -h / 6 * (by_own[:-1] + 4 * shifted + by_own[1:])
-    return Jacobians(_defects(mesh, states, derivatives, middle), start * on, end * on, by_coefficients)
+    found = _defects(mesh, own, derivatives, middle + (forces[:-1] + forces[1:]) / 2)
+    law = Jacobians(found, start * on, end * on, by_coefficients)
+    if latent is None:
+        return law
+    shares = np.eye(field.width)[:, field.width - len(field.coefficients) :]
+    by_forces = -h / 6 * (3 * shares + np.array([[[[1.0]]], [[[-1.0]]]]) * h / 2 * np.matmul(mid_by_states, shares))
+    return _with_latent(law, hidden, latent, by_forces * on)
+
+
+def _with_latent(law: Jacobians, hidden: Floats, latent: LatentSteps, by_forces: Floats) -> Jacobians:
+    """Return the Jacobians of a law followed by those of latent processes.
+
+    Derivatives of the law's defects by the forces at both ends of a step have shape (2, n - 1, D, d).
+    """
+    steps, width, parameters = law.coefficients.shape
+    wide, ends = width + hidden.shape[1], []
+    for own, matrices, forces in ((law.start, latent.start, by_forces[0]), (law.end, latent.end, by_forces[1])):
+        joined = np.zeros((steps, wide, wide))
+        joined[:, :width, :width], joined[:, width:, width:] = own, matrices
+        if latent.force is not None:
+            joined[:, :width, width + latent.force : width + latent.force + forces.shape[2]] = forces
+        ends.append(joined)
+    by_coefficients = np.concatenate([law.coefficients, np.zeros((steps, wide - width, parameters))], axis=1)
+    found = np.column_stack([law.defects, _latent_defects(hidden, latent)])
+    return Jacobians(found, ends[0], ends[1], by_coefficients)
+
+
+def _latent_defects(hidden: Floats, latent: LatentSteps) -> Floats:
+    before, after = hidden[:-1, :, np.newaxis], hidden[1:, :, np.newaxis]
+    return np.asarray((np.matmul(latent.start, before) + np.matmul(latent.end, after))[:, :, 0])
+
+
+def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> Floats:
+    """Return what forces add to the derivatives of all states, shape (n, D)."""
+    found = np.zeros((len(hidden), field.width))
+    if latent is not None and latent.force is not None:
+        equations = len(field.coefficients)
+        found[:, field.width - equations :] = hidden[:, latent.force : latent.force + equations]
+    return found
 
 
 def _at_points(mesh: Mesh, states: Floats) -> Floats:

@@ -7,8 +7,9 @@ a shot (Bock 1983). Beginning with a model error as large as the noise and lower
 away, also for chaotic laws (Abarbanel's annealing: Ye et al. 2015).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.integration import VectorField
 from commonlaw.library import Terms
 from commonlaw.likelihood.collocation import defects, jacobians
+from commonlaw.likelihood.latent import NO_PROCESSES, LatentProcesses, LatentSteps
 from commonlaw.likelihood.mesh import Mesh
-from commonlaw.likelihood.normal_equations import NotPositiveError, eliminate_states
+from commonlaw.likelihood.normal_equations import NotPositiveError, SchurComplement, eliminate_states
 from commonlaw.likelihood.observation_model import ObservationModel
 
 _SHORTEST = 1e-4
@@ -44,6 +46,8 @@ class TrajectoryModel:
     unit
         The unit of the model error in each state, shape (D,): the noise of the measured states, and what corresponds to
         it for their rates.
+    latent
+        Processes beside the states, whose values follow those of the states in estimates: shape (n, D + w).
     """
 
     terms: Terms
@@ -51,6 +55,7 @@ class TrajectoryModel:
     meshes: Sequence[Mesh]
     observation: ObservationModel
     unit: Floats
+    latent: LatentProcesses = NO_PROCESSES
 
     @property
     def equations(self) -> int:
@@ -67,12 +72,36 @@ class TrajectoryModel:
         return VectorField(self.terms, coefficients, self.order, free=free)
 
     def precision(self, mesh: Mesh, model_error: float) -> Floats:
-        """Return the precision of each defect, shape (n - 1, D): the model error is a random walk in time."""
-        return mesh.contiguous[:, np.newaxis] / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
+        """Return the precision of each defect, shape (n - 1, D + w): the model error is a random walk in time."""
+        on = mesh.contiguous[:, np.newaxis]
+        found = on / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
+        return np.column_stack([found, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else found
+
+    @cached_property
+    def latent_steps(self) -> tuple[LatentSteps | None, ...]:
+        """The latent processes along each mesh, None if there are none."""
+        return tuple(self.latent.along(mesh) if self.latent.width else None for mesh in self.meshes)
+
+    @property
+    def observed(self) -> Floats:
+        """What is measured of states and latent processes, shape (d, D + w)."""
+        found = np.eye(self.equations, self.width + self.latent.width)
+        if self.latent.correlated is not None:
+            found[:, self.width : self.width + self.equations] = np.eye(self.equations)
+        return found
 
     def residuals(self, mesh: Mesh, states: Floats) -> Floats:
-        """Return measured less sought states, shape (n, d); NaN where nothing was measured."""
-        return mesh.measured - states[:, : self.equations]
+        """Return measured less sought values, shape (n, d); NaN where nothing was measured."""
+        return mesh.measured - states @ self.observed.T
+
+    def parts(self, estimate: "Estimate") -> Iterator[tuple[Mesh, Floats, LatentSteps | None]]:
+        """Yield each mesh with the states on it, shape (n, D + w), and the steps of the latent processes."""
+        return zip(self.meshes, estimate.states, self.latent_steps, strict=True)
+
+    def with_latent(self, latent: LatentProcesses, estimate: "Estimate") -> tuple["TrajectoryModel", "Estimate"]:
+        """Return the model with other latent processes, and an estimate in which they are zero."""
+        states = tuple(np.pad(each[:, : self.width], ((0, 0), (0, latent.width))) for each in estimate.states)
+        return replace(self, latent=latent), replace(estimate, states=states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,22 +163,41 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
     deviance = objective = 0.0
     field = model.field(estimate.coefficients)
     with np.errstate(all="ignore"):
-        for mesh, states in zip(model.meshes, estimate.states, strict=True):
-            deviance += model.observation.deviance(model.residuals(mesh, states))
-            objective += float(np.sum(defects(field, mesh, states) ** 2 * model.precision(mesh, model_error)))
+        for mesh, states, latent in model.parts(estimate):
+            deviance += model.observation.deviance(model.residuals(mesh, states), mesh.scale)
+            missed = defects(field, mesh, states, latent)
+            objective += float(np.sum(missed**2 * model.precision(mesh, model_error)))
+            if latent is not None:
+                objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
     objective += deviance
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
 
+def without_states(
+    model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
+) -> list[SchurComplement]:
+    """Return the normal equations of each mesh about an estimate after the states were eliminated.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
+    parts, field = [], model.field(estimate.coefficients, support)
+    with np.errstate(all="ignore"):
+        for mesh, states, latent in model.parts(estimate):
+            residuals = model.residuals(mesh, states)
+            weights = model.observation.weights(residuals, mesh.scale)
+            linear, precision = jacobians(field, mesh, states, latent), model.precision(mesh, model_error)
+            anchored = None if latent is None else (latent.anchors, states[:, model.width :])
+            parts.append(eliminate_states(linear, precision, weights, residuals, model.observed, anchored))
+    return parts
+
+
 def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:
     """Return the estimate after one Gauss-Newton step, shortened until it is better; None if none is."""
-    parts, field = [], model.field(estimate.coefficients, support)
     try:
-        with np.errstate(all="ignore"):
-            for mesh, states in zip(model.meshes, estimate.states, strict=True):
-                residuals = model.residuals(mesh, states)
-                precision, weights = model.precision(mesh, model_error), model.observation.weights(residuals)
-                parts.append(eliminate_states(jacobians(field, mesh, states), precision, weights, residuals))
+        parts = without_states(model, estimate, support, model_error)
         total = np.sum([each.information for each in parts], axis=0)
         own = _solve(total, -np.sum([each.gradient for each in parts], axis=0))
     except (NotPositiveError, np.linalg.LinAlgError):

@@ -10,16 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.likelihood.collocation import Jacobians, jacobians
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
+from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _MISSING = 100.0
 """Noise of a state that was not measured, relative to that of one that was. It says next to nothing, and is small
 enough to be eliminated without rounding."""
+
+_HIDDEN = 1000.0
+"""The same of latent processes, relative to their standard deviation."""
 
 _RATE = 3.0
 """Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
@@ -32,15 +36,18 @@ class Linearization:
 
     Columns of the problem are all terms of the first equation, then of the second, and so on; it has one target, and
     residuals of unit variance. The logarithm of the determinant of the covariance that was removed, less twice that of
-    the change from states to defects, added to the squared residuals, makes twice the negative log-likelihood of the
-    states at the ends of all steps, so that model errors and estimates can be compared.
+    the change from states to defects, added to the squared residuals, makes twice the negative log-likelihood of all
+    that was measured at the ends of steps, but for a constant, so that noise, model errors and estimates can be
+    compared.
     """
 
     problem: LeastSquaresProblem
     log_determinant: float
 
 
-def linearize(model: TrajectoryModel, estimate: Estimate, model_error: float) -> Linearization:
+def linearize(
+    model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
+) -> Linearization:
     """Return the likelihood about an estimate.
 
     Parameters
@@ -51,19 +58,23 @@ def linearize(model: TrajectoryModel, estimate: Estimate, model_error: float) ->
         About which the law is linearised.
     model_error
         Standard deviation of the model error in each step, relative to the noise.
+    columns
+        Which coefficients are columns, shape (equations, terms); the others stay as they are. Default: all.
 
     Raises
     ------
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    columns = estimate.coefficients.size
-    parts = whitened(model, estimate, model_error)
-    rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), columns, columns + 1)
+    count = estimate.coefficients.size if columns is None else int(columns.sum())
+    parts = whitened(model, estimate, model_error, columns)
+    rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), count, count + 1)
     return Linearization(rows, sum(log_determinant for _, log_determinant in parts))
 
 
-def whitened(model: TrajectoryModel, estimate: Estimate, model_error: float) -> list[tuple[Floats, float]]:
+def whitened(
+    model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
+) -> list[tuple[Floats, float]]:
     """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
 
     The targets are the innovations of the states: what each sample adds to those before it.
@@ -73,25 +84,31 @@ def whitened(model: TrajectoryModel, estimate: Estimate, model_error: float) -> 
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    pairs = zip(model.meshes, estimate.states, strict=True)
-    return [_whitened(model, mesh, states, estimate.coefficients, model_error) for mesh, states in pairs]
+    free = np.ones_like(estimate.coefficients, dtype=bool) if columns is None else columns
+    return [_whitened(model, part, estimate.coefficients, free, model_error) for part in model.parts(estimate)]
 
 
 def _whitened(
-    model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, model_error: float
+    model: TrajectoryModel,
+    part: tuple[Mesh, Floats, LatentSteps | None],
+    coefficients: Floats,
+    free: Bools,
+    model_error: float,
 ) -> tuple[Floats, float]:
     """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before."""
     from scipy.linalg import lapack
 
+    mesh, states, latent = part
     with np.errstate(all="ignore"):
-        linear = jacobians(model.field(coefficients, np.ones_like(coefficients, dtype=bool)), mesh, states)
-    variances, offsets = _measured(model, mesh, states)
+        linear = jacobians(model.field(coefficients, free), mesh, states, latent)
+    covariances, offsets, unmeasured = _measured(model, mesh, states, latent)
     defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
     defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
-    library = linear.coefficients.reshape(-1, coefficients.size)
-    rows = np.column_stack([library, library @ coefficients.ravel() - defects.ravel()])
+    library = linear.coefficients.reshape(defects.size, -1)
+    rows = np.column_stack([library, library @ coefficients[free] - defects.ravel()])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
-    bands = _covariance(linear, variances, allowed, mesh)
+    allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
+    bands = _covariance(linear, covariances, allowed, mesh)
     if not (np.isfinite(bands).all() and np.isfinite(rows).all()):
         raise NotPositiveError
     factor, failed = lapack.dpbtrf(bands, lower=1)
@@ -100,32 +117,56 @@ def _whitened(
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
     # From the density of defects to that of the states at the end of each step
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
-    log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned))
-    return np.asfortranarray(white[np.repeat(mesh.contiguous, model.width)]), log_determinant
+    log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured
+    return np.asfortranarray(white[np.repeat(mesh.contiguous, linear.defects.shape[1])]), log_determinant
 
 
-def _measured(model: TrajectoryModel, mesh: Mesh, states: Floats) -> tuple[Floats, Floats]:
-    """Return the variance of every state at every point, and where its centre is from the estimate, shape (n, D)."""
-    equations, width = model.equations, model.width
+def _measured(
+    model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None
+) -> tuple[Floats, Floats, float]:
+    """Return what measurements say of each point: covariances, centres, and what nobody measured says besides.
+
+    The covariance of states and latent processes at every point has shape (n, D + w, D + w), their centre less the
+    estimate shape (n, D + w). What was not measured has a variance that says next to nothing, and the sum of the
+    logarithms of these, at the ends of all steps, is no part of the likelihood.
+    """
+    equations, width, noise = model.equations, model.width, model.observation.noise
     residuals = model.residuals(mesh, states)
-    weights = model.observation.weights(residuals)
-    noise = model.observation.noise
-    missing = np.tile((_MISSING * noise) ** 2, (len(mesh), 1))
-    variances = np.empty((len(mesh), width))
-    with np.errstate(divide="ignore"):
-        variances[:, :equations] = np.where(weights > 0, 1 / weights, missing)
-    # The rates of a law of second order, which nobody measured
-    variances[:, equations:] = (_RATE * noise[: width - equations] / np.median(mesh.steps[mesh.contiguous])) ** 2
+    weights = model.observation.weights(residuals, mesh.scale)
+    seen, everywhere = weights > 0, np.ones((len(mesh), 1))
+    rates = _RATE * noise[: width - equations] / np.median(mesh.steps[mesh.contiguous])
+    vague = everywhere * np.concatenate([_MISSING * noise, rates]) ** 2
     offsets = np.zeros((len(mesh), width))
     offsets[:, :equations] = np.where(mesh.observed, residuals, 0.0)
-    return variances, offsets
+    if latent is not None:
+        hidden = states[:, width:]
+        vague = np.column_stack([vague, everywhere * (_HIDDEN * latent.std) ** 2])
+        offsets = np.column_stack([offsets, -hidden])
+        if model.latent.correlated is not None:
+            offsets[:, :equations] += np.where(mesh.observed, hidden[:, :equations], 0.0)
+        vague[:, width:] = np.where(latent.anchors > 0, latent.std**2, vague[:, width:])
+    unknown = np.ones(vague.shape, dtype=bool)
+    unknown[:, :equations] = ~seen
+    ends = np.append(False, mesh.contiguous)
+    unmeasured = float(np.sum(np.log(vague[ends]), where=unknown[ends]))
+    with np.errstate(divide="ignore"):
+        vague[:, :equations] = np.where(seen, 1 / weights, vague[:, :equations])
+    covariances = np.zeros((*vague.shape, vague.shape[1]))
+    diagonal = range(vague.shape[1])
+    covariances[:, diagonal, diagonal] = vague
+    if model.latent.correlated is not None:  # The less an error is, the more the state
+        for j, error in zip(range(equations), range(width, width + equations), strict=True):
+            shared = np.where(seen[:, j], vague[:, error], 0.0)
+            covariances[:, j, j] += shared
+            covariances[:, j, error] = covariances[:, error, j] = -shared
+    return covariances, offsets, unmeasured
 
 
-def _covariance(linear: Jacobians, variances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
+def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
     """Return the covariance of the defects by its lower bands, in LAPACK's layout, shape (2 D, steps D)."""
     steps, width = linear.defects.shape
-    start = linear.start * variances[:-1, np.newaxis]
-    end = linear.end * variances[1:, np.newaxis]
+    start = np.matmul(linear.start, covariances[:-1])
+    end = np.matmul(linear.end, covariances[1:])
     diagonal = np.matmul(start, linear.start.transpose(0, 2, 1)) + np.matmul(end, linear.end.transpose(0, 2, 1))
     diagonal[:, range(width), range(width)] += np.where(mesh.contiguous[:, np.newaxis], allowed, 1.0)
     beside = np.matmul(linear.start[1:], end[:-1].transpose(0, 2, 1))

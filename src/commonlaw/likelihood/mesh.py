@@ -28,12 +28,15 @@ class Mesh:
         Inputs at the points, shape (n, inputs).
     contiguous
         Whether a point and the next one belong to one segment, shape (n - 1,).
+    scale
+        Standard deviations of the measurements relative to the noise of their states, shape (n, d).
     """
 
     times: Floats
     measured: Floats
     inputs: Floats
     contiguous: Bools
+    scale: Floats | float = 1.0
 
     def __len__(self) -> int:
         return len(self.times)

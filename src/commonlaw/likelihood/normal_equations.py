@@ -16,6 +16,10 @@ _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
 """By which share of itself the diagonal is lifted until the factorisation succeeds despite rounding."""
 
 
+_COLUMNS = 512
+"""Columns of an inverse that are computed together; more would fill memory."""
+
+
 class NotPositiveError(ArithmeticError):
     """Numbers overflowed, or were too far apart for the factorisation."""
 
@@ -27,20 +31,43 @@ class SchurComplement:
     The `information` is on the coefficients, shape (parameters, parameters); the `gradient` is half that of twice the
     negative log-likelihood by them, with the states following. Where the coefficients stay, the states move by
     `state_step`, shape (n, D); their derivative as they follow the coefficients is `state_sensitivity`, shape
-    (n, D, parameters).
+    (n, D, parameters). The `factor` is the banded one of the states' matrix, upper, in LAPACK's layout.
     """
 
     information: Floats
     gradient: Floats
     state_step: Floats
     state_sensitivity: Floats
+    factor: Floats
+
+    def state_covariances(self) -> tuple[Floats, Floats]:
+        """Return the variance of every state where the coefficients stay, shape (n, D), and the last's covariance."""
+        from scipy.linalg import cho_solve_banded
+
+        points, width = self.state_step.shape
+        variances = np.empty(points * width)
+        for first in range(0, points * width, _COLUMNS):
+            inner = np.arange(first, min(first + _COLUMNS, points * width))
+            unit = np.zeros((points * width, len(inner)))
+            unit[inner, inner - first] = 1.0
+            solved = cho_solve_banded((self.factor, False), unit, check_finite=False)
+            variances[inner] = solved[inner, inner - first]
+        return variances.reshape(points, width), solved[-width:, -width:]
 
 
-def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, residuals: Floats) -> SchurComplement:
+def eliminate_states(
+    linear: Jacobians,
+    precision: Floats,
+    weights: Floats,
+    residuals: Floats,
+    observed: Floats,
+    anchored: tuple[Floats, Floats] | None = None,
+) -> SchurComplement:
     """Return the normal equations of one mesh without the states.
 
     The precision of each defect has shape (n - 1, D), that of each measurement, its weight, shape (n, d); residuals are
-    measured less sought states, shape (n, d), anything where the weight is zero.
+    measured less sought values, shape (n, d), anything where the weight is zero. What is measured of the states has
+    shape (d, D). The last states may be anchored at zero: with precisions, and values so far, both of shape (n, w).
 
     Raises
     ------
@@ -52,9 +79,14 @@ def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, resi
     points, width = len(weights), linear.defects.shape[1]
     start, end = linear.start.transpose(0, 2, 1), linear.end.transpose(0, 2, 1)
     weighted = linear.defects * precision
-    bands = _bands(linear, precision, weights)
-    gradient = np.zeros((points, width))
-    gradient[:, : weights.shape[1]] = np.where(weights > 0, -residuals * weights, 0.0)
+    blocks = np.matmul(observed.T * weights[:, np.newaxis], observed)
+    gradient = np.where(weights > 0, -residuals * weights, 0.0) @ observed
+    if anchored is not None:
+        anchors, values = anchored
+        inner = range(width - anchors.shape[1], width)
+        blocks[:, inner, inner] += anchors
+        gradient[:, inner] += anchors * values
+    bands = _bands(linear, precision, blocks)
     gradient[:-1] += np.matmul(start, weighted[:, :, np.newaxis])[:, :, 0]
     gradient[1:] += np.matmul(end, weighted[:, :, np.newaxis])[:, :, 0]
     own = linear.coefficients
@@ -68,7 +100,8 @@ def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, resi
     right = np.column_stack([beside, gradient.ravel()])
     if not np.isfinite(right).all():
         raise NotPositiveError
-    solved = cho_solve_banded((_factor(bands), False), right, check_finite=False)
+    factor = _factor(bands)
+    solved = cho_solve_banded((factor, False), right, check_finite=False)
     information = flat.T @ flat_scaled - beside.T @ solved[:, :count]
     left = flat.T @ weighted.ravel() - beside.T @ solved[:, count]
     if not (np.isfinite(information).all() and np.isfinite(left).all()):
@@ -78,17 +111,18 @@ def eliminate_states(linear: Jacobians, precision: Floats, weights: Floats, resi
         left,
         -solved[:, count].reshape(points, width),
         -solved[:, :count].reshape(points, width, count),
+        factor,
     )
 
 
-def _bands(linear: Jacobians, precision: Floats, weights: Floats) -> Floats:
-    """Return the matrix of the states by its upper bands, in LAPACK's layout, shape (2 D, n D)."""
-    points, width = len(weights), precision.shape[1]
+def _bands(linear: Jacobians, precision: Floats, diagonal: Floats) -> Floats:
+    """Return the matrix of the states by its upper bands, in LAPACK's layout, shape (2 D, n D).
+
+    To the blocks on its diagonal, shape (n, D, D), what the defects say is added.
+    """
+    points, width = diagonal.shape[:2]
     start = linear.start.transpose(0, 2, 1) * precision[:, np.newaxis]
     end = linear.end.transpose(0, 2, 1) * precision[:, np.newaxis]
-    diagonal = np.zeros((points, width, width))
-    measured = range(weights.shape[1])
-    diagonal[:, measured, measured] = weights
     diagonal[:-1] += np.matmul(start, linear.start)
     diagonal[1:] += np.matmul(end, linear.end)
     beside = np.matmul(start, linear.end)

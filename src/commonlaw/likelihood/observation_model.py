@@ -39,16 +39,20 @@ class ObservationModel:
                 "must be off to be an outlier, above zero"
             )
 
-    def deviance(self, residuals: Floats) -> float:
-        """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured."""
-        sizes = np.abs(residuals / self.noise)
+    def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
+        """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured.
+
+        The standard deviation of each is the noise times the scale, of a shape that fits that of the residuals.
+        """
+        sizes = np.abs(residuals / (self.noise * scale))
         sizes = sizes[~np.isnan(sizes)]
         bound = self.huber_threshold
         far = sizes > bound
         return float(np.sum(sizes[~far] ** 2) + np.sum(2 * bound * sizes[far] - bound**2 if far.any() else 0.0))
 
-    def weights(self, residuals: Floats) -> Floats:
+    def weights(self, residuals: Floats, scale: Floats | float = 1.0) -> Floats:
         """Return the precision of each measurement, shape (n, d); zero where nothing was measured."""
-        sizes = np.abs(residuals / self.noise)
+        noise = self.noise * scale
+        sizes = np.abs(residuals / noise)
         with np.errstate(invalid="ignore"):
-            return np.where(np.isnan(sizes), 0.0, 1 / np.maximum(sizes / self.huber_threshold, 1.0)) / self.noise**2
+            return np.where(np.isnan(sizes), 0.0, 1 / np.maximum(sizes / self.huber_threshold, 1.0)) / noise**2

@@ -1,0 +1,153 @@
+"""Forecasts by laws that err: where they start, and how far the law's own error carries them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.integration import Inputs, Trajectory
+from commonlaw.law import Law
+from commonlaw.likelihood import (
+    HUBER_THRESHOLD,
+    Estimate,
+    LatentProcesses,
+    NotPositiveError,
+    ObservationModel,
+    TrajectoryModel,
+    fit,
+    interpolate,
+    jacobians,
+    meshes,
+    without_states,
+)
+from commonlaw.trials import Trial
+
+_POINTS = 4
+"""Points for each sampling step."""
+
+_MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
+"""Of a law without a random walk, relative to the noise: at the last, states are a solution with what forces add."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredStart:
+    """The states at the first samples of a trial, as these and the law tell, both with their errors.
+
+    Parameters
+    ----------
+    times
+        Of those samples, shape (k,).
+    states
+        At those samples, shape (k, D); the forecast starts at the last.
+    std
+        Their standard deviations where the coefficients are right, shape (k, D).
+    covariance
+        Of the last state, likewise, shape (D, D).
+    sensitivity
+        Its derivative as it follows the coefficients in the law, shape (D, parameters).
+    """
+
+    times: Floats
+    states: Floats
+    std: Floats
+    covariance: Floats
+    sensitivity: Floats
+
+    @property
+    def initial(self) -> Floats:
+        """The state at the last of the samples, shape (D,)."""
+        return np.asarray(self.states[-1])
+
+    @property
+    def begins(self) -> float:
+        """When the forecast starts."""
+        return float(self.times[-1])
+
+    def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:
+        """Return a trajectory from this start, with the states at the times before it in front."""
+        return replace(trajectory, times=times, states=self._before(self.states, times, trajectory.states))
+
+    def std_followed_by(self, std: Floats, times: Floats) -> Floats:
+        """Return standard deviations of a forecast from this start, with those before it in front."""
+        return self._before(self.std, times, std)
+
+    def _before(self, values: Floats, times: Floats, after: Floats) -> Floats:
+        earlier = times[: len(times) - len(after)]
+        return np.concatenate([np.column_stack([np.interp(earlier, self.times, own) for own in values.T]), after])
+
+    def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
+        """Return a trajectory from this start with derivatives that let the start follow the coefficients.
+
+        Beside it the covariance of the start by all but the coefficients, shape (D, D).
+        """
+        assert trajectory.sensitivities is not None
+        by_own, by_start = np.split(trajectory.sensitivities, [-self.states.shape[1]], axis=2)
+        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+            carried = np.concatenate([by_own + by_start @ self.sensitivity, by_start], axis=2)
+        return replace(trajectory, sensitivities=carried), self.covariance
+
+
+def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats) -> FilteredStart | None:
+    """Return the states at the samples of a trial under a law with errors, its coefficients as they are.
+
+    The guess at the states (and rates) has shape (k, D); None if the likelihood cannot be computed.
+    """
+    errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
+    (mesh,) = meshes([trial], _POINTS)
+    (states,) = interpolate([guess], _POINTS)
+    if errors.walk is None:
+        unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: states.shape[1]]
+    else:
+        unit = errors.walk * np.sqrt(np.median(mesh.steps))
+    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=errors.scale(states[:, : len(noise)], noise))
+    model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+    model, start = model.with_latent(errors.latent, Estimate((states,), own))
+    model_errors = _MODEL_ERRORS if errors.walk is None else (1.0,)
+    found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
+    try:
+        (reduced,) = without_states(model, found, law.support, model_errors[-1])
+        variances, last = reduced.state_covariances()
+    except NotPositiveError:
+        return None
+    if not np.isfinite(found.objective):
+        return None
+    inner = slice(0, model.width)
+    return FilteredStart(
+        trial.times,
+        found.states[0][::_POINTS, inner],
+        np.sqrt(variances[::_POINTS, inner]),
+        last[inner, inner],
+        reduced.state_sensitivity[-1, inner],
+    )
+
+
+def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
+    """Return what the law's own error adds to a forecast that starts at a trial's first sample, shape (n, D).
+
+    The standard deviation of the linearised law, driven by its random walk and its force; the forecast has shape
+    (n, D), NaN once it diverged.
+    """
+    errors = law.uncertainty.error_model
+    (mesh,) = meshes([trial], _POINTS)
+    mesh = replace(mesh, inputs=inputs.at(mesh.times))
+    (between,) = interpolate([np.nan_to_num(states)], _POINTS)
+    latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
+    steps = latent.along(mesh) if latent.width else None
+    width = states.shape[1]
+    field = law.vector_field(trial.object)
+    with np.errstate(all="ignore"):
+        linear = jacobians(field, mesh, np.pad(between, ((0, 0), (0, latent.width))), steps)
+        back = np.linalg.pinv(linear.end)
+        carried = -np.matmul(back, linear.start)
+        added = np.ones((len(mesh.steps), width + latent.width))
+        walk = np.zeros(width) if errors.walk is None else errors.walk
+        added[:, :width] = walk**2 * mesh.steps[:, np.newaxis]
+        covariances = np.matmul(back * added[:, np.newaxis], back.transpose(0, 2, 1))
+        own = np.zeros((width + latent.width,) * 2)
+        if steps is not None:
+            own[range(width, len(own)), range(width, len(own))] = steps.std**2
+        variances = [np.diag(own)[:width]]
+        for transition, more in zip(carried, covariances, strict=True):
+            own = transition @ own @ transition.T + more
+            variances.append(np.diag(own)[:width])
+        return np.where(np.isnan(states), np.nan, np.sqrt(np.array(variances)[::_POINTS]))

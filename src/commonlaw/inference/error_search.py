@@ -1,0 +1,142 @@
+"""The errors of measurements and of the law, estimated with it: the levels of each kind by their largest evidence."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.inference.evidence import minus_twice_log_evidence
+from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
+from commonlaw.inference.search_problem import FLOOR, SearchProblem
+from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
+
+ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
+"""White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
+random walk, or with a smooth force."""
+
+_ROUNDS = 2
+"""How often levels, and the states and coefficients under them, are found in turn."""
+
+_SMALLEST = 1e-4
+"""Shares, and forces relative to the rates of the states, that count as none."""
+
+_WORST = 1e12
+"""In place of a value that cannot be computed."""
+
+
+def with_errors_of_kind(
+    problem: SearchProblem, state: SearchState, kind: ErrorKind
+) -> tuple[SearchProblem, SearchState]:
+    """Return the problem with errors of a kind, and the state fitted under them with the supports that it has.
+
+    Levels, and times, are those of largest evidence with the likelihood linearised about the state (empirical Bayes);
+    both are found in turn.
+
+    Raises
+    ------
+    NotPositiveError
+        If the likelihood cannot be computed.
+    """
+    from scipy.optimize import minimize
+
+    levels = _Levels(problem, kind)
+    found = None
+    for _ in range(_ROUNDS):
+        about = state
+
+        def value(logs: Floats, about: SearchState = about) -> float:
+            return _value(levels.problem(logs), about, levels.model_error(logs))
+
+        start = min(levels.starts if found is None else [found], key=value)
+        bounds = list(zip(*levels.bounds, strict=True))
+        found = minimize(value, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30, "ftol": 1e-7}).x
+        changed = levels.problem(found)
+        state, _ = fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))
+    return changed, state
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """The logarithms of all levels and times of a kind of errors: noise first, times last."""
+
+    before: SearchProblem
+    kind: ErrorKind
+
+    def problem(self, logs: Floats) -> SearchProblem:
+        """Return the problem with these levels."""
+        d, kind, values = len(self.before.noise), self.kind, np.exp(logs)
+        errors = ErrorModel()
+        if kind == "proportional":
+            errors = ErrorModel(proportional=values[d:])
+        elif kind == "correlated":
+            errors = ErrorModel(correlated=values[d:-1], memory=float(values[-1]))
+        elif kind == "force":
+            errors = ErrorModel(force=values[d:-1], force_time=float(values[-1]))
+        return self.before.with_errors(values[:d], errors, "by the largest evidence, together with the law")
+
+    def model_error(self, logs: Floats) -> float:
+        """Return the random walk, relative to the noise."""
+        return float(np.exp(logs[-1])) if self.kind == "walk" else FINAL[-1]
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The least and the largest values, each of shape (levels and times,)."""
+        states, rates, step, duration = self._scales
+        found = [(FLOOR * states, states)]
+        if self.kind == "proportional":
+            found.append((np.full(len(states), _SMALLEST), np.ones(len(states))))
+        elif self.kind == "correlated":
+            found += [(FLOOR * states, states), (np.array([step]), np.array([3 * duration]))]
+        elif self.kind == "force":
+            found += [(_SMALLEST * rates, rates), (np.array([2 * step]), np.array([duration]))]
+        elif self.kind == "walk":
+            found.append((np.array([NEGLIGIBLE]), np.array([30.0])))
+        low, high = (np.log(np.concatenate(each)) for each in zip(*found, strict=True))
+        return low, high
+
+    @property
+    def starts(self) -> list[Floats]:
+        """Where to begin: some levels that errors may have beside the noise, and some times."""
+        noise, (low, high) = np.log(self.before.noise), self.bounds
+        d = len(noise)
+        if self.kind == "white":
+            return [np.clip(noise, low, high)]
+        timed = self.kind in ("correlated", "force")
+        times = [low[-1:] + share * (high - low)[-1:] for share in (0.2, 0.5, 0.8)] if timed else [np.empty(0)]
+        others = slice(d, -1) if timed else slice(d, None)
+        shares = np.log([0.3, 1.0]) if self.kind == "correlated" else (0.2, 0.5, 0.7)
+        base, width = (noise, 1.0) if self.kind == "correlated" else (low[others], (high - low)[others])
+        found = [np.concatenate([noise, base + share * width, time]) for share, time in product(shares, times)]
+        return [np.clip(each, low, high) for each in found]
+
+    @cached_property
+    def _scales(self) -> tuple[Floats, Floats, float, float]:
+        """Standard deviations of states and of their highest derivatives, the median step, the longest trial."""
+        problem, d = self.before, len(self.before.noise)
+        groups = [problem.trials.of_object(name) for name in problem.trials.objects]
+        trials = [trial for group in groups for trial in group]
+        curves = [own[:, -d:] for group in problem.smoothed for own in group]
+        states = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+        rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
+        steps = np.concatenate([np.diff(trial.times) for trial in trials])
+        longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
+        return states, np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0)), float(np.median(steps)), longest
+
+
+def _value(problem: SearchProblem, state: SearchState, model_error: float) -> float:
+    """Return minus twice the log-evidence of the supports of a state by the likelihood linearised about it."""
+    estimates: tuple[Estimate, ...] = problem.padded(state.estimates)
+    try:
+        linear = [
+            linearize(model, each, model_error, state.supports & np.isnan(known))
+            for model, each, known in zip(problem.models, estimates, problem.known, strict=True)
+        ]
+    except NotPositiveError:
+        return _WORST
+    factors = np.array([each.problem.factor for each in linear])
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), sum(problem.measured))
+    found = evidence + offset(problem, linear, model_error)
+    return found if np.isfinite(found) else _WORST

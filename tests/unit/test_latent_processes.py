@@ -1,0 +1,166 @@
+"""Errors with a memory and smooth forces, beside dense normal distributions with their covariance functions."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from commonlaw.likelihood import Estimate, LatentProcesses, ObservationModel, TrajectoryModel, fit, linearize, meshes
+from tests.unit.trajectories import information, terms_of, trial
+
+TIMES = np.array([0.0, 0.4, 0.7, 1.5, 1.9, 2.2, 3.0, 3.1])
+KINDS = {
+    "correlated": LatentProcesses(correlated=np.array([0.3]), memory=0.8),
+    "force": LatentProcesses(force=np.array([0.5]), force_time=1.3),
+    "both": LatentProcesses(np.array([0.3]), 0.8, np.array([0.5]), 1.3),
+}
+
+
+def problem(order, latent, second=True):
+    """An oscillator or a decay, measured in two trials with a gap; a model of it, and an estimate near by."""
+    variables = ("x", "v")[:order]
+    terms = terms_of(f"terms:{','.join(variables)}", variables)
+    generator = np.random.default_rng(3)
+    trials = [trial(TIMES, np.cos(TIMES)[:, np.newaxis] + 0.1 * generator.standard_normal((len(TIMES), 1)))]
+    if second:
+        trials.append(trial(TIMES[:5], np.sin(TIMES[:5, np.newaxis])))
+    trials[0].states.flags.writeable = True
+    trials[0].states[3] = np.nan
+    scale = np.linspace(0.7, 1.3, sum(map(len, trials)))[:, np.newaxis]
+    (mesh,) = meshes(trials)
+    mesh = type(mesh)(mesh.times, mesh.measured, mesh.inputs, mesh.contiguous, scale)
+    unit = np.array([0.1, 0.12])[:order]
+    model = TrajectoryModel(terms, order, (mesh,), ObservationModel(np.array([0.1])), unit, latent)
+    states = 0.2 * generator.standard_normal((len(mesh), order + latent.width)) + 0.5
+    return model, Estimate((states,), np.array([[-0.9, -0.2][:order]]))
+
+
+def covariance_functions(latent, times):
+    """The covariance of errors, and of forces and their rates, between all points of one trial."""
+    lag = times[:, np.newaxis] - times
+    blocks = []
+    if latent.correlated is not None:
+        blocks.append(latent.correlated[0] ** 2 * np.exp(-np.abs(lag) / latent.memory))
+    if latent.force is not None:
+        rate = np.sqrt(3) / latent.force_time
+        decay = latent.force[0] ** 2 * np.exp(-rate * np.abs(lag))
+        rates = decay * rate**2 * (1 - rate * np.abs(lag))
+        blocks.append(
+            np.block([[decay * (1 + rate * np.abs(lag)), decay * rate**2 * lag], [-decay * rate**2 * lag, rates]])
+        )
+    size = sum(map(len, blocks))
+    found, at = np.zeros((size, size)), 0
+    for each in blocks:
+        found[at : at + len(each), at : at + len(each)] = each
+        at += len(each)
+    return found
+
+
+def dense_value(model, estimate, model_error):
+    """Minus twice the log-density of what is measured after each first sample, and of what hardly is; the latter's share."""
+    (mesh,), (states,), order, latent = model.meshes, estimate.states, model.order, model.latent
+    cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1), len(mesh)]
+    coefficients, step = estimate.coefficients, np.median(mesh.steps[mesh.contiguous])
+    matrix = np.array([[coefficients[0, 0]]]) if order == 1 else np.array([[0.0, 1.0], coefficients[0]])
+    noise, rate_std, value, hardly = 0.1 * mesh.scale[:, 0], 3 * 0.1 / step, 0.0, 0.0
+    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        times, count = mesh.times[first:last], last - first
+        hidden = covariance_functions(latent, times)
+        forces = np.zeros((count, len(hidden)))
+        if latent.force is not None:
+            at = count * (latent.correlated is not None)
+            forces[:, at : at + count] = np.eye(count)
+        # Every state is a linear function of the first one, the walk's steps and the hidden values: in that order
+        size = order + (count - 1) * order + len(hidden)
+        rows = np.zeros((count, order, size))
+        rows[0, :, :order] = np.eye(order)
+        shares = np.eye(order)[:, -1:]
+        for i, h in enumerate(np.diff(times)):
+            identity = np.eye(order)
+            # Hermite-Simpson of z' = M z + B u, solved for the state at the end of the step
+            before = identity + h / 6 * (matrix + 4 * matrix @ (identity / 2 + h / 8 * matrix))
+            after = identity - h / 6 * (matrix + 4 * matrix @ (identity / 2 - h / 8 * matrix))
+            by_force = np.zeros((order, size))
+            by_force[:, size - len(hidden) :] = (
+                h
+                / 6
+                * (
+                    (3 * shares + h / 2 * matrix @ shares) @ forces[i : i + 1]
+                    + (3 * shares - h / 2 * matrix @ shares) @ forces[i + 1 : i + 2]
+                )
+            )
+            by_force[:, order * (i + 1) : order * (i + 2)] += identity
+            rows[i + 1] = np.linalg.solve(after, before @ rows[i] + by_force)
+        walk = np.repeat(np.diff(times) / step, order) * np.tile((model_error * model.unit) ** 2, count - 1)
+        prior = np.zeros((size, size))
+        inner = range(order, order + len(walk))
+        prior[inner, inner] = walk
+        prior[size - len(hidden) :, size - len(hidden) :] = hidden
+        # What is measured: samples, rates, hidden values
+        observed, targets, variances, vague = [], [], [], []
+        error = np.zeros((count, size))
+        if latent.correlated is not None:
+            error[:, size - len(hidden) : size - len(hidden) + count] = np.eye(count)
+        points = []
+        for i in range(count):
+            y = mesh.measured[first + i, 0]
+            seen = np.isfinite(y)
+            observed.append(rows[i, 0] + (error[i] if seen else 0))
+            targets.append(y if seen else states[first + i, 0])
+            variances.append(noise[first + i] ** 2 if seen else (100 * 0.1) ** 2)
+            vague.append(not seen)
+            points.append(i)
+            if order == 2:
+                observed.append(rows[i, 1])
+                targets.append(states[first + i, 1])
+                variances.append(rate_std**2)
+                vague.append(True)
+                points.append(i)
+        for j in range(len(hidden)):
+            if j % count:  # That of the first point has its stationary distribution, which nothing else tells
+                row = np.zeros(size)
+                row[size - len(hidden) + j] = 1
+                observed.append(row)
+                targets.append(0.0)
+                variances.append(1e6 * hidden[j, j])
+                vague.append(True)
+                points.append(j % count)
+        observed, targets, variances = np.array(observed), np.array(targets), np.array(variances)
+        vague, points = np.array(vague), np.array(points)
+        # The first state, given its own measurements: y0 less its error and noise, and the rate
+        start = points == 0
+        transform = np.eye(size)
+        mean = np.zeros(size)
+        mean[:order] = targets[start]
+        prior[range(order), range(order)] = variances[start]
+        if latent.correlated is not None and not vague[0]:
+            transform[0] -= error[0]
+        prior = transform @ prior @ transform.T
+        later = ~start
+        centre = observed[later] @ mean
+        covariance = observed[later] @ prior @ observed[later].T + np.diag(variances[later])
+        density = multivariate_normal(centre, covariance).logpdf(targets[later])
+        value += -2 * density - later.sum() * np.log(2 * np.pi)
+        hardly += np.sum(np.log(variances[later & vague]))
+    return value, hardly
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_marginal_likelihood_is_that_of_dense_covariance_functions(kind, order):
+    model, estimate = problem(order, KINDS[kind])
+    linearization = linearize(model, estimate, 0.3)
+    found = linearization.problem.rss(estimate.coefficients.ravel(), 0) + linearization.log_determinant
+    expected, vague = dense_value(model, estimate, 0.3)
+    assert found + vague == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_fit_has_the_residuals_of_the_linearized_likelihood(kind, order):
+    model, estimate = problem(order, KINDS[kind])
+    support = np.ones_like(estimate.coefficients, dtype=bool)
+    found = fit(model, estimate, support, (0.3,), 60)
+    rows = linearize(model, found, 0.3).problem
+    errors = np.sqrt(np.diag(np.linalg.inv(information(model, found, support, 0.3))))
+    again = rows.least_squares(support.ravel(), 0)
+    np.testing.assert_allclose((again - found.coefficients.ravel()) / errors, 0, atol=0.05)
