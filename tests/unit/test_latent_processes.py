@@ -1,5 +1,7 @@
 """Errors with a memory and smooth forces, beside dense normal distributions with their covariance functions."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -56,13 +58,13 @@ def covariance_functions(latent, times):
 
 
 def dense_value(model, estimate, model_error):
-    """Minus twice the log-density of what is measured after each first sample, and of what hardly is; the latter's share."""
+    """Minus twice the log-density of all that is measured after each first sample; the share of what hardly is."""
     (mesh,), (states,), order, latent = model.meshes, estimate.states, model.order, model.latent
     cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1), len(mesh)]
     coefficients, step = estimate.coefficients, np.median(mesh.steps[mesh.contiguous])
     matrix = np.array([[coefficients[0, 0]]]) if order == 1 else np.array([[0.0, 1.0], coefficients[0]])
     noise, rate_std, value, hardly = 0.1 * mesh.scale[:, 0], 3 * 0.1 / step, 0.0, 0.0
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, last in pairwise(cuts):
         times, count = mesh.times[first:last], last - first
         hidden = covariance_functions(latent, times)
         forces = np.zeros((count, len(hidden)))
@@ -124,23 +126,23 @@ def dense_value(model, estimate, model_error):
                 variances.append(1e6 * hidden[j, j])
                 vague.append(True)
                 points.append(j % count)
-        observed, targets, variances = np.array(observed), np.array(targets), np.array(variances)
-        vague, points = np.array(vague), np.array(points)
+        seen_by, told, spread = np.array(observed), np.array(targets), np.array(variances)
+        unmeasured, at_point = np.array(vague), np.array(points)
         # The first state, given its own measurements: y0 less its error and noise, and the rate
-        start = points == 0
+        start = at_point == 0
         transform = np.eye(size)
         mean = np.zeros(size)
-        mean[:order] = targets[start]
-        prior[range(order), range(order)] = variances[start]
-        if latent.correlated is not None and not vague[0]:
+        mean[:order] = told[start]
+        prior[range(order), range(order)] = spread[start]
+        if latent.correlated is not None and not unmeasured[0]:
             transform[0] -= error[0]
         prior = transform @ prior @ transform.T
         later = ~start
-        centre = observed[later] @ mean
-        covariance = observed[later] @ prior @ observed[later].T + np.diag(variances[later])
-        density = multivariate_normal(centre, covariance).logpdf(targets[later])
+        centre = seen_by[later] @ mean
+        covariance = seen_by[later] @ prior @ seen_by[later].T + np.diag(spread[later])
+        density = multivariate_normal(centre, covariance).logpdf(told[later])
         value += -2 * density - later.sum() * np.log(2 * np.pi)
-        hardly += np.sum(np.log(variances[later & vague]))
+        hardly += np.sum(np.log(spread[later & unmeasured]))
     return value, hardly
 
 

@@ -14,6 +14,161 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.support_search import FACTOR, ComparedSupport, SupportEvidence
+from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit, linearize
+from commonlaw.progress import ProgressCallback
+from commonlaw.solvers import AbstractSolver
+
+SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.03), (0.3, 0.03), (0.1, 0.03))
+"""Model errors, relative to the noise, at which supports are chosen. Different ways find different supports; the best
+is kept."""
+
+MODEL_ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
+"""Model errors that are compared where the measurements follow no law."""
+
+NEGLIGIBLE = 0.03
+"""At and below this model error the measurements count as following the law."""
+
+FINAL = (0.03, 0.003, 0.0003)
+"""Model errors down to which laws without one are fitted. The last times the number of samples of a trial should be
+below one: what is allowed in each step adds up, and coefficients would be less accurate than the data allow."""
+
+_ROUNDS = 6
+"""How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
+_LARGER = 1.03
+"""By how much noise is enlarged at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchState:
+    """Supports, shape (equations, terms), and the estimates of all objects with them.
+
+    The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
+    log-evidence, but for a constant. If free forecasts decided, their errors are kept with all supports.
+    """
+
+    supports: Bools
+    estimates: tuple[Estimate, ...]
+    model_error: float
+    value: float
+    forecasts: tuple[tuple[float, Bools], ...] = ()
+
+    @property
+    def has_model_error(self) -> bool:
+        """Whether the measurements depart from the law by more than their noise."""
+        return self.model_error > NEGLIGIBLE
+
+    @property
+    def fitted_model_error(self) -> float:
+        """The model error at which the estimates were fitted."""
+        return self.model_error if self.has_model_error else FINAL[-1]
+
+
+def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
+    """Return what was found at all model errors of all schedules, that of largest evidence first."""
+    found = []
+    for number, model_errors in enumerate(SCHEDULES, start=1):
+        progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
+        found += _anneal(problem, solver, model_errors)
+    return _sorted(found)
+
+
+def polish(
+    problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate], model_error: float, solver: AbstractSolver
+) -> SearchState:
+    """Choose and fit at one model error until nothing gets better."""
+    best: SearchState | None = None
+    for _ in range(_ROUNDS):
+        state, evidence = fitted(problem, estimates, supports, model_error)
+        if best is not None and not state.value < best.value:
+            break
+        best = state
+        chosen = evidence.choose(supports, solver)
+        if np.array_equal(chosen, supports):
+            break
+        supports, estimates = chosen, _restricted(problem, evidence, state.estimates, chosen)
+    assert best is not None
+    return best
+
+
+def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = MODEL_ERRORS) -> SearchState:
+    """Return the estimates with these supports, shape (equations, terms), and with the model error of largest evidence.
+
+    Model errors that are compared are relative to the noise, from large to small.
+
+    Raises
+    ------
+    CommonlawError
+        If the likelihood cannot be computed.
+    """
+    return _sorted(_anneal(problem, supports, model_errors))[0]
+
+
+def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
+    """Return the estimates with these supports and no model error, see `fit_supports`, and the noise that this takes.
+
+    It is enlarged until the deviance of each measurement is one: step by step, as less of it goes with outliers then.
+    """
+    factor = 1.0
+    for _ in range(_ROUNDS):
+        enlarged = problem.noisier(factor) if factor > 1 else problem
+        state = _sorted(_anneal(enlarged, supports, (*MODEL_ERRORS, NEGLIGIBLE))[len(MODEL_ERRORS) :])[0]
+        excess = np.sqrt(sum(each.deviance for each in state.estimates) / sum(problem.measured))
+        if not _LARGER <= excess < np.inf:
+            break
+        factor *= float(excess)
+    return enlarged, state
+
+
+def nearest(problem: SearchProblem, state: SearchState, count: int = 4) -> list[Bools]:
+    """Return the supports of largest evidence next to those found, so many for each equation."""
+    pairs = enumerate(neighbours(problem, state))
+    here = np.eye(len(state.supports), dtype=bool)[:, :, np.newaxis]
+    return [np.where(here[j], each.support, state.supports) for j, listed in pairs for each in listed[:count]]
+
+
+def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
+    """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
+    return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports, state.forecasts)
+
+
+def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:
+    """Choose, or take given supports, and fit at one model error after the other; return what could be computed."""
+    supports: Bools = problem.allowed
+    estimates: tuple[Estimate, ...] = problem.starts
+    found: list[SearchState] = []
+    for model_error in model_errors:
+        try:
+            evidence = _evidence(problem, estimates, model_error)
+            chosen = evidence.choose(supports, how) if isinstance(how, AbstractSolver) else how
+            if chosen is how or not np.array_equal(chosen, supports):
+                supports, estimates = chosen, _restricted(problem, evidence, estimates, chosen)
+            if isinstance(how, AbstractSolver) and model_error <= NEGLIGIBLE:
+                state = polish(problem, supports, estimates, model_error, how)
+            else:
+                state, _ = fitted(problem, estimates, supports, model_error)
+        except NotPositiveError:
+            break
+        found.append(state)
+        estimates = state.estimates
+    return found
+
+
+def _sorted(found: Sequence[SearchState]) -> list[SearchState]:
+    if not found:
+        raise CommonlawError(
+            "no law was found whose trajectories stay near the measurements: these may be too noisy or too far apart "
+            "for this library; try fewer terms, or choose them by derivative regression"
+        )
+    return sorted(found, key=lambda each: each.value)
+
+
+def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
+    """Return the evidence by the likelihood linearised about estimates, comparable between model errors."""
+    pairs = zip(problem.models, estimates, strict=True)
+    linear = [linearize(model, estimate, model_error) for model, estimate in pairs]
+    known = np.nan_to_num(problem.known)
+    problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
     prices = FACTOR * problem.models[0].terms.complexities
     extra = offset(problem, linear, model_error)
     return SupportEvidence(problems, problem.allowed, sum(problem.measured), prices, problem.most_terms, extra)
