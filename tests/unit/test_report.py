@@ -89,6 +89,48 @@ def test_html_in_text_is_shown_and_not_obeyed() -> None:
         assert "&lt;script&gt;" in rendered
 
 
+HOSTILE = "<script>alert(1)</script>"
+
+
+def test_text_within_a_formula_is_shown_and_not_obeyed() -> None:
+    latex = rf"$\text{{{HOSTILE}}}$ $\mathrm{{<img src=x>}}$ $\text{{&lt;script&gt;}}$ $\text{{a < b & c}}$"
+    verdict = Verdict("differs", latex)
+    page = contents(Report(HOSTILE, latex, (Section("a", HOSTILE, (Table("t", latex, FRAME),), (verdict,)),)))
+    for rendered in (markdown(latex), inline(latex), page["report.html"].decode()):
+        assert "<script>" not in rendered
+        assert "<img src=x" not in rendered
+        assert "&lt;script&gt;alert(1)&lt;/script&gt;" in rendered
+    assert plain(latex).startswith(HOSTILE)
+
+
+@pytest.mark.parametrize(
+    ("latex", "attribute"),
+    [
+        (r"\href{javascript:alert(1)}{x}", "href"),
+        (r"\href{https://example.org}{x}", "href"),
+        (r"\style{background:url(https://example.org)}{x}", "style"),
+        (r"\class{verdict}{x}", "class"),
+    ],
+)
+def test_a_formula_that_does_more_than_mathematics_is_refused(latex: str, attribute: str) -> None:
+    for render in (markdown, inline, plain):
+        with pytest.raises(CommonlawError, match=rf"sets '{attribute}', which is no mathematics: leave it out"):
+            render(f"so ${latex}$")
+
+
+def test_signs_stay_what_they_are_in_formulas() -> None:
+    signs = {r"a \leq b": "≤", "a < b": "&lt;", r"\sin x": "sin", r"\alpha": "α", r"x \& y": "&amp;"}
+    for latex, sign in signs.items():
+        assert f">{sign}<" in formula(latex)
+
+
+def test_characters_that_hide_are_shown() -> None:
+    hidden = "\ue0000\ue001 \x1b[2J \u202e"
+    page = page_of(Text(hidden), Table("t", hidden, pd.DataFrame({hidden: [hidden]})))
+    assert page.count(r"\ue0000\ue001 \u001b[2J \u202e") == 4
+    assert plain(hidden) == r"\ue0000\ue001 \u001b[2J \u202e"
+
+
 def test_formulas_become_mathml_and_keep_markdown_away() -> None:
     rendered = inline("*a* $x_1 * y_2 * z_3$ *b*")
     assert rendered.count("<em>") == 2

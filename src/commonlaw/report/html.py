@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from commonlaw.extras import optional_import
+from commonlaw.names import visible
 from commonlaw.report.document import KINDS, Block, Picture, Report, Table, Text
 from commonlaw.report.markup import inline, markdown, plain
 from commonlaw.report.values import cell, is_number
@@ -23,8 +24,9 @@ def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
 
     loader = PackageLoader("commonlaw.report", "templates")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+        loader=loader, autoescape=True, finalize=_finalized, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
     environment.filters["markdown"] = lambda text: Markup(markdown(text))
     environment.filters["inline"] = lambda text: Markup(inline(text))
     environment.filters["plain"] = plain
@@ -33,6 +35,11 @@ def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
     counts = {kind: reached[kind] for kind in KINDS if reached[kind]}
     page = environment.get_template("report.html").render(report=report, counts=counts)
     return page.encode()
+
+
+def _finalized(value: object) -> object:
+    """Return what a page shows of a value; texts are escaped after that, markup is left as it is."""
+    return visible(value) if type(value) is str else value
 
 
 def _shown(block: Block, drawings: Mapping[str, bytes]) -> dict[str, Any]:

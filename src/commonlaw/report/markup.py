@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape, unescape
 from typing import TYPE_CHECKING, Any
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
+from commonlaw.names import visible
 
 if TYPE_CHECKING:
     from markdown_it import MarkdownIt
@@ -15,6 +16,13 @@ if TYPE_CHECKING:
 
 _SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}
 _ALOUD = {"aloud": True}
+_ATTRIBUTES = {
+    "accent", "align", "columnalign", "columnlines", "columnspacing", "depth", "display", "displaystyle", "fence",
+    "form", "height", "largeop", "linebreak", "linethickness", "lspace", "mathbackground", "mathcolor", "mathsize",
+    "mathvariant", "maxsize", "minsize", "movablelimits", "notation", "rowlines", "rowspacing", "rspace",
+    "scriptlevel", "separator", "stretchy", "voffset", "width", "xmlns",
+}  # fmt: skip
+"""What an element of a formula may have; not among them are links and styles."""
 
 
 def markdown(text: str) -> str:
@@ -23,12 +31,12 @@ def markdown(text: str) -> str:
     >>> print(markdown("the *law* $x$ < 1").strip())
     <p>the <em>law</em> <math ...><mrow><mi>x</mi></mrow></math> &lt; 1</p>
     """
-    return str(_parser().render(text))
+    return str(_parser().render(visible(text)))
 
 
 def inline(text: str) -> str:
     """Return one line as HTML, without a paragraph around it."""
-    return str(_parser().renderInline(text))
+    return str(_parser().renderInline(visible(text)))
 
 
 def plain(text: str) -> str:
@@ -37,23 +45,32 @@ def plain(text: str) -> str:
     >>> plain("**Drag** is $F = \\\\frac{1}{2} C v^2$ & small")
     'Drag is F=1/2Cv^2 & small'
     """
-    return unescape(re.sub("<[^>]*>", "", _parser().renderInline(text, _ALOUD)))
+    return unescape(re.sub("<[^>]*>", "", _parser().renderInline(visible(text), _ALOUD)))
 
 
 def formula(latex: str, display: str = "inline") -> str:
-    """Return LaTeX mathematics as MathML, which browsers draw by themselves; refuse what cannot be read."""
-    from latex2mathml.converter import convert
+    """Return LaTeX mathematics as MathML, which browsers draw by themselves.
+
+    Raises
+    ------
+    CommonlawError
+        If it cannot be read, or does more than mathematics does: links and styles.
+    """
+    from latex2mathml.converter import convert_to_element
 
     try:
-        mathml = str(convert(latex, display=display))
-        fromstring(mathml)
+        tree = convert_to_element(latex, display=display)
     # The errors of that package have no class in common
     except Exception as error:
         raise CommonlawError(f"cannot read the formula {latex!r}: {type(error).__name__}; mend its LaTeX") from error
-    unread = re.search(r"\\\w+", mathml)
-    if unread:
-        raise CommonlawError(f"cannot read {unread[0]!r} in the formula {latex!r}; write it in other LaTeX commands")
-    return mathml
+    for element in tree.iter():
+        # The package writes some signs as HTML does
+        element.text = unescape(element.text or "")
+        if more := set(element.attrib) - _ATTRIBUTES:
+            raise CommonlawError(f"the formula {latex!r} sets {min(more)!r}, which is no mathematics: leave it out")
+        if unread := re.search(r"\\\w+", element.text):
+            raise CommonlawError(f"cannot read {unread[0]!r} in the formula {latex!r}; write it in other commands")
+    return tostring(tree, encoding="unicode")
 
 
 def _show(_: object, tokens: "Sequence[Token]", index: int, __: object, env: Mapping[str, Any]) -> str:
