@@ -20,7 +20,7 @@ def visible(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(each if each in _LETS_BE or _is_plain(each) else _escaped(each) for each in text)
+    return "".join(each if each in _LETS_BE or _is_plain(each) else escaped(each) for each in text)
 
 
 def in_line(text: str) -> str:
@@ -29,7 +29,7 @@ def in_line(text: str) -> str:
     >>> print(in_line("a\nNote: b"))
     a\nNote: b
     """
-    return "".join(_escaped(each) if each in "\n\t" else each for each in visible(text))
+    return "".join(escaped(each) if each in "\n\t" else each for each in visible(text))
 
 
 def in_latex(name: str) -> str:
@@ -41,9 +41,14 @@ def in_latex(name: str) -> str:
     return "".join(_LATEX.get(each, each) for each in in_line(name))
 
 
+def escaped(text: str) -> str:
+    r"""Return a text with what is not ASCII, or controls something, as JSON writes it.
+
+    >>> print(escaped("\N{GREEK SMALL LETTER MU}m\x07"))
+    \u03bcm\u0007
+    """
+    return json.dumps(text)[1:-1]
+
+
 def _is_plain(character: str) -> bool:
     return character.isprintable() or category(character) == "Zs"
-
-
-def _escaped(character: str) -> str:
-    return json.dumps(character)[1:-1]

@@ -59,11 +59,13 @@ def changes_of_disk(module):
 
 def test_one_module_changes_what_is_on_disk():
     changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
-    assert [each for each in changes if not each.startswith("files.py:")] == [], "write by commonlaw.files"
+    assert [each for each in changes if not each.startswith(("files.py:", "cli/streams.py:"))] == [], (
+        "write by commonlaw.files"
+    )
 
 
 def test_one_module_reads_what_is_on_disk():
-    modules = [each for each in SOURCES.rglob("*.py") if each.name not in ("foreign.py", "files.py")]
+    modules = [each for each in SOURCES.rglob("*.py") if each.name not in ("foreign.py", "files.py", "streams.py")]
     calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
     assert not names & READS_DISK, "read by commonlaw.foreign, within its limits"

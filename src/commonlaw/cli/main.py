@@ -7,6 +7,7 @@ from io import StringIO
 import click
 
 from commonlaw.cli.output import say
+from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
 
 _COMMANDS = ("discover", "fit", "refine", "predict", "show", "data")
@@ -51,7 +52,8 @@ def commonlaw() -> None:
 def main() -> None:
     """Run the command line; errors that a user can mend are one line on stderr."""
     try:
-        code = commonlaw(prog_name="commonlaw", standalone_mode=False)
+        with standard_streams():
+            code = commonlaw(prog_name="commonlaw", standalone_mode=False)
     except CommonlawError as error:
         say(f"commonlaw: {error}", err=True)
         code = 1

@@ -7,9 +7,8 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from commonlaw.cli.options import in_options
+from commonlaw.cli.streams import silence
 from commonlaw.names import in_line, visible
 
 if TYPE_CHECKING:
@@ -19,8 +18,16 @@ if TYPE_CHECKING:
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print lines on stdout or stderr, with nothing in them that a terminal would obey."""
-    click.echo(visible(text), err=err)
+    """Print lines on stdout or stderr, with nothing in them that a terminal would obey.
+
+    What stderr does not take is lost; the exit code remains.
+    """
+    try:
+        print(visible(text), file=sys.stderr if err else sys.stdout, flush=True)
+    except OSError:
+        if not err:
+            raise
+        silence(sys.stderr)
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -1,0 +1,88 @@
+"""Commands end as they say, whatever their standard streams are connected to and can show."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import commonlaw as cl
+
+NAME = "日本 µ\U0001f3c0 €"
+COMMAND = f"{sys.executable} -c 'from commonlaw.cli import main; main()'"
+CANNOT = "commonlaw: cannot write to standard output: {}; leave it open, and send it to where there is space\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a table and a law whose object has letters that not every encoding has."""
+    folder = tmp_path_factory.mktemp("streams")
+    frame = cl.datasets.linear_drag(drag=(-0.1,), noise=0.01).to_frame()
+    trials = cl.Trials.from_frame(frame.assign(object=NAME), states=["x"])
+    trials.to_csv(folder / "drops.csv")
+    law = cl.discover(trials, order=2, library="poly:1", method=cl.DerivativeRegression(solver="group-stlsq:1"))
+    law.save(folder / "law.json")
+    return folder
+
+
+def run(folder: Path, arguments: str, encoding: str = "utf-8") -> "subprocess.CompletedProcess[bytes]":
+    """Run a command in a shell, which knows how to close and redirect streams."""
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    return subprocess.run(["sh", "-c", f"{COMMAND} {arguments}"], cwd=folder, capture_output=True, env=environment)
+
+
+@pytest.mark.parametrize("arguments", ["show law.json", "data check drops.csv", "--help"])
+@pytest.mark.parametrize(
+    ("redirected", "reason"), [(">&-", "Bad file descriptor"), (">/dev/full", "No space left on device")]
+)
+def test_results_that_standard_output_does_not_take_are_missed(
+    folder: Path, arguments: str, redirected: str, reason: str
+) -> None:
+    ended = run(folder, f"{arguments} {redirected}")
+    assert (ended.returncode, ended.stderr.decode()) == (1, CANNOT.format(reason))
+
+
+@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "<&- 2>&-"])
+@pytest.mark.parametrize(("arguments", "code"), [("data check drops.csv", 0), ("show absent.json", 1), ("--absent", 2)])
+def test_the_exit_code_remains_where_standard_error_takes_nothing(
+    folder: Path, arguments: str, code: int, redirected: str
+) -> None:
+    assert run(folder, f"{arguments} {redirected}").returncode == code
+
+
+def test_files_are_written_where_nothing_can_be_said(folder: Path, tmp_path: Path) -> None:
+    for redirected in (">&- 2>&-", ">/dev/full 2>&1"):
+        ended = run(folder, f"predict law.json drops.csv --save {tmp_path / 'forecast.csv'} {redirected}")
+        assert (ended.returncode, ended.stdout, ended.stderr) == (1, b"", b"")
+        assert (tmp_path / "forecast.csv").read_text().count("\n") > 10
+        (tmp_path / "forecast.csv").unlink()
+
+
+def test_a_reader_that_has_enough_ends_the_command_without_a_word(folder: Path) -> None:
+    ended = run(folder, "data list | head -c 10")
+    assert (len(ended.stdout), ended.stderr) == (10, b"")
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "utf-8"])
+def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Path, encoding: str) -> None:
+    ended = run(folder, "predict law.json drops.csv", encoding)
+    assert ended.returncode == 0
+    shown = "".join(each if each.isascii() or encodes(each, encoding) else json.dumps(each)[1:-1] for each in NAME)
+    assert shown in ended.stdout.decode(encoding)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_json_is_the_same_in_every_encoding(folder: Path, encoding: str) -> None:
+    found = [run(folder, "predict law.json drops.csv --json", each).stdout.decode(each) for each in (encoding, "utf-8")]
+    assert json.loads(found[0]) == json.loads(found[1])
+    assert json.loads(found[0])["errors"][0]["object"] == NAME
+
+
+def encodes(letter: str, encoding: str) -> bool:
+    try:
+        letter.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
