@@ -7,6 +7,7 @@ negligible, a random walk that pushes the states off their course (weak constrai
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +36,9 @@ below one: what is allowed in each step adds up, and coefficients would be less 
 
 _ROUNDS = 6
 """How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
+_STRONG = 6.0
+"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
+
 _LARGER = 1.03
 """By how much noise is enlarged at least."""
 
@@ -70,7 +74,7 @@ def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCal
     for number, model_errors in enumerate(SCHEDULES, start=1):
         progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
         found += _anneal(problem, solver, model_errors)
-    return _sorted(found)
+    return _with_rivals(problem, _sorted(found))
 
 
 def polish(
@@ -120,16 +124,38 @@ def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProble
     return enlarged, state
 
 
-def nearest(problem: SearchProblem, state: SearchState, count: int = 4) -> list[Bools]:
-    """Return the supports of largest evidence next to those found, so many for each equation."""
+def nearest(problem: SearchProblem, state: SearchState, count: int = 4, below: float = np.inf) -> list[Bools]:
+    """Return the supports of largest evidence next to those found: so many for each equation, of less 2 log B."""
     pairs = enumerate(neighbours(problem, state))
     here = np.eye(len(state.supports), dtype=bool)[:, :, np.newaxis]
-    return [np.where(here[j], each.support, state.supports) for j, listed in pairs for each in listed[:count]]
+    return [
+        np.where(here[j], each.support, state.supports)
+        for j, listed in pairs
+        for each in listed[:count]
+        if each.twice_log_bayes_factor < below
+    ]
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
     """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
     return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports, state.forecasts)
+
+
+def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
+    """Fit what is hardly less probable than the best, until the best stays: evidence linearised about one law errs."""
+    done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
+    while True:
+        best = found[0]
+        rivals = [each for each in nearest(problem, best, below=_STRONG) if each.tobytes() not in done]
+        if not rivals:
+            return found
+        evidence = _evidence(problem, best.estimates, best.model_error)
+        for supports in rivals:
+            done.add(supports.tobytes())
+            with suppress(NotPositiveError):
+                estimates = _restricted(problem, evidence, best.estimates, supports)
+                found.append(fitted(problem, estimates, supports, best.model_error)[0])
+        found = _sorted(found)
 
 
 def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:

@@ -1,0 +1,21 @@
+"""Supports between which the likelihood, linearised about one of them, hardly decides."""
+
+import numpy as np
+import pytest
+
+from benchmarks.families import experiment
+from commonlaw.inference import search
+from commonlaw.inference.law_search import PATH
+from commonlaw.inference.search_problem import prepare
+from commonlaw.library import Variables, parse_library
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(seed):
+    trials = experiment("heights of balls").measured(0.05, seed)
+    terms = parse_library("poly:3").bind(Variables(("x", "v")))
+    problem = prepare(trials, terms, 2, np.full((5, 1, len(terms)), np.nan))
+    found = search.search(problem, PATH, lambda _: None)
+    assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
+    fitted = {each.supports.tobytes() for each in found}
+    assert all(each.tobytes() in fitted for each in search.nearest(problem, found[0], below=6.0))
