@@ -70,3 +70,21 @@ def test_predict_leaves_trials_out_too(run):
     code, out, _ = run("predict", "law.json", "decays.csv", "--exclude", "trial=2", "--json")
     assert code == 0
     assert {each["trial"] for each in json.loads(out)["errors"]} == {"1"}
+
+
+@pytest.mark.usefixtures("table")
+def test_the_verdict_is_on_what_was_held_out(run):
+    for option, judged_on in (
+        (("--hold-out", "trial=2"), "trials that were held out"),
+        (("--learn-until", "2"), "later samples that were held out"),
+        ((), "the last 35 % of trials"),
+    ):
+        document, *_ = learned(run, *option)
+        verdict = document["verdict"]
+        assert (verdict["judged_on"], verdict["usable"]) == (judged_on, True)
+        assert "can be used for forecasts" in verdict["sentences"][0]
+    document, *_ = learned(run, "--hold-out", "object=a")
+    assert document["verdict"]["unknown_objects"] == ["a"]
+    code, out, _ = run("discover", "decays.csv", "--library", "poly:1", "--learn-until", "2")
+    assert code == 0
+    assert "\nThis law can be used for forecasts up to 2" in out

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from commonlaw.forecast import Forecast
     from commonlaw.law import Law
+    from commonlaw.law.verdict import LawVerdict
     from commonlaw.trials import Trials
 
 _output = partial(option, "Output")
@@ -76,13 +77,15 @@ def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
 class Learned:
     """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known.
 
-    What the check lacked is said in words; laws may be compared, see `commonlaw.compare`.
+    A verdict says what the law is good for, and words what the check lacked; laws may be compared, see
+    `commonlaw.compare`.
     """
 
     training: "Trials"
     law: "Law"
     forecast: "Forecast | None"
     truth: "Law | None"
+    verdict: "LawVerdict"
     lacking: tuple[str, ...] = ()
     compared: "pd.DataFrame | None" = None
 
@@ -100,12 +103,13 @@ class Learned:
         held_out = [each for each in others if each.object in law.objects]
         checked = held_out or [each for each in trials if (each.object, each.name) in learned_from]
         truth = truth_of(source.dataset) if source.dataset else None
+        verdict = law.verdict(trials, training)
         try:
             forecast = law.predict(trials.with_trials(checked), return_std=bands and law.has_std)
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             lacking = f"the law was not checked by forecasts, nor drawn: {error}"
-            return cls(training, law, None, truth, (lacking,))
-        return cls(training, law, forecast, truth)
+            return cls(training, law, None, truth, verdict, (lacking,))
+        return cls(training, law, forecast, truth, verdict)
 
     @property
     def forecast_of(self) -> str:
@@ -147,6 +151,7 @@ class Learned:
                 f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
                 f"R^2 = {self.forecast.score():.5g}"
             )
+        say(f"\n{self.verdict}")
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
@@ -164,6 +169,7 @@ class Learned:
                 "errors": forecast.errors().to_dict(orient="records"),
             },
             "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
+            "verdict": asdict(self.verdict) | {"usable": self.verdict.usable, "sentences": self.verdict.sentences},
             "notes": list(self.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
         }

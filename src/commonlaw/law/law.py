@@ -4,34 +4,30 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
-from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import text
-from commonlaw.law.equations import AbstractEquations
-from commonlaw.law.forecast import Forecast
 from commonlaw.law.from_text import Names, stated_law
+from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
-from commonlaw.trials import Schema, Trials
+from commonlaw.trials import Schema
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
-class Law(AbstractEquations):
+class Law(AbstractPredictions):
     """Equations that several objects share, with each object's own coefficients.
 
     Parameters
@@ -224,134 +220,6 @@ class Law(AbstractEquations):
         if self.shared:
             return [*self.structure(), "", *text.coefficient_table(self.objects, self.letters, *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
-
-    # What the law predicts
-
-    def vector_field(self, name: str) -> VectorField:
-        """Return the right-hand side for one object, ready to integrate.
-
-        Raises
-        ------
-        CommonlawError
-            If the law has no such object.
-        """
-        free = self.support if self.shared else None
-        return VectorField(self.terms, self.coefficients_of(name), self.order, free=free)
-
-    def simulate(
-        self,
-        times: ArrayLike,
-        initial: "ArrayLike | Mapping[str, ArrayLike]",
-        *,
-        method: str = "auto",
-        tolerance: float = 1e-8,
-        events: Sequence[Event] = (),
-        dense: bool = False,
-        sensitivities: bool = False,
-    ) -> dict[str, Trajectory]:
-        """Integrate the law for every object; a divergence is an outcome of its trajectory.
-
-        Parameters
-        ----------
-        times
-            When the states are wanted; the first is the time of the initial state. Shape (n,).
-        initial
-            Initial states, for a law of second order followed by the initial rates: one vector for all objects,
-            or one by name of object; objects that are not named are left out.
-        method, tolerance, events, dense
-            How to integrate and what to look for, see `commonlaw.integration.simulate`.
-        sensitivities
-            Whether to give the derivatives of the states by the object's coefficients (those in the support of a
-            shared law, else the object's own), equation by equation, and by the initial states.
-
-        Raises
-        ------
-        CommonlawError
-            If the law has inputs or lacks an object, or an initial state has not as many numbers as the law has states.
-        """
-        if self.schema.inputs:
-            raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
-        starts = initial if isinstance(initial, Mapping) else dict.fromkeys(self.objects, initial)
-        width, grid = len(self.states) * max(1, self.order), np.asarray(times, dtype=np.float64)
-        problems = {}
-        for name, start in starts.items():
-            state = np.atleast_1d(np.asarray(start, dtype=np.float64))
-            if state.shape != (width,):
-                wanted = ", ".join(self.terms.variables.states)
-                raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            problems[name] = InitialValueProblem(self.vector_field(name), state, grid, name)
-        found = simulate(
-            problems.values(),
-            method=method,
-            tolerance=tolerance,
-            events=events,
-            dense=dense,
-            sensitivities=sensitivities,
-        )
-        return dict(zip(problems, found, strict=True))
-
-    def predict(
-        self,
-        trials: Trials,
-        *,
-        times: ArrayLike | None = None,
-        start: int | None = None,
-        from_time: float | None = None,
-        return_std: bool = False,
-        method: str = "auto",
-        tolerance: float = 1e-8,
-        seed: int = 0,
-        input_between: str = "linear",
-    ) -> Forecast:
-        """Forecast each trial from its own initial state.
-
-        Parameters
-        ----------
-        trials
-            What to forecast: trials of the law's objects, at all their samples, measured or not.
-        times
-            More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
-        start
-            How many of each trial's first measured samples tell where its forecast starts. 1: the first states as
-            measured, and for a law of second order the rates that its differentiation estimates there. 2 or more: the
-            law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its noise;
-            states may be missing. More samples leave less noise in the start, and make it matter more that the law is
-            right. Default: 1, but if the noise is known all that were measured where others follow, those that first
-            rates would be estimated from, or as many as tell what the first sample lacks.
-        from_time
-            When the forecasts begin: what was measured before tells the initial state, all of it, or the last `start`
-            samples, and everything from then on is forecast. Trials without samples on both sides are left out, which
-            `Forecast.trials.notes` says. Without the noise of the law its last sample counts as measured, or for a law
-            of second order the first of five.
-        return_std
-            Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
-            coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
-            are carried along each trajectory; that noise and the errors of the coefficients count as independent, also
-            where the law was learned from these samples.
-        method, tolerance
-            How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
-        seed
-            Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
-        input_between
-            The course of inputs between samples: ``"held"`` at the earlier value, as a controller does, ``"linear"`` or
-            ``"cubic"`` (a spline, for smooth inputs).
-
-        Raises
-        ------
-        CommonlawError
-            If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked
-            for and the law's covariance or noise is not known, or a start cannot be fitted.
-        """
-        # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
-        predict = resolve_name("commonlaw.forecast:predict")
-        options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
-        how = {"method": method, "tolerance": tolerance, "seed": seed}
-        forecast: Forecast = predict(self, trials, times=times, **options, **how)
-        return forecast
-
-    def score(self, trials: Trials) -> float:
-        """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""
-        return self.predict(trials).score()
 
     # Keeping it, and writing it down
 

@@ -1,0 +1,174 @@
+"""The verdict on a law: its numbers, and what they mean in sentences."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+NO_BETTER = 0.9
+"""Forecasts whose error is above this share of that of the last measured value are no better."""
+
+_SMALL = 0.2
+"""Errors below this share of the states' spread are small, whatever the last measured value does."""
+
+_NARROW, _FAILED, _MANY = 0.85, 0.5, 10
+"""Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least."""
+
+_SHOWN = 3
+"""Of a list in a sentence."""
+
+
+class StateError(NamedTuple):
+    """What the law's forecasts of a state and "tomorrow as today" are off, in its unit, empty if that is not known."""
+
+    state: str
+    law: float
+    persistence: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LawVerdict:
+    """What a law is good for; it prints as sentences.
+
+    Errors are root mean squares, in units of the states' standard deviations within trials: their spread. "Tomorrow as
+    today" is the forecast that states stay as they were last measured.
+
+    Parameters
+    ----------
+    judged_on
+        What was forecast, in words.
+    in_sample
+        Whether the law was learned from it.
+    stretches
+        How many stretches of trials were judged.
+    diverged
+        In how many of them the forecast ran away.
+    measurements
+        How many measurements were compared.
+    horizon
+        How far ahead the error stays within half of the spread; 0 if it never does.
+    longest
+        How far ahead could be judged.
+    time_unit
+        Of both; empty if it is not known.
+    error, persistence
+        What the law's forecasts and "tomorrow as today" are off up to the horizon, or if that is 0 everywhere.
+    state_errors
+        The same for each state in its unit.
+    coverage
+        Share of the measurements that lay in 95 % bands; None if the law has none.
+    poorly_known
+        Coefficients whose standard error is above half of their size.
+    unjudged
+        What could not be judged, and why.
+    unknown_objects
+        Objects that the law does not know, which were forecast with the mean coefficients of the others.
+    """
+
+    judged_on: str
+    in_sample: bool
+    stretches: int
+    diverged: int
+    measurements: int
+    horizon: float
+    longest: float
+    time_unit: str
+    error: float
+    persistence: float
+    state_errors: tuple[StateError, ...]
+    coverage: float | None
+    poorly_known: tuple[str, ...]
+    unjudged: tuple[str, ...] = ()
+    unknown_objects: tuple[str, ...] = ()
+
+    @property
+    def usable(self) -> bool | None:
+        """Whether the law can be used for forecasts; None if that could not be judged."""
+        return not self.against if self.measurements else None
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """What speaks against using the law for forecasts."""
+        found = []
+        if self.diverged:
+            found.append(f"its forecasts run away in {self.diverged} of {self.stretches} stretches")
+        if self.measurements and not self.horizon and not self.diverged:
+            found.append("even the nearest are off by more than half of the states' spread")
+        if self._is_no_better and not self.diverged:
+            found.append('they are no better than "tomorrow as today"')
+        if self.coverage is not None and self.coverage < _FAILED and self.measurements >= _MANY:
+            found.append(f"its 95 % bands held only {_percent(self.coverage)} of the measurements")
+        return tuple(found)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict in words, what matters most first."""
+        return tuple(self._sentences())
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+    @property
+    def _is_no_better(self) -> bool:
+        return self.error > _SMALL and self.error > NO_BETTER * self.persistence
+
+    def _sentences(self) -> Iterator[str]:
+        if self.usable is None:
+            yield "Whether this law can be used for forecasts could not be judged."
+        elif self.usable:
+            beyond = ", beyond which it is off by more than half of the states' spread"
+            end = ", as far as could be judged" if self.horizon == self.longest else beyond
+            seen = "As far as samples can tell that it was learned from, this" if self.in_sample else "This"
+            yield f"{seen} law can be used for forecasts up to {self._time(self.horizon)} ahead{end}."
+        else:
+            yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
+        if self.measurements:
+            yield from self._errors()
+            yield from self._bands()
+        if self.poorly_known:
+            yield f"Poorly known, with errors above half of their size: {listed(self.poorly_known)}."
+        if self.unjudged:
+            yield f"Not judged: {listed(self.unjudged, '; ')}."
+
+    def _errors(self) -> Iterator[str]:
+        seen = ", from which it was learned too: new ones will be forecast no better" if self.in_sample else ""
+        plural = "es" if self.stretches > 1 else ""
+        yield f"Judged on {self.judged_on}: {self.measurements} measurements in {self.stretches} stretch{plural}{seen}."
+        if self.unknown_objects:
+            yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
+        if not self.diverged:
+            upto = f"Up to {self._time(self.horizon)} ahead" if self.horizon else "On the whole"
+            names = " and ".join(each.state for each in self.state_errors)
+            own = " and ".join(_number(each.law, each.unit) for each in self.state_errors)
+            last = " and ".join(_number(each.persistence, each.unit) for each in self.state_errors)
+            yield (
+                f'{upto}, forecasts of {names} are off by {own}, "tomorrow as today" by {last}: '
+                f"{_number(self.persistence / self.error)} times as much."
+            )
+            if not self._is_no_better and self.persistence < _SMALL:
+                yield "The states hardly move there, so that this is no test of the law."
+
+    def _bands(self) -> Iterator[str]:
+        if self.coverage is None:
+            yield "It has no bands, as it does not know how accurate it is."
+        elif self.coverage < _NARROW and self.measurements >= _MANY:
+            yield f"Its 95 % bands are too narrow: they held {_percent(self.coverage)} of the measurements."
+        else:
+            yield f"Its 95 % bands held {_percent(self.coverage)} of the measurements."
+
+    def _time(self, span: float) -> str:
+        return _number(span, self.time_unit)
+
+
+def _number(value: float, unit: str = "") -> str:
+    return f"{value:.3g} {unit}".rstrip() if abs(value) < 1000 else f"{value:.0f} {unit}".rstrip()
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def listed(parts: Sequence[str], separator: str = ", ") -> str:
+    """Return the first few, and how many more there are."""
+    more = f"{separator}and {len(parts) - _SHOWN} more" if len(parts) > _SHOWN else ""
+    return separator.join(parts[:_SHOWN]) + more

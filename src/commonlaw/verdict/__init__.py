@@ -1,0 +1,6 @@
+"""What a law is good for: how well it forecasts what was held out, in sentences with the numbers behind them."""
+
+from commonlaw.law.verdict import LawVerdict
+from commonlaw.verdict.judge import judge
+
+__all__ = ["LawVerdict", "judge"]

@@ -1,0 +1,111 @@
+"""From a law and trials to a verdict: forecasts of stretches, and what they are off together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.law.verdict import LawVerdict, StateError, listed
+from commonlaw.trials import Trial, Trials
+from commonlaw.verdict.stretches import Kind, StretchErrors, forecast_errors, law_for, stretches
+
+_WITHIN = 0.5
+"""Errors within this share of the states' spread count as forecasts."""
+
+_PARTS, _MEASURED_IN_PART = 10, 3
+"""How far ahead forecasts are good is told from the errors in so many parts, by how far ahead, of so many each."""
+
+_POOR = 0.5
+"""Coefficients with a standard error above this share of their size are poorly known."""
+
+
+def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
+    """Return what a law is good for, see `Law.verdict`."""
+    kinds, judged, found, unjudged = [], [], [], []
+    for stretch in stretches(trials, learned):
+        trial = stretch.trial
+        if stretch.first >= len(trial):
+            unjudged.append(f"{trial.label}: its {len(trial)} samples are too few")
+            continue
+        try:
+            found.append(forecast_errors(law_for(law, trial.object), trials, stretch))
+        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
+            unjudged.append(str(error))
+            continue
+        kinds.append(stretch.kind)
+        judged.append(trial)
+    spread = _spread(judged, len(law.states))
+    errors = _joined(found, spread)
+    horizon = _horizon(errors.leads, errors.errors / spread)
+    near = errors.leads <= (horizon or np.inf)
+    own, last = errors.errors[near], errors.persistence[near]
+    units = [trials.schema.units.get(name, "") for name in law.states]
+    counted = ~np.isnan(errors.errors)
+    return LawVerdict(
+        judged_on=" and ".join(dict.fromkeys(kinds)),
+        in_sample=Kind.SEEN in kinds,
+        stretches=len(found),
+        diverged=sum(each.diverged for each in found),
+        measurements=int(counted.sum()),
+        horizon=horizon,
+        longest=float(np.max(errors.leads[counted.any(axis=1)], initial=0.0)),
+        time_unit=trials.schema.units.get(trials.schema.time, ""),
+        error=_rms(own / spread),
+        persistence=_rms(last / spread),
+        state_errors=tuple(map(StateError, law.states, map(_rms, own.T), map(_rms, last.T), units)),
+        coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
+        poorly_known=_poorly_known(law),
+        unjudged=tuple(unjudged),
+        unknown_objects=tuple(dict.fromkeys(each.object for each in judged if each.object not in law.objects)),
+    )
+
+
+def _spread(trials: Sequence[Trial], states: int) -> Floats:
+    """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
+    variances = [np.nanvar(each.states, axis=0) for each in trials if np.isfinite(each.states).any(axis=0).all()]
+    spread = np.sqrt(np.mean(variances, axis=0)) if variances else np.full(states, np.nan)
+    return np.where(spread > 0, spread, np.nan)
+
+
+def _joined(found: Sequence[StretchErrors], spread: Floats) -> StretchErrors:
+    """Return the errors of all stretches, those of states without a spread left out."""
+    kept, none = np.where(np.isnan(spread), np.nan, 1.0), np.empty((0, len(spread)))
+    return StretchErrors(
+        np.concatenate([np.empty(0), *(each.leads for each in found)]),
+        kept * np.concatenate([none, *(each.errors for each in found)]),
+        kept * np.concatenate([none, *(each.persistence for each in found)]),
+        kept * np.concatenate([none, *(each.inside for each in found)]),
+        any(each.diverged for each in found),
+    )
+
+
+def _horizon(leads: Floats, scaled: Floats) -> float:
+    """Return how far ahead errors, relative to the spread, shape (n, states), stay within bounds; 0 if they do not."""
+    rows, columns = np.nonzero(~np.isnan(scaled))
+    order = np.argsort(leads[rows], kind="stable")
+    horizon = 0.0
+    for part in np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART))):
+        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= _WITHIN:
+            break
+        horizon = float(leads[rows[part[-1]]])
+    return horizon
+
+
+def _rms(values: Floats) -> float:
+    known = values[~np.isnan(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _poorly_known(law: Law) -> tuple[str, ...]:
+    """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
+    found = []
+    for each, values, errors in zip(law.named_coefficients, *(part.T for part in law.letter_values()), strict=True):
+        poor = np.flatnonzero(errors > _POOR * np.abs(values))
+        if len(poor):
+            where = f"{law.left_hand_sides[each.equation]}, before {law.terms.factors[each.term]}"
+            some = [law.objects[i] for i in poor]
+            of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
+            found.append(f"{each.name} ({where}{of})")
+    return tuple(found)

@@ -1,0 +1,142 @@
+"""The stretches of trials that a law is judged on, and what it forecasts there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.law import Law
+from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.trials import Trial, Trials
+
+SHARE = 0.35
+"""Share of each trial, its end, that a law is judged on where nothing was held out."""
+
+_BEFORE, _LEAST_BEFORE = 0.2, 5
+"""Share of a held-out trial, its beginning, that tells where its forecast starts, and how many samples at least."""
+
+_MOST_BEFORE = 500
+"""So many samples before a stretch tell where its forecast starts, as more take long and add little."""
+
+_TOLERANCE = 1e-6
+"""Relative error of a step, far below that of any measurement."""
+
+
+class Kind(StrEnum):
+    """Where a stretch comes from."""
+
+    TRIAL = "trials that were held out"
+    LATER = "later samples that were held out"
+    SEEN = f"the last {100 * SHARE:.0f} % of trials"
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A trial, without samples in which nothing was measured, and the index of the first one that is judged."""
+
+    trial: Trial
+    first: int
+    kind: Kind
+
+
+@dataclass(frozen=True, eq=False)
+class StretchErrors:
+    """What the forecast of a stretch was off.
+
+    Parameters
+    ----------
+    leads
+        How far ahead of the last sample before the stretch, shape (n,).
+    errors
+        Forecast less measured states, shape (n, states): infinite after a divergence, NaN where nothing was measured.
+    persistence
+        The same of the last values that were measured before the stretch.
+    inside
+        1 where the 95 % band held the measurement, 0 where it did not, NaN where there is none, shape (n, states).
+    diverged
+        Whether the forecast ran away.
+    """
+
+    leads: Floats
+    errors: Floats
+    persistence: Floats
+    inside: Floats
+    diverged: bool
+
+
+def stretches(trials: Trials, learned: Trials | None) -> list[Stretch]:
+    """Return what was held out of learning, trials or later samples; if nothing was, the end of each trial."""
+    if learned is not None:
+        held_out = list(_held_out(trials, learned))
+        if held_out:
+            return held_out
+    measured = [trial.measured() for trial in trials]
+    return [Stretch(each, int(np.ceil((1 - SHARE) * len(each))), Kind.SEEN) for each in measured]
+
+
+def _held_out(trials: Trials, learned: Trials) -> Iterator[Stretch]:
+    ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
+    for trial in trials:
+        measured, end = trial.measured(), ends.get((trial.object, trial.name))
+        if end is None:
+            before = max(_LEAST_BEFORE, int(np.ceil(_BEFORE * len(measured))))
+            yield Stretch(measured, before, Kind.TRIAL)
+        elif measured.times[-1] > end:
+            yield Stretch(measured, int(np.searchsorted(measured.times, end, side="right")), Kind.LATER)
+
+
+def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors:
+    """Return what the law's forecast of a stretch is off, from a start fitted to the samples before.
+
+    Raises
+    ------
+    CommonlawError
+        If it cannot be forecast.
+    """
+    trial, first, states = stretch.trial, stretch.first, len(law.states)
+    fits = law.order > 0 and law.noise is not None
+    forecast = law.predict(
+        trials.with_trials([trial]),
+        start=_MOST_BEFORE if fits and first > _MOST_BEFORE else None,
+        from_time=float(trial.times[first]),
+        return_std=law.has_std,
+        tolerance=_TOLERANCE,
+    )
+    ahead, measured = forecast.ahead[0], trial.states[first:]
+    errors = forecast.trajectories[0].states[ahead, :states] - measured
+    diverged = bool(forecast.outcomes)
+    errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
+    inside = np.full(errors.shape, np.nan)
+    if forecast.std is not None:
+        margin = forecast.margins(measured=True)[0][ahead]
+        inside = np.where(np.isfinite(margin) & np.isfinite(errors), abs(errors) <= margin, np.nan)
+    leads = trial.times[first:] - trial.times[first - 1]
+    return StretchErrors(leads, errors, _last(trial.states[:first]) - measured, inside, diverged)
+
+
+def _last(states: Floats) -> Floats:
+    """Return the last measured value of each state, shape (states,); NaN where there is none."""
+    found = [column[np.isfinite(column)] for column in states.T]
+    return np.array([column[-1] if len(column) else np.nan for column in found])
+
+
+def law_for(law: Law, name: str) -> Law:
+    """Return the law of one object; of one that it does not know, with the mean coefficients of the others.
+
+    That object counts as drawn from the same population: the scatter of the others' coefficients and of their mean is
+    added to the covariance of the mean, and more the fewer they are (Student's t, for the 95 % band).
+    """
+    from scipy.special import stdtrit
+
+    if name in law.objects:
+        return law.select([name])
+    mean = law.average()
+    uncertainty = mean.uncertainty
+    if uncertainty.covariance is not None and len(law.objects) > 1:
+        own, count = law.coefficients[:, mean.support], len(law.objects)
+        widened = (1 + 1 / count) * (stdtrit(count - 1, 0.975) / normal_quantile(0.95)) ** 2
+        scatter = widened * np.cov(own, rowvar=False).reshape(own.shape[1], own.shape[1])
+        uncertainty = replace(uncertainty, covariance=uncertainty.covariance + scatter)
+    return replace(mean, objects=(name,), uncertainty=uncertainty)
