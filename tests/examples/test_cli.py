@@ -81,7 +81,9 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
     forecast = pd.read_csv(tmp_path / "forecast.csv")
     assert np.all(forecast["height low"] < forecast["height forecast"])
     assert np.all(forecast["height high"] > forecast["height forecast"])
-    assert "95 % band" in (tmp_path / "bands.svg").read_text()
+    assert np.all(forecast["height measured high"] - forecast["height high"] > 0)
+    assert np.all(forecast["height measured low"] - forecast["height low"] < 0)
+    assert "95 % band (measured)" in (tmp_path / "bands.svg").read_text()
 
 
 @pytest.mark.usefixtures("table")

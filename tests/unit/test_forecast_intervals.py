@@ -209,6 +209,9 @@ def test_the_table_of_a_forecast_with_standard_deviations_has_the_ends_of_its_in
         own = intervals[intervals["state"] == state]
         np.testing.assert_allclose(frame[f"{state} low"], own["low"])
         np.testing.assert_allclose(frame[f"{state} high"], own["high"])
+        noisy = forecast.interval(measured=True)
+        for end in ("low", "high"):
+            np.testing.assert_allclose(frame[f"{state} measured {end}"], noisy[noisy["state"] == state][end])
 
 
 def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):

@@ -53,7 +53,8 @@ def predict(
 
     Columns are found by the names that the law was learned with; options name others. Rows without states
     after the measured ones are forecast. Where the law knows how accurate it is, the table that is written has the ends
-    of 95 % bands (low and high), and the figure shows the bands.
+    of 95 % bands, for the state itself (low, high) and for a measurement of it, with its noise (measured low, measured
+    high); the figure shows the bands of measurements.
 
     \b
     Example:

@@ -65,7 +65,7 @@ def begin(
     found, lost = [], []
     for trial in trials:
         inputs = Inputs.of(trial.times, trial.inputs, input_between)
-        extended = _with_times(trial, inputs, wanted) if len(wanted) else trial
+        extended = with_times(trial, inputs, wanted) if len(wanted) else trial
         if from_time is None:
             found.append(Beginning(extended, inputs, trial.measured(), _fitted_start(law, trial, inputs, start)))
         elif trial.times[0] < from_time <= extended.times[-1]:
@@ -127,7 +127,7 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 
-def _with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
+def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     """Return a trial with samples to be forecast at more times after its first."""
     index = np.interp(wanted, trial.times, np.arange(len(trial)))
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)

@@ -1,14 +1,14 @@
 """From measured trials to forecasts, and how far off these may be."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.beginning import Beginning, begin, start_covariance
+from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
@@ -32,43 +32,76 @@ def predict(
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
     law, trials = _with_object(law, trials)
-    covariance, noise = (law.uncertainty.known_covariance(), _noise_of(law)) if return_std else (None, None)
+    if return_std:
+        law.uncertainty.known_covariance()
+        _noise_of(law)
     trials, beginnings = begin(law, trials, times, start, from_time, input_between)
-    problems = [_problem(law, each) for each in beginnings]
-    if covariance is None or noise is None:
-        found = simulate(problems, method=method, tolerance=tolerance)
-        return Forecast(trials, _whole(beginnings, found), from_time=from_time)
-    # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
-    problems = [replace(each, field=replace(each.field, free=law.support)) for each in problems]
-    found = simulate(problems, method=method, tolerance=tolerance, sensitivities=True)
-    deviations = []
-    for own, trajectory in zip(beginnings, found, strict=True):
-        known = covariance[law.objects.index(own.trial.object)]
-        if own.fitted is None:
-            first = law.uncertainty.error_model.measurement_std(own.told.states[:1], noise)[0]
-            std = trajectory_std(trajectory, known, start_covariance(law, own.told, first, seed))
-        else:
-            carried, initial = own.fitted.propagated(trajectory)
-            std = trajectory_std(carried, known, initial)
-        if law.uncertainty.error_model.of_law:
-            std = np.hypot(std, model_error_std(law, own.ahead, own.inputs, trajectory.states))
-        deviations.append(std if own.fitted is None else own.fitted.std_followed_by(std, own.trial.times))
-    # The derivatives have done their work, and are many times larger than the states
-    lighter = _whole(beginnings, [replace(each, sensitivities=None) for each in found])
-    return Forecast(trials, lighter, tuple(deviations), noise, from_time, law.uncertainty.error_model)
+    return _Forecaster(law, trials, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
 
 
-def _problem(law: Law, beginning: Beginning) -> InitialValueProblem:
-    field = replace(law.vector_field(beginning.trial.object), inputs=beginning.inputs)
-    return InitialValueProblem(field, beginning.initial(law), beginning.ahead.times, beginning.trial.label)
+@dataclass(frozen=True, eq=False)
+class _Forecaster:
+    """All that forecasts are made from; see `Law.predict`."""
 
+    law: Law
+    trials: Trials
+    beginnings: tuple[Beginning, ...]
+    from_time: float | None
+    return_std: bool
+    method: str
+    tolerance: float
+    seed: int
 
-def _whole(beginnings: Sequence[Beginning], found: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
-    """Return trajectories with what is before their starts, at all times of the trials."""
-    return tuple(
-        trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
-        for own, trajectory in zip(beginnings, found, strict=True)
-    )
+    def forecast(self) -> Forecast:
+        """Return the forecasts at the times of the trials."""
+        problems = [self._problem(each) for each in self.beginnings]
+        found = simulate(problems, method=self.method, tolerance=self.tolerance, sensitivities=self.return_std)
+        std, noise = (self._std(found), self.law.noise) if self.return_std else (None, None)
+        again = None if self.law.order == 0 else self.at_more_times
+        errors = self.law.uncertainty.error_model
+        return Forecast(self.trials, self._whole(found), std, noise, self.from_time, errors, again)
+
+    def at_more_times(self, times: Sequence[Floats]) -> Forecast:
+        """Return the forecasts from the same beginnings at more times of each trial."""
+        finer = [
+            replace(each, trial=with_times(each.trial, each.inputs, more))
+            for each, more in zip(self.beginnings, times, strict=True)
+        ]
+        trials = self.trials.with_trials([each.trial for each in finer])
+        return replace(self, trials=trials, beginnings=tuple(finer)).forecast()
+
+    def _whole(self, found: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
+        """Return trajectories with what is before their starts, at all times of the trials."""
+        # The derivatives have done their work, and are many times larger than the states
+        lighter = [replace(each, sensitivities=None) for each in found]
+        return tuple(
+            trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
+            for own, trajectory in zip(self.beginnings, lighter, strict=True)
+        )
+
+    def _std(self, found: Sequence[Trajectory]) -> tuple[Floats, ...]:
+        """Return the standard deviations of the states of each trajectory, with what is before its start."""
+        law, noise, deviations = self.law, _noise_of(self.law), []
+        covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
+        for own, trajectory in zip(self.beginnings, found, strict=True):
+            known = covariance[law.objects.index(own.trial.object)]
+            if own.fitted is None:
+                first = errors.measurement_std(own.told.states[:1], noise)[0]
+                std = trajectory_std(trajectory, known, start_covariance(law, own.told, first, self.seed))
+            else:
+                carried, initial = own.fitted.propagated(trajectory)
+                std = trajectory_std(carried, known, initial)
+            if errors.of_law:
+                std = np.hypot(std, model_error_std(law, own.ahead, own.inputs, trajectory.states))
+            deviations.append(std if own.fitted is None else own.fitted.std_followed_by(std, own.trial.times))
+        return tuple(deviations)
+
+    def _problem(self, beginning: Beginning) -> InitialValueProblem:
+        field = replace(self.law.vector_field(beginning.trial.object), inputs=beginning.inputs)
+        if self.return_std:
+            # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
+            field = replace(field, free=self.law.support)
+        return InitialValueProblem(field, beginning.initial(self.law), beginning.ahead.times, beginning.trial.label)
 
 
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:

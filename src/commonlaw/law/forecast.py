@@ -1,6 +1,6 @@
 """Forecasts of trials beside what was measured: what `Law.predict` gives."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,8 @@ class Forecast:
         is not in tables, errors and scores.
     error_model
         Errors of measurements beside that noise.
+    at_more_times
+        Makes the same forecasts with more times for each trial, see `smooth`; None if they cannot be made again.
     """
 
     trials: Trials
@@ -46,6 +48,7 @@ class Forecast:
     noise: Floats | None = None
     from_time: float | None = None
     error_model: ErrorModel = NO_ERRORS
+    at_more_times: Callable[[Sequence[Floats]], "Forecast"] | None = None
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -60,23 +63,37 @@ class Forecast:
         """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
 
         With standard deviations, the ends of the interval that holds the state with a probability of 95 % follow each
-        state.
+        state ("low" and "high"), and where the noise is known those for a measurement of it ("measured low" and
+        "measured high").
         """
         import pandas as pd
 
         schema, parts = self.trials.schema, []
-        margins = self.margins() if self.std is not None else None
+        kinds = {} if self.std is None else {"": self.margins()}
+        if kinds and self.noise is not None:
+            kinds["measured "] = self.margins(measured=True)
         for i, (trial, forecast, ahead) in enumerate(zip(self.trials, self._states(), self.ahead, strict=True)):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
                 part[name] = trial.states[:, j]
                 part[f"{name} forecast"] = forecast[:, j]
                 part[f"{name} error"] = forecast[:, j] - trial.states[:, j]
-                if margins is not None:
-                    part[f"{name} low"] = forecast[:, j] - margins[i][:, j]
-                    part[f"{name} high"] = forecast[:, j] + margins[i][:, j]
+                for kind, margins in kinds.items():
+                    part[f"{name} {kind}low"] = forecast[:, j] - margins[i][:, j]
+                    part[f"{name} {kind}high"] = forecast[:, j] + margins[i][:, j]
             parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
+
+    def smooth(self, points: int = 300) -> "Forecast":
+        """Return the forecasts at more times, to draw them as curves.
+
+        Each trial gets so many `points`, but none where its samples are as close; they have no measured states. Laws in
+        discrete time, and forecasts that `Law.predict` did not make, have nothing between samples and stay as they are.
+        """
+        more = [_between(trial.times, points) for trial in self.trials]
+        if self.at_more_times is None or not any(len(each) for each in more):
+            return self
+        return self.at_more_times(more)
 
     def interval(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
         """Return a long table: object, trial, time, state, its forecast, and the ends of the prediction interval.
@@ -178,6 +195,13 @@ class Forecast:
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)
         return [trajectory.states[:, :width] for trajectory in self.trajectories]
+
+
+def _between(times: Floats, points: int) -> Floats:
+    """Return so many times over the span of a trial, but none where samples are as close as these."""
+    grid = np.linspace(times[0], times[-1], points + 1)[1:-1]
+    far = np.append(np.diff(times) > (times[-1] - times[0]) / points, False)
+    return np.asarray(grid[far[np.searchsorted(times, grid, side="right") - 1]])
 
 
 def _sum_of_squares(parts: Sequence[Floats]) -> Floats:

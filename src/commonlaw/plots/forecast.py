@@ -1,7 +1,7 @@
 """Forecasts beside measurements."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from commonlaw.array_types import Floats
 from commonlaw.forecast import Forecast
@@ -40,9 +41,10 @@ _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth":
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
     """Plot measured points and forecast lines, and below them the error, one pair of panels for each object and state.
 
-    A forecast that diverged ends at a cross; values that are not finite are not drawn, and axes are set by what was
-    measured. A forecast with standard deviations has a band that a measurement lies in with a probability of
-    95 %, its noise included if that is known; around the errors it is a band around zero.
+    Lines and bands are forecast at more times than were measured, so that they are smooth. A forecast that diverged
+    ends at a cross; values that are not finite are not drawn, and axes are set by what was measured. A forecast with
+    standard deviations has a band that a measurement lies in with a probability of 95 %, its noise included if that is
+    known; around the errors it is a band around zero.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
 
 def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, columns: int) -> None:
     """Draw all pairs of panels into a part of a figure."""
-    schema, colors = forecast.trials.schema, _trial_colors(forecast.trials)
+    schema, colors, smooth = forecast.trials.schema, _trial_colors(forecast.trials), forecast.smooth()
     states = len(schema.states)
     lines = -(-len(forecast.trials.objects) * states // columns)
     grid = index.subgridspec(2 * lines, columns, height_ratios=[2, 1] * lines)
@@ -87,12 +89,14 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
         like = pairs[j][0] if j in pairs else None
         above = figure.add_subplot(grid[2 * line, column], sharex=like and like.above, sharey=like and like.above)
         below = figure.add_subplot(grid[2 * line + 1, column], sharex=above, sharey=like and like.below)
-        pair = _Pair(above, below, _curves(forecast, name, j, colors))
+        pair = _Pair(above, below, _curves(forecast, smooth, name, j, colors))
         pairs.setdefault(j, []).append(pair)
         lower.append(below)
         _draw_pair(pair)
         above.set_title(plain(name if states == 1 else f"{name}: {schema.states[j]}", 24))
         above.tick_params(labelbottom=False)
+        # As years are long, more labels would run into each other
+        below.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         # Panels of one state share their axes, so those of the first object speak for the others in the line
         for panel, what in ((above, schema.states[j]), (below, "error")):
             panel.tick_params(labelleft=column < states)
@@ -107,20 +111,20 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
 
 @dataclass(frozen=True)
 class _Curve:
-    """One state of one trial: measured, and forecast as far as it is finite."""
+    """One state of one trial: measured, and forecast as far as it is finite, at more times."""
 
     times: Floats
     measured: Floats
+    compared: Floats
+    """Times at which it was measured and forecast."""
+    error: Floats
+    """Forecast minus measured at these."""
+    at: Floats
     forecast: Floats
     diverged: bool
     color: str
     margin: Floats
     """Half the width of the band, as far as the forecast; zero without standard deviations."""
-
-    @property
-    def error(self) -> Floats:
-        """Forecast minus measured, as far as there is a forecast."""
-        return np.asarray(self.forecast - self.measured[: len(self.forecast)])
 
 
 @dataclass(frozen=True)
@@ -132,17 +136,32 @@ class _Pair:
     curves: Sequence[_Curve]
 
 
-def _curves(forecast: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
+def _curves(forecast: Forecast, smooth: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
     """Return the curves of state `j` of one object."""
     curves = []
-    known = None if forecast.std is None else forecast.margins(measured=forecast.noise is not None)
-    for i, (trial, trajectory) in enumerate(zip(forecast.trials, forecast.trajectories, strict=True)):
+    known = None if smooth.std is None else smooth.margins(measured=smooth.noise is not None)
+    for i, (trial, trajectory) in enumerate(zip(smooth.trials, smooth.trajectories, strict=True)):
         if trial.object == name:
-            states = trajectory.states[:, j]
-            reached = states[: int(np.argmin(np.isfinite(np.append(states, np.nan))))]
-            diverged = trajectory.outcome is not None
-            margin = 0 * reached if known is None else np.nan_to_num(known[i][: len(reached), j], nan=np.inf)
-            curves.append(_Curve(trial.times, trial.states[:, j], reached, diverged, colors[trial.name], margin))
+            measured, missed = (
+                forecast.trials[i],
+                forecast.trajectories[i].states[:, j] - forecast.trials[i].states[:, j],
+            )
+            compared = np.isfinite(missed) & forecast.ahead[i]
+            drawn = np.isfinite(trajectory.states[:, j]) & smooth.ahead[i]
+            margin = np.zeros(drawn.sum()) if known is None else np.nan_to_num(known[i][drawn, j], nan=np.inf)
+            curves.append(
+                _Curve(
+                    times=measured.times,
+                    measured=measured.states[:, j],
+                    compared=measured.times[compared],
+                    error=missed[compared],
+                    at=trial.times[drawn],
+                    forecast=trajectory.states[drawn, j],
+                    diverged=trajectory.outcome is not None,
+                    color=colors[trial.name],
+                    margin=margin,
+                )
+            )
     return curves
 
 
@@ -155,14 +174,13 @@ def _draw_pair(pair: _Pair) -> None:
         every = -(-len(curve.times[seen]) // _MOST_POINTS) or 1
         state.plot(curve.times[seen], curve.measured[seen], "o", color=curve.color, markevery=every, **_POINTS)
     for curve in curves:
-        reached = curve.times[: len(curve.forecast)]
-        for panel, values in ((state, curve.forecast), (error, curve.error)):
-            panel.plot(reached, values, color=curve.color)
-            if curve.diverged:
-                panel.axvline(reached[-1], color=curve.color, linestyle=":")
+        for panel, times, values in ((state, curve.at, curve.forecast), (error, curve.compared, curve.error)):
+            panel.plot(times, values, color=curve.color)
+            if curve.diverged and len(curve.at):
+                panel.axvline(curve.at[-1], color=curve.color, linestyle=":")
                 # The cross stands at the foot of the panel: the last value may be far outside
                 foot = panel.get_xaxis_transform()
-                panel.plot(reached[-1], 0.08, "X", color=curve.color, transform=foot, clip_on=False)
+                panel.plot(curve.at[-1], 0.08, "X", color=curve.color, transform=foot, clip_on=False)
 
 
 def _draw_bands(pair: _Pair) -> None:
@@ -173,8 +191,7 @@ def _draw_bands(pair: _Pair) -> None:
                 low, high = panel.get_ylim()
                 bounds = 2 * low - high, 2 * high - low
                 ends = np.clip([middle - curve.margin, middle + curve.margin], *bounds)
-                times = curve.times[: len(middle)]
-                panel.fill_between(times, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
+                panel.fill_between(curve.at, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
 
 
 def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
@@ -184,10 +201,10 @@ def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
     forecasts = np.concatenate([each for c in curves for each in (c.forecast - c.margin, c.forecast + c.margin)])
     low, high = np.nanmin(measured), np.nanmax(measured)
     span = (high - low) or abs(high) or 1.0
-    low, high = max(min(low, forecasts.min()), low - span / 2), min(max(high, forecasts.max()), high + span / 2)
+    low = max(forecasts.min(initial=low), low - span / 2)
+    high = min(forecasts.max(initial=high), high + span / 2)
     state.set_ylim(low - span / 20, high + span / 20)
-    # An error of NaN, where nothing was measured, has a margin all the same
-    largest = np.max(np.concatenate([np.fmax(np.abs(curve.error), curve.margin) for curve in curves]))
+    largest = np.max(np.concatenate([each for curve in curves for each in (abs(curve.error), curve.margin)]), initial=0)
     bound = 1.1 * (min(largest, span) or span / 100)
     error.set_ylim(-bound, bound)
 
@@ -203,7 +220,8 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
     colors = _trial_colors(forecast.trials)
     keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key("forecast", color=GREY)]
     if forecast.std is not None:
-        keys.append(key("95 % band", color=GREY, linewidth=8, alpha=_LIGHT))
+        of = "states" if forecast.noise is None else "measured"
+        keys.append(key(f"95 % band ({of})", color=GREY, linewidth=8, alpha=_LIGHT))
     if forecast.outcomes:
         keys.append(key("forecast diverged", color=GREY, marker="X", linestyle=":"))
     if 1 < len(colors) <= len(COLORS):
@@ -216,4 +234,13 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
     kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
     std = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
-    return Forecast(trials, tuple(forecast.trajectories[i] for i in kept), std, forecast.noise)
+    again = forecast.at_more_times
+
+    def at_more_times(times: Sequence[Floats]) -> Forecast:
+        own = dict(zip(kept, times, strict=True))
+        assert again is not None
+        return _of_objects(again([own.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
+
+    trajectories = tuple(forecast.trajectories[i] for i in kept)
+    more = None if again is None else at_more_times
+    return replace(forecast, trials=trials, trajectories=trajectories, std=std, at_more_times=more)

@@ -26,6 +26,8 @@ COLORS = (
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")
 DASHES = ("-", "--", ":", "-.")
+_KEY = 1.55
+"""Width of a key with its text, in inches."""
 
 SETTINGS: Mapping[str, Any] = {
     "figure.dpi": 100,
@@ -167,6 +169,7 @@ def add_legend(figure: Figure, keys: Sequence[Line2D], above: bool = False) -> N
     if not keys:
         return
     if above:
-        figure.legend(handles=list(keys), loc="outside upper center", ncols=min(len(keys), 5))
+        columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
+        figure.legend(handles=list(keys), loc="outside upper center", ncols=columns)
     else:
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25))
