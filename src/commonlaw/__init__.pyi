@@ -24,6 +24,7 @@ from .discovery import (
     discover as discover,
     fit as fit,
 )
+from .effort import LongWorkWarning as LongWorkWarning
 from .errors import CommonlawError as CommonlawError
 from .forecast import (
     Forecast as Forecast,

@@ -73,7 +73,7 @@ def test_expressions_keep_their_order_and_appear_once():
         (lambda: PolynomialLibrary(2, ()), "at least one; got none"),
         (lambda: PolynomialLibrary(2, ("x", "x")), "once"),
         (lambda: PolynomialLibrary(2, ("y",)).bind(XV), "unknown variable 'y'"),
-        (lambda: PolynomialLibrary(30).bind(Variables(tuple("abcdefgh"))), "48903492 terms: lower the degree"),
+        (lambda: PolynomialLibrary(30).bind(Variables(tuple("abcdefgh"))), "48903492 terms, .*: lower the degree"),
         (lambda: FourierLibrary(0), "is 0: give a whole number from 1 to 1000"),
         (lambda: RationalLibrary(2, "y").bind(XV), "unknown variable 'y'"),
         (ExpressionLibrary, "at least one"),

@@ -1,11 +1,13 @@
 """The command `commonlaw` and how it ends: 0 done, 1 could not (the reason on stderr), 2 wrong usage."""
 
 import sys
+import warnings
 from importlib import import_module
 from io import StringIO
 
 import click
 
+from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
@@ -52,8 +54,12 @@ def commonlaw() -> None:
 def main() -> None:
     """Run the command line; errors that a user can mend are one line on stderr."""
     try:
-        with standard_streams():
+        with standard_streams(), warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: say(f"commonlaw: {in_options(str(message))}", err=True)
             code = commonlaw(prog_name="commonlaw", standalone_mode=False)
+    except MemoryError:
+        say("commonlaw: there is not enough memory for this: take fewer trials or a smaller library", err=True)
+        code = 1
     except CommonlawError as error:
         say(f"commonlaw: {error}", err=True)
         code = 1

@@ -1,11 +1,18 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
+from math import ceil, isfinite
+
 import click
 
 from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
 from commonlaw.cli.source import Source, with_source
+from commonlaw.effort import check_memory
+from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
 from commonlaw.trials import Trials
+
+_BYTES_A_VALUE = 200
+"""Of a forecast, with what is made of it on the way."""
 
 
 @click.command()
@@ -103,4 +110,9 @@ def _times(trials: Trials, first: float | None, until: float | None, step: float
     span = (last if until is None else until) - first
     if until is step is None or span <= 0:
         return []
-    return [first + i * (step or span / 100) for i in range(-int(-span // (step or span / 100)))] + [first + span]
+    step = step or span / 100
+    if not (isfinite(span) and isfinite(step)):
+        raise CommonlawError(f"--until {until} --step {step}: give finite numbers")
+    size = _BYTES_A_VALUE * span / step * len(trials) * len(trials.schema.states)
+    check_memory(f"forecasts at {span / step:.0f} times of {len(trials)} trials", size, "give a larger --step")
+    return [first + i * step for i in range(ceil(span / step))] + [first + span]

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.validation import check_whole_number
@@ -20,6 +21,11 @@ class NormalSource(Protocol):
 
 PerObject = float | Sequence[float]
 """A number of each object, or one that serves all."""
+
+_MOST_SAMPLES = 10_000_000
+"""Of a trial."""
+
+_BYTES_A_TRIAL, _BYTES_A_VALUE = 2000, 32
 
 Seed = int | NormalSource
 Path = Callable[[NormalSource], Floats]
@@ -45,6 +51,8 @@ def measure(
         raise CommonlawError(f"noise is {noise:g}: give its standard deviation, 0 or positive")
     if not hasattr(seed, "standard_normal"):
         check_whole_number("seed", seed, 0)
+    size = trials * len(paths) * (_BYTES_A_TRIAL + _BYTES_A_VALUE * len(times) * len(schema.states))
+    check_memory(f"{trials} trials of {len(paths)} objects, {len(times)} samples each,", size, "take fewer")
     source = np.random.default_rng(seed) if isinstance(seed, int | np.integer) else seed
     measured = [
         Trial(name, str(number), times, states + noise * source.standard_normal(states.shape))
@@ -63,7 +71,7 @@ def fixed(states: Floats) -> Path:
 
 def sample_times(samples: int, rate: float) -> Floats:
     """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,)."""
-    check_whole_number("samples", samples, 2)
+    check_whole_number("samples", samples, 2, _MOST_SAMPLES)
     return np.arange(samples) / numbers("rate", rate, positive=True)[0]
 
 

@@ -1,6 +1,7 @@
 """Laws by least squares on rows, whatever makes the rows: a solver at its value, or a choice from solvers' paths."""
 
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,6 +13,7 @@ from commonlaw.array_types import Bools
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
 from commonlaw.law import Law, Provenance
@@ -36,9 +38,16 @@ from commonlaw.solvers import (
     parse_solver,
 )
 from commonlaw.trials import Trial, Trials, TrialStream
+from commonlaw.validation import check_whole_number
 
 _MANY_TERMS = 60
 """More are too many for the solvers that look closely."""
+
+_MERGERS, _EVALUATIONS = 3, 4
+"""Factors of each trial that are made besides those of its segments, and matrices of terms that are held at a time."""
+
+_SECONDS_AN_OBJECT, _SECONDS_OF_CUBE = 4e-3, 1e-6
+"""Of choosing terms: for each object and equation, and for the cube of the number of terms."""
 
 _TRIALS_FOR_ACCURACY = 4
 """Trials of an object that the accuracy of its rows is estimated from."""
@@ -77,6 +86,9 @@ class AbstractRegression(AbstractMethod):
     def __post_init__(self) -> None:
         check_choice("rule", self.rule, RULES)
         check_choice("scoring", self.scoring, ("residuals", "forecasts"))
+        check_whole_number("n_resamples", self.n_resamples, 0, 10_000)
+        if isinstance(self.n_jobs, bool) or not isinstance(self.n_jobs, int) or self.n_jobs < -1 or not self.n_jobs:
+            raise CommonlawError(f"n_jobs={self.n_jobs!r}: give the number of processes, or -1 for one for each core")
         object.__setattr__(self, "solver", parsed(self.solver, parse_solver))
 
     @abstractmethod
@@ -91,9 +103,10 @@ class AbstractRegression(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure.order)
         schema, terms = trials.schema, structure.terms(trials.schema)
         solver = parsed(self.solver, parse_solver)
+        segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
+        _check_effort(trials, len(terms), segments)
         progress("turning trials into regression rows")
         formulation = self.formulation(trials, structure)
-        segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
         data = compress(trials, schema, formulation, terms, segments=segments, n_jobs=self.n_jobs)
         known = structure.known_coefficients(schema, data.objects)
         law = Law(
@@ -123,6 +136,22 @@ class AbstractRegression(AbstractMethod):
                 found = chosen_law(law, choose(scores=scores))
         outcomes = (*found.outcomes, *ill_conditions(found, data.problems))
         return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
+
+
+def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> None:
+    """Refuse more terms than memory can hold the factors of, and announce it if choosing from them takes long."""
+    states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
+    counts = Counter(trial.object for trial in listed) or {"": 1}
+    what = f"{terms} terms for {states} {'equation' if states == 1 else 'equations'} and {len(counts)} objects"
+    kept = sum(min(count, MOST_GROUPS) for count in counts.values()) * (segments + _MERGERS)
+    rows = _EVALUATIONS * terms * max(map(len, listed), default=1)
+    check_memory(f"regression with {what}", 8 * (kept * (terms + states) ** 2 + rows), "take a smaller library")
+    if segments > 1:
+        announce(
+            f"choosing from {what}",
+            states * len(counts) * (_SECONDS_AN_OBJECT + _SECONDS_OF_CUBE * terms**3),
+            "take a smaller library or fewer objects, or a solver with its value such as 'group-stlsq:1'",
+        )
 
 
 def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:

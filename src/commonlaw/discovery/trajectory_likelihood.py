@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import PATH, CovarianceKind, finish, known_noise, search_supports, with_best_forecast
 from commonlaw.law import Law, Provenance
@@ -16,6 +17,11 @@ from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
+
+_FACTORS, _ARRAYS = 6, 20
+"""Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
+
+_SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.3, 1e-2, 5e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +79,7 @@ class TrajectoryLikelihood(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
         schema, terms = trials.schema, structure.terms(trials.schema)
+        _announce(trials, len(terms))
         known = structure.known_coefficients(schema, trials.objects)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
         found = search_supports(
@@ -99,3 +106,13 @@ class TrajectoryLikelihood(AbstractMethod):
             seed=self.seed,
             progress=progress,
         )
+
+
+def _announce(trials: Trials, terms: int) -> None:
+    """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
+    objects, samples = len(trials.objects), sum(map(len, trials))
+    what = f"the trajectory likelihood of {len(trials)} trials of {objects} objects with {terms} terms"
+    size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)
+    check_memory(what, size, "take a smaller library")
+    seconds = _SECONDS_AN_OBJECT * objects + _SECONDS_A_TRIAL * len(trials) + _SECONDS_A_SAMPLE * samples
+    announce(what, seconds, "take fewer trials, or method=DerivativeRegression()")

@@ -103,9 +103,10 @@ def _with_problems(
 
     if n_jobs == 1:
         return map(work, trials)
-    from joblib import Parallel, delayed
+    from joblib import Parallel, cpu_count, delayed
 
-    return iter(Parallel(n_jobs=n_jobs, return_as="generator")(delayed(work)(trial) for trial in trials))
+    parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator")
+    return iter(parallel(delayed(work)(trial) for trial in trials))
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

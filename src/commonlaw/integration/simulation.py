@@ -7,6 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration.base import AbstractIntegrator
 from commonlaw.integration.event import Event
@@ -73,7 +74,8 @@ def simulate(
         method = "scipy"
     choices: dict[tuple[int, int, int, bytes], _Choice] = {}
     trajectories = []
-    for problem in problems:
+    what = f"integrating {len(problems)} trajectories"
+    for problem in announced(problems, what, "take fewer trials or a shorter time"):
         vector_field = problem.field
         masks = vector_field.kept.tobytes() + vector_field.parameter_mask.tobytes()
         powers = 0 if vector_field.inputs is None else vector_field.inputs.powers

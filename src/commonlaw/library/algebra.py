@@ -7,6 +7,17 @@ from commonlaw.errors import CommonlawError
 from commonlaw.library.product import multiply
 from commonlaw.library.terms import Terms, Variables
 
+_MOST_TERMS = 100_000
+
+
+def check_count(what: str, count: int) -> None:
+    """Refuse to make more terms than any law could be chosen from."""
+    if count > _MOST_TERMS:
+        raise CommonlawError(
+            f"{what} has {count} terms, and at most {_MOST_TERMS} are made: lower the degree or the frequencies, name "
+            "fewer variables, or leave out the interactions"
+        )
+
 
 class AbstractLibrary(ABC):
     """A family of candidate terms, not yet bound to variables.
@@ -55,6 +66,7 @@ class ProductLibrary(AbstractLibrary):
 
     def bind(self, variables: Variables) -> Terms:
         left, right, size = self.left.bind(variables), self.right.bind(variables), len(variables.names)
+        check_count("a product of libraries", len(left) * len(right))
         products = (multiply((a, b), size) for a in left.terms for b in right.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
 

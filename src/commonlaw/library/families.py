@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.algebra import AbstractLibrary
+from commonlaw.library.algebra import AbstractLibrary, check_count
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parse import parse_term
@@ -14,8 +14,6 @@ from commonlaw.library.product import multiply, multiply_powers
 from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.validation import check_whole_number
-
-_MOST_TERMS = 100_000
 
 
 @dataclass(frozen=True)
@@ -105,10 +103,12 @@ class FourierLibrary(AbstractLibrary):
         check_whole_number("the number of frequencies of a Fourier library", self.frequencies, 1, 1000)
 
     def bind(self, variables: Variables) -> Terms:
+        columns = variables.columns(self.variables)
+        check_count(f"a Fourier library of {len(columns)} variables", 2 * self.frequencies * len(columns))
         terms = [
             term
             for frequency in range(1, self.frequencies + 1)
-            for column in variables.columns(self.variables)
+            for column in columns
             for term in (Trigonometric("sin", frequency, column), Trigonometric("cos", frequency, column))
         ]
         return Terms(variables, tuple(terms))
@@ -188,11 +188,7 @@ class ExpressionLibrary(AbstractLibrary):
 def _monomials(columns: Sequence[int], size: int, degree: int, interactions: bool = True) -> list[tuple[int, ...]]:
     """Return the exponents of the monomials up to a degree in some of `size` variables, 100 000 at most."""
     count = math.comb(len(columns) + degree, degree) if interactions else 1 + len(columns) * degree
-    if count > _MOST_TERMS:
-        raise CommonlawError(
-            f"a polynomial of degree {degree} in {len(columns)} variables has {count} terms: lower the degree, "
-            "name fewer variables, or leave out the interactions"
-        )
+    check_count(f"a polynomial of degree {degree} in {len(columns)} variables", count)
     choices = [
         choice
         for total in range(degree + 1)

@@ -1,0 +1,50 @@
+"""Work that would take more than memory is refused before it begins, and work of minutes is announced."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from time import monotonic
+from typing import TypeVar
+
+from commonlaw.errors import CommonlawError
+
+MOST_MEMORY = 4 * 2**30
+"""Bytes that one piece of work may take."""
+
+PATIENCE = 60.0
+"""Seconds beyond which work is announced."""
+
+_TRIED = 5.0
+"""Seconds after which it shows how long work takes that nothing tells beforehand."""
+
+T = TypeVar("T")
+
+
+class LongWorkWarning(UserWarning):
+    """Work has begun that will take minutes; the message says how many, and what makes it less."""
+
+
+def check_memory(what: str, size: float, remedy: str) -> None:
+    """Refuse work that would take so many bytes."""
+    if size > MOST_MEMORY:
+        raise CommonlawError(
+            f"{what} would take {size / 2**30:.1f} GiB of memory, and at most {MOST_MEMORY / 2**30:g} are used: "
+            f"{remedy}"
+        )
+
+
+def announce(what: str, seconds: float, remedy: str) -> None:
+    """Warn of work that will take about so many seconds, if these are many."""
+    if seconds > PATIENCE:
+        length = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
+        warnings.warn(f"{what} will take about {length}: to have it sooner, {remedy}", LongWorkWarning, stacklevel=2)
+
+
+def announced(pieces: Sequence[T], what: str, remedy: str) -> Iterator[T]:
+    """Yield pieces of work; once a few of them show that the whole takes long, it is announced."""
+    began, is_told = monotonic(), False
+    for done, piece in enumerate(pieces):
+        seconds = monotonic() - began
+        if done and seconds > _TRIED and not is_told:
+            announce(what, seconds / done * len(pieces), remedy)
+            is_told = True
+        yield piece

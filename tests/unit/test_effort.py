@@ -1,0 +1,90 @@
+"""Work of minutes is announced with its length and a way out, and what memory cannot hold is refused before it."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw import effort
+from commonlaw.library import FourierLibrary, Variables, parse_library
+
+DROPS = cl.datasets.linear_drag(noise=0.01)
+
+
+@pytest.mark.parametrize("method", [None, cl.WeakRegression(), cl.TrajectoryLikelihood()])
+def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
+    with pytest.raises(cl.CommonlawError, match=r"5151 terms.* would take \d+\.\d GiB of memory.*: take a smaller"):
+        cl.discover(DROPS, order=2, library="poly:100", method=method)
+
+
+def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch):
+    monkeypatch.setattr(effort, "PATIENCE", 0.01)
+    with pytest.warns(cl.LongWorkWarning, match="choosing from 10 terms for 1 equation and 5 objects will take about"):
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression())
+    with pytest.warns(cl.LongWorkWarning, match=r"or a solver with its value such as 'group-stlsq:1'"):
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_resamples=0))
+    with pytest.warns(cl.LongWorkWarning, match="likelihood of 10 trials of 5 objects .*take fewer trials, or method="):
+        cl.discover(DROPS, order=2, library="poly:1")
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(600.0, "about 10 minutes"), (86_400.0, "about 24 hours"), (7_000.0, "117 minutes")],
+)
+def test_lengths_are_said_in_minutes_and_hours(size, text):
+    with pytest.warns(cl.LongWorkWarning, match=text):
+        effort.announce("this", size, "do less")
+
+
+def test_work_of_less_than_a_minute_is_not_announced():
+    effort.announce("this", 59.0, "do less")
+
+
+def test_work_of_many_pieces_is_announced_by_what_the_first_take(monkeypatch):
+    seconds = iter(np.arange(0.0, 1000.0, 6.0))
+    monkeypatch.setattr(effort, "monotonic", lambda: next(seconds))
+    with pytest.warns(cl.LongWorkWarning, match="integrating 100 trajectories will take about 20 minutes") as told:
+        assert list(effort.announced(range(100), "integrating 100 trajectories", "take fewer")) == list(range(100))
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("text", ["fourier:500 * fourier:500", " * ".join(["poly:20"] * 8), "fourier:1000 * poly:30"])
+def test_products_of_libraries_have_a_largest_number_of_terms(text):
+    with pytest.raises(cl.CommonlawError, match=r"has [0-9]+ terms, and at most 100000 are made: lower the degree"):
+        parse_library(text).bind(Variables(("x", "v")))
+
+
+def test_products_of_eight_small_libraries_are_made():
+    assert len(parse_library(" * ".join(["fourier:1"] * 8)).bind(Variables(("x", "v")))) == 165
+
+
+def test_a_fourier_library_of_many_variables_is_refused():
+    with pytest.raises(cl.CommonlawError, match="Fourier library of 100 variables has 200000 terms"):
+        FourierLibrary(1000).bind(Variables(tuple(f"x{i}" for i in range(100))))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"samples": 10**9}, "samples is 1000000000: give a whole number from 2 to 10000000"),
+        ({"trials": 10**9}, "1000000000 trials of 5 objects, 49 samples each, would take .* GiB of memory"),
+    ],
+)
+def test_simulations_that_memory_cannot_hold_are_refused(options, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.datasets.linear_drag(**options)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"), [({"n_jobs": 0}, "n_jobs=0"), ({"n_resamples": 10**6}, "from 0 to 10000")]
+)
+def test_numbers_of_processes_and_resamples_are_bounded(option, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.DerivativeRegression(**option)
+
+
+def test_as_many_processes_start_as_there_are_cores():
+    settings = {"differentiation": "finite:2", "solver": "group-stlsq:1.5"}
+    laws = [
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_jobs=jobs, **settings)) for jobs in (1, 100_000)
+    ]
+    np.testing.assert_array_equal(*(each.coefficients for each in laws))
