@@ -92,12 +92,12 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
         cannot be replaced, is an input, or is the same file as another path or the standard output.
     """
     taken = {_identity(path): "it is read here too" for path in inputs}
-    taken |= dict.fromkeys(_standard_streams(), "standard output or standard error goes there too")
+    taken |= {_identity(number): "standard output or standard error goes there too" for number in (1, 2)}
     targets = []
     for path in paths:
         with _refused(path):
             target = _target(path)
-        identity = _identity(path)
+        identity = _identity(path) or target.file
         if not target.is_stream:
             if identity in taken:
                 raise CommonlawError(f"cannot write {path}: {taken[identity]}; choose another name")
@@ -169,21 +169,13 @@ def _obstacle(target: _Target) -> str | None:
     return None
 
 
-def _identity(path: AnyPath) -> object:
-    """Return what two paths have in common if they are the same file."""
+def _identity(file: AnyPath | int) -> object:
+    """Return what all paths of a file, or the number of a stream to it, have in common; None if it is not there."""
     try:
-        status = Path(path).stat()
+        status = os.fstat(file) if isinstance(file, int) else Path(file).stat()
     except (OSError, ValueError):
-        return os.path.realpath(path)
+        return None
     return status.st_dev, status.st_ino
-
-
-def _standard_streams() -> Iterator[object]:
-    """Yield the identities of the files that standard output and standard error go to."""
-    for number in (1, 2):
-        with suppress(OSError):
-            status = os.fstat(number)
-            yield status.st_dev, status.st_ino
 
 
 @contextmanager

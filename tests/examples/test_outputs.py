@@ -58,6 +58,12 @@ def test_table_or_law_and_figure_are_not_written_to_one_file(refused, command, p
     assert said == f"commonlaw: cannot write {plot}: it is the same file as s.svg; choose another name\n"
 
 
+@pytest.mark.parametrize("command", ["discover", "fit", "predict"])
+def test_a_figure_of_a_format_that_there_is_not_is_refused(refused, command):
+    said = refused(*COMMANDS[command], "--save", "new.json", "--plot", "law.jpeg")
+    assert said.startswith("commonlaw: unknown format of a figure 'jpeg'")
+
+
 @pytest.mark.parametrize("command", ["discover", "fit", "predict", "refine"])
 @pytest.mark.parametrize("path", ["folder", "absent/law.json", "a" * 300, ""])
 def test_a_file_that_cannot_be_written_is_refused(refused, command, path):

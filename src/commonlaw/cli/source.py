@@ -1,6 +1,6 @@
 """Where trials come from: the options that every command on a table shares."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from typing import Any
@@ -146,10 +146,7 @@ def with_source(command: Callable[..., None], options: Sequence[Decorator] = _OP
 
     @wraps(command)
     def wrapped(**values: Any) -> None:
-        inputs, outputs = (
-            [values[name] for name in names if values.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
-        )
-        check_targets(outputs, inputs)
+        _check_files(values)
         source = Source(**{field.name: values.pop(field.name) for field in fields(Source) if field.name in values})
         try:
             command(source=source, **values)
@@ -161,6 +158,18 @@ def with_source(command: Callable[..., None], options: Sequence[Decorator] = _OP
 
 with_training_source = partial(with_source, options=(*_OPTIONS, *_HELD_OUT))
 """Adds what tells trials to learn from from those to check the law on, too."""
+
+
+def _check_files(values: Mapping[str, Any]) -> None:
+    """Refuse files that a command is to write and cannot, or must not."""
+    inputs, outputs = (
+        [values[name] for name in names if values.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
+    )
+    check_targets(outputs, inputs)
+    if values.get("plot") is not None:
+        from commonlaw.plots import figure_format
+
+        figure_format(values["plot"])
 
 
 def _conditions(name: str, texts: Sequence[str], schema: Schema) -> dict[str, object]:

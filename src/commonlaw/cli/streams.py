@@ -35,7 +35,7 @@ def standard_streams() -> Iterator[None]:
         yield
         sys.stdout.flush()
     except OSError as error:
-        if error.filename is not None:  # of a file, and not of a stream
+        if _takes(sys.stdout):
             raise
         silence(sys.stdout)
         raise CommonlawError(
@@ -48,6 +48,15 @@ def silence(stream: TextIO) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
+
+
+def _takes(stream: TextIO) -> bool:
+    """Return whether a stream has got rid of all that was written to it."""
+    try:
+        stream.flush()
+    except OSError:
+        return False
+    return True
 
 
 def _open_closed() -> None:

@@ -5,18 +5,24 @@ matplotlib, or write it with `save_figure`. The layout is frozen; after adding t
 ``figure.set_layout_engine("constrained")`` makes room for what was added.
 """
 
-from matplotlib.figure import Figure
+from commonlaw.errors import CommonlawError
+
+try:
+    from matplotlib.figure import Figure
+except ValueError as error:
+    raise CommonlawError(f"matplotlib cannot start: {error}; unset the environment variable MPLBACKEND") from None
 
 from commonlaw.plots.coefficients import plot_coefficients
 from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library
 from commonlaw.plots.path import plot_path
-from commonlaw.plots.render import render, save_figure
+from commonlaw.plots.render import figure_format, render, save_figure
 from commonlaw.plots.trials import plot_trials
 
 __all__ = [
     "Figure",
+    "figure_format",
     "plot_coefficients",
     "plot_forecast",
     "plot_law",

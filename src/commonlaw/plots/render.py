@@ -20,6 +20,21 @@ _METADATA: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+def figure_format(path: str | os.PathLike[str]) -> str:
+    """Return the format that a path, or only its suffix, asks for: ``"png"``, ``"svg"`` or ``"pdf"``.
+
+    Raises
+    ------
+    CommonlawError
+        If it is none of these.
+    """
+    name = Path(path)
+    kind = (name.suffix or name.name).lstrip(".").lower()
+    if kind not in _METADATA:
+        raise unknown("format of a figure", kind, _METADATA)
+    return kind
+
+
 def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
     """Return the figure as the content of a file of that name; the same data give the same bytes.
 
@@ -35,10 +50,7 @@ def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
     CommonlawError
         If the suffix is not one of these.
     """
-    name = Path(path)
-    kind = (name.suffix or name.name).lstrip(".").lower()
-    if kind not in _METADATA:
-        raise unknown("format of a figure", kind, _METADATA)
+    kind = figure_format(path)
     content = BytesIO()
     with styled():
         figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
