@@ -57,6 +57,12 @@ def test_names_and_history_are_saved(fitted):
     assert str(again) == str(fitted)
 
 
+def test_a_saved_law_whose_terms_are_not_those_of_its_equations_is_refused(fitted):
+    for after, message in (("- k x", "not those of the equations"), ("- k v)", "a parenthesis closes")):
+        with pytest.raises(CommonlawError, match=message):
+            cl.Law.from_json(fitted.to_json().replace("- k v", after))
+
+
 def test_several_states_and_gaps():
     trials = datasets.lotka_volterra(noise=0.1, trials=1, samples=60)
     first = trials[0]

@@ -44,7 +44,7 @@ def test_what_was_learned_from_is_judged_where_nothing_was_held_out_and_that_is_
         assert verdict.usable
         assert verdict.in_sample
         assert verdict.measurements == sum(len(each) - int(np.ceil(0.65 * len(each))) for each in drops)
-        assert str(verdict).startswith("As far as samples can tell that it was learned from")
+        assert str(verdict).startswith("By samples that it was learned from")
         assert "the last 35 % of trials" in str(verdict)
 
 

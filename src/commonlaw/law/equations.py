@@ -240,7 +240,7 @@ class AbstractEquations(ABC):
     def named_coefficients(self) -> tuple[Coefficient, ...]:
         """Where each letter of `structure` stands: before a term, in an equation, multiplied with a factor."""
         if self.provenance.equations:
-            return read_equations(self.provenance.equations, self.schema).coefficients
+            return read_equations(self.provenance.equations, self.schema, self.terms.variables).coefficients
         letters = text.free_letters(int(self.support.sum()), self.terms.variables.names)
         pairs = zip(letters, np.argwhere(self.support).tolist(), strict=True)
         return tuple(Coefficient(letter, j, k) for letter, (j, k) in pairs)

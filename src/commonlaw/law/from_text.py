@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import AbstractTerm, Terms
+from commonlaw.library import AbstractTerm, Terms, Variables
 from commonlaw.library.equation import split_equations
 from commonlaw.trials import Schema
 
@@ -49,8 +49,8 @@ class GivenEquations(NamedTuple):
     coefficients: tuple[Coefficient, ...]
 
 
-def read_equations(texts: str | Sequence[str], schema: Schema) -> GivenEquations:
-    """Return what equations say about the states of a schema.
+def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
+    """Return what equations say about the states of a schema, in variables that follow from it if none are given.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_equations(texts: str | Sequence[str], schema: Schema) -> GivenEquations
     equations = split_equations(texts)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)
-    variables = law_variables(schema, equations[0].order)
+    variables = variables or law_variables(schema, equations[0].order)
     state_rates = list(zip(schema.states, variables.states[len(schema.states) :], strict=False))
     rows = [by_state[state].summands(variables, state_rates) for state in schema.states]
     listed: list[AbstractTerm] = list(dict.fromkeys(each.term for row in rows for each in row))

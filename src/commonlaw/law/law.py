@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
 from commonlaw.law import text
-from commonlaw.law.from_text import Names, stated_law
+from commonlaw.law.from_text import Names, read_equations, stated_law
 from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
@@ -83,6 +83,13 @@ class Law(AbstractPredictions):
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
         if twice:
             raise CommonlawError(f"the name {twice[0]!r} stands for two variables of the law: give each its own")
+        if self.provenance.equations:
+            given = read_equations(self.provenance.equations, schema, variables)
+            if (given.terms, given.order) != (self.terms, self.order):
+                raise CommonlawError(
+                    f"the terms of the law are {', '.join(self.terms.names)}, and not those of the equations that it "
+                    f"was given as, {'; '.join(given.texts)}"
+                )
 
     # Laws of other objects
 

@@ -165,7 +165,7 @@ class AbstractPredictions(AbstractEquations):
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> law = cl.fit("x'' = -g - c v", drops.select(trial=1))
         >>> print(law.verdict(drops, drops.select(trial=1)).sentences[0])
-        This law can be used for forecasts up to 2.6 s ahead, as far as could be judged.
+        This law can be used for forecasts up to 2.6 s ahead, the farthest that was judged.
         """
         judge = resolve_name("commonlaw.verdict:judge")
         verdict: LawVerdict = judge(self, trials, learned)

@@ -117,8 +117,8 @@ class LawVerdict:
             yield "Whether this law can be used for forecasts could not be judged."
         elif self.usable:
             beyond = ", beyond which it is off by more than half of the states' spread"
-            end = ", as far as could be judged" if self.horizon == self.longest else beyond
-            seen = "As far as samples can tell that it was learned from, this" if self.in_sample else "This"
+            end = ", the farthest that was judged" if self.horizon == self.longest else beyond
+            seen = "By samples that it was learned from, this" if self.in_sample else "This"
             yield f"{seen} law can be used for forecasts up to {self._time(self.horizon)} ahead{end}."
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
@@ -131,7 +131,7 @@ class LawVerdict:
             yield f"Not judged: {listed(self.unjudged, '; ')}."
 
     def _errors(self) -> Iterator[str]:
-        seen = ", from which it was learned too: new ones will be forecast no better" if self.in_sample else ""
+        seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
         plural = "es" if self.stretches > 1 else ""
         yield f"Judged on {self.judged_on}: {self.measurements} measurements in {self.stretches} stretch{plural}{seen}."
         if self.unknown_objects:

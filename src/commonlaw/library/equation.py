@@ -227,7 +227,10 @@ class _Reader:
             if name not in self.rates:
                 self._fail(token, f"{name}' is no rate that the right-hand side may hold")
             return _Token("name", self.rates[name], token.place)
-        if name not in self.variables.names and not token.text.startswith("`"):
+        if name in self.variables.names:
+            if rest.startswith("("):
+                self._fail(token, f"{name} is a variable, not a function: write products with '*', variables alone")
+        elif not token.text.startswith("`"):
             if name in (*FUNCTIONS, *OTHER_NAMES):
                 if not rest.lstrip().startswith("("):
                     self._fail(token, f"{name} is a function: write {name}(...)")
@@ -249,12 +252,14 @@ class _Reader:
         if others and (first.kind != "name" or self.tokens.index(first) + 1 < self.index):
             wrong = others[0]
             problem = unknown("variable", wrong.text, self.variables.names)
-            self._fail(wrong, f"{problem}; a coefficient stands as a factor before a term, not within it")
+            self._fail(wrong, f"{problem}; a coefficient stands as a factor before a term: multiply parentheses out")
         return bool(others)
 
     def _check_coefficient(self, token: _Token, sign: str, before: str | None) -> None:
         if sign == "/":
-            self._fail(token, f"{token.text} is no variable, and coefficients do not divide: write it as a factor")
+            self._fail(
+                token, f"{token.text} is no variable, and coefficients do not divide: write one for the whole factor"
+            )
         if before is not None:
             self._fail(
                 token,
@@ -268,7 +273,8 @@ class _Reader:
             for other in found[:i]:
                 name = each.term.text(self.variables.names)
                 if each.term == other.term:
-                    raise CommonlawError(f"{self.equation.text!r} has the term {name} twice: write it once")
+                    hint = ", and products with '*' or a space" if name == "1" else ""
+                    raise CommonlawError(f"{self.equation.text!r} has the term {name} twice: write it once{hint}")
 
     def _fail(self, token: _Token, problem: str) -> NoReturn:
         where = f"at character {token.place + 1}" + (f", {token.text!r}" if token.text else "")

@@ -17,7 +17,7 @@ SHARE = 0.35
 _BEFORE, _LEAST_BEFORE = 0.2, 5
 """Share of a held-out trial, its beginning, that tells where its forecast starts, and how many samples at least."""
 
-_MOST_BEFORE = 500
+_MOST_BEFORE = 200
 """So many samples before a stretch tell where its forecast starts, as more take long and add little."""
 
 _TOLERANCE = 1e-6
