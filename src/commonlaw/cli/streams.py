@@ -1,5 +1,6 @@
 """Standard output and error: open, able to take every character, and missed in words where they take nothing."""
 
+import errno
 import os
 import sys
 from codecs import register_error
@@ -13,6 +14,9 @@ from commonlaw.names import escaped
 
 _STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}
 """Names and modes, by number."""
+
+_TAKES_NOTHING = {errno.EBADF, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC}
+"""Errors of a stream that is closed, or that goes to where there is no space."""
 
 
 @contextmanager
@@ -35,7 +39,7 @@ def standard_streams() -> Iterator[None]:
         yield
         sys.stdout.flush()
     except OSError as error:
-        if _takes(sys.stdout):
+        if error.filename is not None or error.errno not in _TAKES_NOTHING:  # of something else
             raise
         silence(sys.stdout)
         raise CommonlawError(
@@ -48,15 +52,6 @@ def silence(stream: TextIO) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
-
-
-def _takes(stream: TextIO) -> bool:
-    """Return whether a stream has got rid of all that was written to it."""
-    try:
-        stream.flush()
-    except OSError:
-        return False
-    return True
 
 
 def _open_closed() -> None:
