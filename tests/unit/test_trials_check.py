@@ -34,7 +34,9 @@ def test_the_measured_drops_are_clipped_as_in_the_paper(drops):
     assert min(after for _, after in lengths.values()) == 42
     assert sum(before != after for before, after in lengths.values()) == 7
     assert "Golf Ball, trial 1 from 43 to 42 samples" in clipped.notes[-1]
-    assert "irregular frame, a step more than 0.005 off" in clipped.notes[-1]
+    assert "irregular frame, a step more than 7.5 % off" in clipped.notes[-1]
+    for before, after in zip(drops.clip_irregular(0.005), clipped, strict=True):
+        np.testing.assert_array_equal(before.times, after.times)
     assert "Volleyball" not in clipped.notes[-1]
 
 
@@ -49,6 +51,21 @@ def test_regular_trials_are_not_touched(drops):
     assert regular.clip_irregular() is regular
     assert drops.clip_irregular(tolerance=1.0) is drops
     assert Trials.from_arrays([1.0], [2.0]).clip_irregular()[0].times.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 86400.0])
+def test_what_is_irregular_does_not_depend_on_the_unit_of_the_times(unit):
+    times = np.append(T, T[-1] + 0.1) * unit
+    late = ball(fall(np.append(T, 2.0)), times=times)
+    assert [len(each) for each in late.clip_irregular()] == [30]
+    (oddity, *_) = late.check().oddities
+    assert oddity == "ball, trial 1: irregular frame: clip_irregular() would keep 30 of 31 samples"
+
+
+def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
+    oddities = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().oddities
+    assert oddities[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")
+    assert not any("clip" in each for each in oddities)
 
 
 @pytest.mark.parametrize("tolerance", [0, -1, float("nan")])

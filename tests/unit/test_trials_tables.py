@@ -339,9 +339,9 @@ BAD_FRAMES = {
     ),
     "no rows": (pd.DataFrame({"t": [], "x": []}), {}, "the frame: the table has a header and no row"),
     "dates": (
-        pd.DataFrame({"t": pd.to_datetime(["2020-01-01"]), "x": 1.0}),
-        {},
-        "'t' holds timestamp.*give it as numbers",
+        pd.DataFrame({"t": 1.0, "x": pd.to_datetime(["2020-01-01"])}),
+        {"states": "x"},
+        "'x' holds timestamp.*give it as numbers",
     ),
     "a missing number": (
         pl.DataFrame({"t": [0, None], "x": [1.0, 2.0]}),

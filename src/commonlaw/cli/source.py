@@ -49,7 +49,7 @@ _OPTIONS = (
         multiple=True,
         help="Leave trials out that fit, written as for --where; of several, those that fit all.",
     ),
-    _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (5 ms off the median step)."),
+    _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."),
 )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _SHORT = 5  # samples; fewer leave nothing to judge a rate by
 _JITTER = 0.1  # of the median step
+_REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
+_FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
 _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
 
@@ -83,7 +85,7 @@ class Report:
         return asdict(self)
 
 
-def check(data: TrialData, tolerance: float) -> Report:
+def check(data: TrialData, tolerance: float | None) -> Report:
     """Return figures of every trial and what is odd about them, see `Trials.check`."""
     trials, schema, notes = data.trials, data.schema, data.notes
     names = schema.states
@@ -91,12 +93,12 @@ def check(data: TrialData, tolerance: float) -> Report:
     oddities = [
         f"{trial.label}: {oddity}"
         for trial, row in zip(trials, rows, strict=True)
-        for oddity in (*_sampling(row), *_values(trial, names, len(trial) - row.clipped))
+        for oddity in (*_sampling(trial, row, tolerance), *_values(trial, names, len(trial) - row.clipped))
     ]
     return Report(rows, (*oddities, *_uneven(trials), *_without_unit(schema)), notes)
 
 
-def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialCheck:
+def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> TrialCheck:
     steps = np.diff(trial.times)
     median = float(np.median(steps)) if len(steps) else None
     measured = {name: column[~np.isnan(column)] for name, column in zip(names, trial.states.T, strict=True)}
@@ -114,12 +116,12 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float) -> TrialChe
     )
 
 
-def _sampling(row: TrialCheck) -> list[str]:
+def _sampling(trial: Trial, row: TrialCheck, tolerance: float | None) -> list[str]:
     """Return what is odd about a trial's length, steps and gaps."""
     found = []
     if row.samples < _SHORT:
         found.append(f"very short, {row.samples} samples")
-    if row.clipped:
+    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _FEW:
         found.append(
             f"irregular frame: clip_irregular() would keep {row.samples - row.clipped} of {row.samples} samples"
         )
@@ -191,14 +193,18 @@ def _without_unit(schema: Schema) -> list[str]:
     return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."]
 
 
-def regular_length(times: Floats, tolerance: float) -> int:
+def regular_length(times: Floats, tolerance: float | None) -> int:
     """Return the number of samples, from the first, that clipping at the last irregular frame keeps.
 
     With steps dt = diff(t), a frame i is irregular if abs(dt[i] - median(dt)) > tolerance; the samples up to the last
-    such frame are kept.
+    such frame are kept. Without a tolerance it is 7.5 % of the median.
     """
-    if len(times) < 2:
-        return len(times)
-    steps = np.diff(times)
-    irregular = np.flatnonzero(np.abs(steps - np.median(steps)) > tolerance)
+    irregular = np.flatnonzero(_irregular(times, tolerance))
     return int(irregular[-1]) + 1 if len(irregular) else len(times)
+
+
+def _irregular(times: Floats, tolerance: float | None) -> Bools:
+    """Return which steps are irregular, shape (n - 1,)."""
+    steps = np.diff(times)
+    median = np.median(steps) if len(steps) else 0.0
+    return np.asarray(np.abs(steps - median) > (_REGULAR * median if tolerance is None else tolerance))

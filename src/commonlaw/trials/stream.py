@@ -10,6 +10,7 @@ from typing import Unpack, cast
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Roles, Schema, Trial, check_measured
@@ -63,7 +64,9 @@ class TrialStream:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
         if not file.metadata.num_rows:
             raise CommonlawError(f"{path} has no rows: give it the measured rows")
-        first = read_rows(next(batch_tables(path, 1)), "object", known)
+        begin = next(batch_tables(path, 1))
+        refuse_dates(begin, begin.find(str(known["time"])))
+        first = read_rows(begin, "object", known)
         return cls(first.data.schema, lambda: _trials(Path(path), known))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
+from commonlaw.trials.dates import with_dates_as_times
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.properties import (
     column_properties,
@@ -22,7 +23,10 @@ from commonlaw.trials.properties import (
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
 
-_CLOCKS = ("sec", "second", "seconds", "minute", "minutes", "hour", "hours", "day", "days", "year", "years", "age")
+_CLOCKS = (
+    *("sec", "second", "seconds", "minute", "minutes", "hour", "hours", "day", "days", "year", "years", "age"),
+    *("date", "datetime", "timestamp"),
+)
 """Columns of times where there is no t or time, and one of these."""
 
 
@@ -75,6 +79,7 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
         raise CommonlawError(
             f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"
         )
+    table = with_dates_as_times(table, time)
     if objects_in is not None and "object_name" in roles:
         raise CommonlawError(f"{table.source}: column {objects_in!r} names the objects: leave object_name=... out")
     owners, objects = _labels(table, objects_in, "object", roles.get("object_name") or default_object)

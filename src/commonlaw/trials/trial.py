@@ -34,7 +34,8 @@ class Roles(TypedDict, total=False):
     trial
         Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
     time
-        Column of the times. Default: ``t`` or ``time``, or the only column like ``year``, ``hours`` or ``age``.
+        Column of the times. Default: ``t`` or ``time``, or the only column like ``year``, ``hours`` or ``date``. Dates
+        in the form 2020-03-31, and dates of a frame, become days since the earliest, or seconds if hours are given too.
     states
         Columns of the measured states. Default: the columns of numbers that have no other role and are not constant
         for each object.

@@ -242,14 +242,14 @@ class Trials:
             raise CommonlawError(f"every trial begins after {self.schema.time} = {time:g}: take a later time")
         return self.with_trials([each.cut(stop) for each, stop in cuts if stop])
 
-    def clip_irregular(self, tolerance: float = 0.005) -> "Trials":
+    def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.
 
         Parameters
         ----------
         tolerance
-            How far a step may be from the trial's median step, in the unit of the times; 5 ms suits video at 15 frames
-            a second.
+            How far a step may be from the trial's median step, in the unit of the times. Default: 7.5 % of that step,
+            which is 5 ms for video at 15 frames a second.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class Trials:
         discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle
         takes everything behind it along.
         """
-        if not tolerance > 0:
+        if tolerance is not None and not tolerance > 0:
             raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
         kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
         clipped = [
@@ -270,17 +270,17 @@ class Trials:
             for before, after in zip(self.trials, kept, strict=True)
             if len(after) < len(before)
         ]
-        reason = f"irregular frame, a step more than {tolerance:g} off the trial's median step"
+        off = "7.5 %" if tolerance is None else f"{tolerance:g}"
+        reason = f"irregular frame, a step more than {off} off the trial's median step"
         return self.with_trials(kept, f"clipped {'; '.join(clipped)}: {reason}") if clipped else self
 
-    def check(self, tolerance: float = 0.005) -> Report:
+    def check(self, tolerance: float | None = None) -> Report:
         """Return figures of every trial and what is odd about them.
 
         Parameters
         ----------
         tolerance
-            How far a step may be from the median step before `clip_irregular` would clip there, in the unit of the
-            times.
+            How far a step may be from the median step before `clip_irregular` would clip there.
         """
         return check(self._data, tolerance)
 

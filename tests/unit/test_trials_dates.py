@@ -1,0 +1,92 @@
+"""Dates in the column of times."""
+
+import numpy as np
+import pandas as pd
+import polars as pl
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials, TrialStream
+
+DAYS = pd.to_datetime(["2020-02-27", "2020-02-28", "2020-02-29", "2020-03-02"])
+MINUTES = pd.date_range("2020-03-28 23:59", periods=4, freq="90s")
+X = np.array([4.0, 3.0, 2.5, 2.2])
+
+
+def frame(times, name="date"):
+    return pd.DataFrame({name: times, "x": X})
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        frame(DAYS),
+        frame(DAYS.date),
+        frame(DAYS.strftime("%Y-%m-%d")),
+        frame(DAYS.strftime(" %Y-%m-%dT00:00 ")),
+        frame(DAYS, "Datetime"),
+        frame(DAYS.as_unit("s"), "time"),
+        pl.DataFrame({"timestamp": DAYS.to_numpy(), "x": X}),
+        frame(DAYS[[3, 2, 1, 0]]),
+    ],
+)
+def test_dates_are_days_since_the_earliest(table):
+    trials = Trials.from_frame(table)
+    assert trials[0].times.tolist() == [0, 1, 2, 4]
+    name = trials.schema.time
+    assert trials.schema.units == {name: "day"}
+    assert trials.notes[0] == f"{name}: dates taken as time in days since 2020-02-27"
+    assert trials.schema.states == ("x",)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xlsx", "parquet"])
+def test_dates_in_files_are_times(tmp_path, suffix):
+    path = tmp_path / f"cup.{suffix}"
+    writer = {"csv": pd.DataFrame.to_csv, "xlsx": pd.DataFrame.to_excel, "parquet": pd.DataFrame.to_parquet}[suffix]
+    writer(frame(DAYS), path, index=False)
+    assert Trials.read(path)[0].times.tolist() == [0, 1, 2, 4]
+    writer(frame(MINUTES, "when"), path, index=False)
+    trials = Trials.read(path, time="when")
+    assert trials[0].times.tolist() == [0, 90, 180, 270]
+    assert trials.schema.units == {"when": "s"}
+    assert trials.notes == ("when: dates taken as time in seconds since 2020-03-28 23:59:00",)
+
+
+def test_hours_and_zones_count():
+    berlin = MINUTES.tz_localize("Europe/Berlin")
+    assert Trials.from_frame(frame(berlin))[0].times.tolist() == [0, 90, 180, 270]
+    written = ["2020-03-29T00:30:00+01:00", "2020-03-29T01:30:00Z", "2020-03-29T02:30:00.5Z", "2020-03-29 03:30:01"]
+    assert Trials.from_frame(frame(written))[0].times.tolist() == [0, 7200, 10800.5, 14401]
+
+
+def test_all_objects_have_one_origin():
+    table = pd.concat([frame(DAYS).assign(object="a"), frame(DAYS + pd.Timedelta(10, "D")).assign(object="b")])
+    first, second = Trials.from_frame(table)
+    assert (second.times - first.times).tolist() == [10] * 4
+
+
+def test_months_are_as_long_as_they_are():
+    assert Trials.from_frame(frame(["2020-01", "2020-02", "2020-03", "2020-04"]))[0].times.tolist() == [0, 31, 60, 91]
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (["2020-01-01", "2020-13-01", "2020-03-01", "x"], "column 'date', row 2: '2020-13-01' is not a date such as"),
+        (["2020-01-01", "x", "2020-03-01", "x"], "column 'date', row 2: 'x' is not a date such as 2020-03-31"),
+        (["2020-01-01", "", "2020-03-01", None], "column 'date', row 2, object, trial 1: the value is missing"),
+        (["01.03.2020"] * 4, r"'01\.03\.2020' can be read as several dates: write it as 2020-03-31"),
+        (["3/1/20 12:30"] * 4, "'3/1/20 12:30' can be read as several dates"),
+        (["x", "2020-01-01", "1", "2"], "'x' is not a number"),
+    ],
+)
+def test_what_is_no_date_is_refused_with_its_place(times, message):
+    with pytest.raises(CommonlawError, match=message):
+        Trials.from_frame(frame(times))
+
+
+def test_a_stream_takes_no_dates(tmp_path):
+    path = tmp_path / "long.parquet"
+    frame(DAYS).assign(object="a", trial="1").to_parquet(path, index=False)
+    with pytest.raises(CommonlawError, match="column 'date' holds dates: give a stream its times as numbers"):
+        TrialStream.from_parquet(path, object="object", trial="trial", time="date", states=["x"])
