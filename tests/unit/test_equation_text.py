@@ -22,6 +22,7 @@ X, XYZ = cl.Schema(("x",)), cl.Schema(("x", "y", "z"))
         ("d2x/dt2 = - -2 k_1 sin(2 x) v^2", 2, ("v^2 sin(2 x)",), [nan], {"k_1": 2}),
         ("x[k+1] = r x[k] (1 - x[k])", 0, ("x*(1 - x)",), [nan], {"r": 1}),
         ("x' = 2 a x^2/3 - growth x**-1 + 1/2 x", 1, ("x^2", "1/x", "x"), [nan, nan, 0.5], {"a": 2 / 3, "growth": -1}),
+        ("x' = -x/3/tau", 1, ("x",), [nan], {"tau": -1 / 3}),
         ("x' = 0", 1, (), [], {}),
     ],
 )
@@ -58,7 +59,7 @@ def test_names_that_are_no_words_stand_between_backticks():
         ),
         ("x' = exp(k x)", "character 10, 'k': unknown variable 'k'"),
         ("x' = a^2 x", "character 6, 'a': unknown variable 'a'"),
-        ("x' = a x/m", "character 10, 'm': m is no variable, and coefficients do not divide: write one for the whole"),
+        ("x' = a x/m", "character 10, 'm': a and m are both no variables.* write one letter for them"),
         ("x' = a + b x $", r"character 14, '\$': the character '\$' has no place in an equation; variables: x, t"),
         ("x' = a + b (x", r"character 12, '\(': this parenthesis is not closed"),
         ("x' = a + b x)", r"character 13, '\)': a parenthesis closes that was not opened"),
@@ -108,3 +109,14 @@ def test_a_sum_stands_in_parentheses_behind_its_coefficient():
     law = cl.Law.from_text("T' = -k (T - 20)", {"k": 0.1})
     assert law.equations() == ("T' = -0.1 (T - 20)",)
     assert r"0.1\, \left(T - 20\right)" in law.to_latex()
+
+
+def test_a_coefficient_may_divide():
+    law = cl.Law.from_text("U' = -U/tau", {"tau": {"one": 5.0, "two": 8.0}}, units={"U": "V", "t": "s"})
+    assert law.equations("one") == ("U' = -0.2 U",)
+    values, errors = law.letter_values()
+    np.testing.assert_allclose(values, [[5.0], [8.0]])
+    assert np.isnan(errors).all()
+    assert law.letter_units() == ("s",)
+    with pytest.raises(CommonlawError, match="a value that is not finite"):
+        cl.Law.from_text("U' = -U/tau", {"tau": 0.0})

@@ -50,6 +50,13 @@ def test_letters_of_the_text_name_what_was_found(fitted):
     assert "x'' = -9.8 - k v" in str(fitted)
 
 
+def test_a_coefficient_that_divides_has_the_error_of_its_inverse(drops, fitted):
+    values, errors = cl.fit("x'' = -9.8 - v/tau", drops).letter_values()
+    others, their_errors = fitted.letter_values()
+    np.testing.assert_allclose(values, 1 / others, rtol=1e-6)
+    np.testing.assert_allclose(errors, their_errors / others**2, rtol=1e-6)
+
+
 def test_names_and_history_are_saved(fitted):
     again = cl.Law.from_json(fitted.to_json())
     assert again.structure() == fitted.structure()

@@ -182,16 +182,17 @@ class Learned:
     def _coefficient_columns(self) -> dict[str, list[object]]:
         """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""
         law, truth = self.law, self.truth
-        units, columns = law.coefficient_units(), {law.schema.object: list[object](law.objects)}
+        columns = {law.schema.object: list[object](law.objects)}
         values, errors = law.letter_values()
-        for each, own, deviations in zip(law.named_coefficients, values.T, np.nan_to_num(errors.T), strict=True):
-            term = law.terms.names[each.term]
-            head = _with_unit(each.name, units.get((law.left_hand_sides[each.equation], term)))
+        letters = zip(law.named_coefficients, law.letter_units(), values.T, np.nan_to_num(errors.T), strict=True)
+        for each, unit, own, deviations in letters:
+            head = _with_unit(each.name, unit)
             pairs = zip(own.tolist(), deviations.tolist(), strict=True)
             columns[head] = [(value, error) if error else value for value, error in pairs]
             if truth is not None:
-                true = [_true_value(truth, name, each.equation, term) / each.factor for name in law.objects]
-                columns[f"true {each.name}"] = list[object](true)
+                term = law.terms.names[each.term]
+                true = [_true_value(truth, name, each.equation, term) for name in law.objects]
+                columns[f"true {each.name}"] = each.value(np.array(true)).tolist()
         if self.forecast is None:
             return columns
         missed = self.forecast.errors().pivot_table(

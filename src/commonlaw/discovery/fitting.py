@@ -15,6 +15,7 @@ from commonlaw.inference import refine
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.library import ExpressionLibrary
+from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
@@ -72,7 +73,9 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     history = (Step("equations", "; ".join(given.texts), "as given"),)
     if given.order == 0:
         law = _next_samples(given, trials, settings)
-        return replace(law, provenance=replace(law.provenance, history=history, equations=given.texts))
+        # Of what a search says, only this concerns terms that were given
+        outcomes = tuple(each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
+        return replace(law, provenance=Provenance(None, outcomes, history=history, equations=given.texts))
     provenance = Provenance(suitable_differentiation(trials, given.order), history=history, equations=given.texts)
     return refine(_unfitted(given, trials, provenance), trials, **settings)
 

@@ -238,7 +238,7 @@ class AbstractEquations(ABC):
 
     @cached_property
     def named_coefficients(self) -> tuple[Coefficient, ...]:
-        """Where each letter of `structure` stands: before a term, in an equation, multiplied with a factor."""
+        """Where each letter of `structure` stands."""
         if self.provenance.equations:
             return read_equations(self.provenance.equations, self.schema, self.terms.variables).coefficients
         letters = text.free_letters(int(self.support.sum()), self.terms.variables.names)
@@ -247,9 +247,22 @@ class AbstractEquations(ABC):
 
     def letter_values(self) -> tuple[Floats, Floats]:
         """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
-        j, k = (np.array([each[i] for each in self.named_coefficients], dtype=int) for i in (1, 2))
-        factors = np.array([each.factor for each in self.named_coefficients])
-        return self.coefficients[:, j, k] / factors, self.standard_errors[:, j, k] / np.abs(factors)
+        values, errors = np.empty((2, len(self.objects), len(self.named_coefficients)))
+        for i, each in enumerate(self.named_coefficients):
+            whole = self.coefficients[:, each.equation, each.term]
+            values[:, i] = each.value(whole)
+            errors[:, i] = each.error(whole, self.standard_errors[:, each.equation, each.term])
+        return values, errors
+
+    def letter_units(self) -> "tuple[str | None, ...]":
+        """Return the unit of each letter of `structure`, as far as the units of the variables tell it."""
+        units = self.coefficient_units()
+        found = [
+            units.get((self.left_hand_sides[each.equation], self.terms.names[each.term]))
+            for each in self.named_coefficients
+        ]
+        pairs = zip(found, self.named_coefficients, strict=True)
+        return tuple(unit and f"{parse_unit(unit) ** each.power:~P}" for unit, each in pairs)
 
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:

@@ -16,15 +16,26 @@ from commonlaw.trials import Schema
 
 
 class Coefficient(NamedTuple):
-    """A coefficient by the name that a user knows it by: its equation, its term, and what it is multiplied with there.
+    """A coefficient by the name that a user knows it by: before the term stand a factor and a power of it.
 
-    In ``x'' = -k x`` the factor of k is -1.
+    In ``x'' = -2 x/m`` the factor of m is -2 and the power is -1.
     """
 
     name: str
     equation: int
     term: int
     factor: float = 1.0
+    power: int = 1
+
+    def value(self, coefficient: Floats) -> Floats:
+        """Return what the name stands for, from the whole number before the term; infinite where it divides by 0."""
+        with np.errstate(divide="ignore"):
+            return np.asarray((coefficient / self.factor) ** np.float64(self.power))
+
+    def error(self, coefficient: Floats, error: Floats) -> Floats:
+        """Return its standard error, to first order, from that of the whole number before the term."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.abs(self.value(coefficient) / coefficient) * error)
 
 
 class Names(TypedDict, total=False):
@@ -71,7 +82,7 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
             k = listed.index(each.term)
             known[j, k] = each.factor if each.coefficient is None else np.nan
             if each.coefficient is not None:
-                coefficients.append(Coefficient(each.coefficient, j, k, each.factor))
+                coefficients.append(Coefficient(each.coefficient, j, k, each.factor, each.power))
     _check_once([each.name for each in coefficients])
     ordered = tuple(by_state[state].text for state in schema.states)
     return GivenEquations(ordered, Terms(variables, tuple(listed)), equations[0].order, known, tuple(coefficients))
@@ -101,7 +112,9 @@ def stated_law(
         lacking = [name for name in objects if name not in own]
         if lacking:
             raise CommonlawError(f"the coefficient {each.name} has no value for {', '.join(lacking)}: give each one")
-        coefficients[:, each.equation, each.term] = [each.factor * own[name] for name in objects]
+        with np.errstate(divide="ignore"):
+            values_of = np.array([own[name] for name in objects], dtype=np.float64) ** each.power
+        coefficients[:, each.equation, each.term] = each.factor * values_of
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
 

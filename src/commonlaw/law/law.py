@@ -243,8 +243,8 @@ class Law(AbstractPredictions):
         ----------
         equations
             As they print, one for each state, in one text between semicolons or in several: ``"x'' = -9.81 - c v"``.
-            Left-hand sides may be ``dT/dt`` and ``d2T/dt2`` too. What is neither a variable nor a number and stands as
-            a factor before a term is a coefficient.
+            Left-hand sides may be ``dT/dt`` and ``d2T/dt2`` too. What is neither a variable nor a number and multiplies
+            or divides a term is a coefficient.
         values
             Of these coefficients by name: one number, or one for each object by its name.
         **names

@@ -27,11 +27,15 @@ _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 
 @dataclass(frozen=True)
 class Summand:
-    """One summand of an equation: a factor, the coefficient that is to be found (None if the factor is all), a term."""
+    """One summand of an equation: a factor, the coefficient that is to be found (None if the factor is all), a term.
+
+    The coefficient is a factor or, with a power of -1, a divisor.
+    """
 
     factor: float
     coefficient: str | None
     term: AbstractTerm
+    power: int = 1
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ class _Reader:
     def _summand(self) -> Summand:
         """Read signs, then factors as long as there are any."""
         factor, coefficient, parts, start = self._sign(), None, "", self.now
-        sign = "*"
+        sign, power = "*", 1
         while True:
             first = self.now
             text = self._power()
@@ -150,8 +154,8 @@ class _Reader:
                     self._fail(first, "this divides by zero")
                 factor = factor * number if sign == "*" else factor / number
             elif self._is_coefficient(first):
-                self._check_coefficient(first, sign, coefficient)
-                coefficient = first.text
+                self._check_only(first, coefficient)
+                coefficient, power = first.text, 1 if sign == "*" else -1
             else:
                 parts += f"{sign if parts else '1/' if sign == '/' else ''}{text}"
             if self.now.kind in ("*", "/"):
@@ -161,7 +165,7 @@ class _Reader:
             else:
                 break
         try:
-            return Summand(factor, coefficient, parse_term(parts or "1", self.variables))
+            return Summand(factor, coefficient, parse_term(parts or "1", self.variables), power)
         except CommonlawError as error:
             self._fail(start, str(error))
 
@@ -255,17 +259,10 @@ class _Reader:
             self._fail(wrong, f"{problem}; a coefficient stands as a factor before a term: multiply parentheses out")
         return bool(others)
 
-    def _check_coefficient(self, token: _Token, sign: str, before: str | None) -> None:
-        if sign == "/":
-            self._fail(
-                token, f"{token.text} is no variable, and coefficients do not divide: write one for the whole factor"
-            )
+    def _check_only(self, token: _Token, before: str | None) -> None:
         if before is not None:
-            self._fail(
-                token,
-                f"{before} and {token.text} are both no variables, and a term has one coefficient: leave one out, or "
-                "correct the name",
-            )
+            problem = f"{before} and {token.text} are both no variables, and a term has one coefficient"
+            self._fail(token, f"{problem}: write one letter for them, or correct the name")
 
     def _check_apart(self, found: Sequence[Summand]) -> None:
         """Refuse equal terms and equal coefficients: only their sum or nothing could be found."""

@@ -51,10 +51,11 @@ def letter_of(law: Law, equation: int, term: int) -> str:
 
 
 def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
-    """Return what a coefficient is as given: a factor times a letter, or a number and no letter."""
+    """Return what a coefficient is as given: a factor times a letter or one over it, or a number and no letter."""
     for each in law.named_coefficients:
         if (each.equation, each.term) == (equation, term):
-            return each.factor, math(latex_name(each.name), each.name)
+            latex = latex_name(each.name) if each.power == 1 else rf"\frac{{1}}{{{latex_name(each.name)}}}"
+            return each.factor, math(latex, each.name)
     return float(law.coefficients[0, equation, term]), ""
 
 
