@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-errors bench-cost clean
+.PHONY: help demo study layers fuzz test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-errors bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -44,6 +44,9 @@ layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
+
+fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
+	$(BIN)/python -m tests.hostile.fuzz $(ARGS)
 
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
 	$(BIN)/pytest -n 2 --dist loadgroup

@@ -1,0 +1,155 @@
+"""Runs hostile cases, each in a process of its own, and counts how they end: `make fuzz`.
+
+A case that is neither done nor refused in words is a fault; it is printed with the kind and the seed that make it.
+"""
+
+import argparse
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from dataclasses import dataclass
+from io import FileIO, TextIOWrapper
+from pathlib import Path
+
+from tests.hostile.cases import EXECUTED, KINDS, SECRET, Case, folder, make, shown
+
+SECONDS, BYTES = 60.0, 4 * 2**30
+"""What a case may take."""
+
+_VIRTUAL = 8 * 2**30
+"""Of address space, which is more than the memory in use."""
+
+_FELL = 70
+"""Exit code of a case that ended in an exception."""
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a case ended."""
+
+    code: int
+    output: str
+    message: str
+    seconds: float
+    memory: int
+
+
+def run(case: Case, at: Path) -> Ending:
+    """Run the command of a case in its folder, within limits."""
+    began, child = time.monotonic(), os.fork()
+    if not child:
+        _become(case, at)
+    while True:
+        ended, status, used = os.wait4(child, os.WNOHANG)
+        if ended:
+            break
+        if time.monotonic() - began > SECONDS:
+            os.killpg(child, signal.SIGKILL)
+        time.sleep(0.002)
+    output, message = ((at.parent / each).read_bytes().decode(errors="replace") for each in ("stdout", "stderr"))
+    code = os.waitstatus_to_exitcode(status)
+    return Ending(code, output, message, time.monotonic() - began, used.ru_maxrss * 1024)
+
+
+def _become(case: Case, at: Path) -> None:
+    """Be the process of a command, and end."""
+    from commonlaw.cli import main
+
+    code = _FELL
+    try:
+        os.setpgid(0, 0)
+        resource.setrlimit(resource.RLIMIT_AS, (_VIRTUAL, _VIRTUAL))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        for number, each in enumerate((os.devnull, at.parent / "stdout", at.parent / "stderr")):
+            os.dup2(os.open(each, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600), number)
+        sys.stdout, sys.stderr = (TextIOWrapper(FileIO(number, "w", closefd=False), "utf-8") for number in (1, 2))
+        os.chdir(at)
+        sys.argv = ["commonlaw", *case.arguments]
+        main()
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def fault(case: Case, ending: Ending, at: Path) -> str:
+    """Return what is wrong with how a case ended, nothing if it was done or refused in words."""
+    there = {str(each.relative_to(at)): each for each in at.rglob("*")}
+    kept = {**case.files, **case.others}
+    made = {*there} - {*kept, "pipe", "link.csv"}
+    allowed = {os.path.normpath(each) for each in case.targets} if ending.code == 0 else set()
+    answer = json.loads(ending.output)["trials"] if case.samples is not None and ending.code == 0 else None
+    faults = {
+        "hang": ending.seconds > SECONDS,
+        "memory": ending.memory > BYTES,
+        "killed": ending.code < 0,
+        "traceback": ending.code == _FELL or "Traceback (most recent" in ending.message,
+        "code": ending.code not in (0, 1, 2, _FELL) and ending.code > 0,
+        "mute": ending.code > 0 and not ending.message.strip(),
+        "control characters": bool(_CONTROL.search(ending.output + ending.message)),
+        "executed": EXECUTED in there,
+        "leaked": SECRET in ending.output + ending.message + "".join(_texts(there[each]) for each in made),
+        "files lost": any(not there[each].is_file() or there[each].read_bytes() != kept[each] for each in kept),
+        "files left": not made <= allowed,
+        "wrong": case.samples is not None
+        and (answer is None or sum(each["samples"] for each in answer) != case.samples),
+    }
+    return ", ".join(name for name, is_so in faults.items() if is_so)
+
+
+def _texts(file: Path) -> str:
+    return file.read_bytes().decode(errors="replace") if file.is_file() else ""
+
+
+def judged(kind: str, seed: int) -> tuple[str, str]:
+    """Run a case; return how it ended, and the report of a fault."""
+    case, at = make(kind, seed), Path(tempfile.mkdtemp()) / "case"
+    try:
+        at.mkdir()
+        folder(case, at)
+        ending = run(case, at)
+        found = fault(case, ending, at)
+        if not found:
+            return ("done" if ending.code == 0 else "refused"), ""
+        said = ending.message.strip()[-1500:]
+        return found, f"{kind} {seed}: {found} ({ending.seconds:.1f} s): commonlaw {shown(case.arguments)}\n{said}\n"
+    finally:
+        shutil.rmtree(at.parent)
+
+
+def main() -> int:
+    """Run so many cases of every kind from a seed on; return the number of faults."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=20_000, help="of all kinds together")
+    parser.add_argument("--seed", type=int, default=0, help="of the first case of each kind")
+    parser.add_argument("--kind", choices=list(KINDS), action="append", help="only this kind; repeat for more")
+    chosen = parser.parse_args()
+    kinds, counts, faults = chosen.kind or list(KINDS), Counter[tuple[str, str]](), 0
+    for i in range(chosen.cases):
+        kind = kinds[i % len(kinds)]
+        ended, report = judged(kind, chosen.seed + i // len(kinds))
+        counts[kind, ended] += 1
+        faults += bool(report)
+        print(report, end="", flush=True)
+    for (kind, ended), count in sorted(counts.items()):
+        print(f"{kind:12} {ended:20} {count:6}")
+    print(f"{chosen.cases} cases, {faults} faults")
+    return int(faults > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
