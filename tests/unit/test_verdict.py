@@ -133,9 +133,25 @@ def test_what_is_too_short_is_not_judged():
     verdict = cl.Law.from_text("x' = 1").verdict(trials)
     assert verdict.usable is None
     assert verdict.sentences == (
-        "Whether this law can be used for forecasts could not be judged.",
+        "Whether this law can be used for forecasts could not be judged: nothing was measured in what it forecasts.",
         "Not judged: object, trial 1: its 2 samples are too few; object, trial 2: its 1 samples are too few.",
     )
+
+
+def test_little_and_still_data_are_no_test(line):
+    law = cl.Law.from_text("x' = 1")
+    few = law.verdict(line.until(12.0), line.until(8.0))
+    assert (few.usable, few.lacking) == (None, "4 measurements to compare with are too few")
+    still = cl.Trials.from_arrays(np.arange(40.0), np.exp(-np.arange(40.0)))
+    verdict = cl.Law.from_text("x' = -x").verdict(still)
+    assert (verdict.usable, verdict.lacking) == (None, "the states hardly move in what was judged")
+
+
+def test_an_exact_forecast_is_told_without_a_ratio():
+    trials = cl.Trials.from_arrays(np.arange(20.0), np.arange(20.0))
+    verdict = cl.Law.from_text("x[k+1] = x + 1").verdict(trials)
+    assert (verdict.error, verdict.usable) == (0, True)
+    assert 'are off by 0, "tomorrow as today" by 4.' in str(verdict)
 
 
 def test_coefficients_with_large_errors_are_poorly_known():

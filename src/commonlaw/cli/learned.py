@@ -145,7 +145,10 @@ class Learned:
         if self.compared is not None:
             say("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
             print_frame(self.compared)
-        where = "trials it was learned from" if self.forecast_of == "training" else "held-out trials"
+        where = "held-out trials"
+        if self.forecast_of == "training":
+            later = self.forecast and sum(map(len, self.forecast.trials)) > sum(map(len, training))
+            where = f"trials it was learned from{', later samples included' if later else ''}"
         if self.forecast:
             say(
                 f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "

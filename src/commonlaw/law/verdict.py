@@ -10,6 +10,9 @@ NO_BETTER = 0.9
 _SMALL = 0.2
 """Errors below this share of the states' spread are small, whatever the last measured value does."""
 
+_FEW = 5
+"""Fewer measurements are too few to judge by."""
+
 _NARROW, _FAILED, _MANY = 0.85, 0.5, 10
 """Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least."""
 
@@ -84,7 +87,18 @@ class LawVerdict:
     @property
     def usable(self) -> bool | None:
         """Whether the law can be used for forecasts; None if that could not be judged."""
-        return not self.against if self.measurements else None
+        return None if self.lacking else not self.against
+
+    @property
+    def lacking(self) -> str:
+        """Why the law could not be judged; empty if it was."""
+        if self.diverged:
+            return ""
+        if self.measurements < _FEW:
+            few = f"{self.measurements} measurements to compare with are too few"
+            return few if self.measurements else "nothing was measured in what it forecasts"
+        still = self.persistence < _SMALL and self.error < _SMALL and self.horizon == self.longest
+        return "the states hardly move in what was judged" if still else ""
 
     @property
     def against(self) -> tuple[str, ...]:
@@ -92,7 +106,7 @@ class LawVerdict:
         found = []
         if self.diverged:
             found.append(f"its forecasts run away in {self.diverged} of {self.stretches} stretches")
-        if self.measurements and not self.horizon and not self.diverged:
+        if not self.horizon and not self.diverged:
             found.append("even the nearest are off by more than half of the states' spread")
         if self._is_no_better and not self.diverged:
             found.append('they are no better than "tomorrow as today"')
@@ -114,7 +128,7 @@ class LawVerdict:
 
     def _sentences(self) -> Iterator[str]:
         if self.usable is None:
-            yield "Whether this law can be used for forecasts could not be judged."
+            yield f"Whether this law can be used for forecasts could not be judged: {self.lacking}."
         elif self.usable:
             beyond = ", beyond which it is off by more than half of the states' spread"
             end = ", the farthest that was judged" if self.horizon == self.longest else beyond
@@ -141,12 +155,8 @@ class LawVerdict:
             names = " and ".join(each.state for each in self.state_errors)
             own = " and ".join(_number(each.law, each.unit) for each in self.state_errors)
             last = " and ".join(_number(each.persistence, each.unit) for each in self.state_errors)
-            yield (
-                f'{upto}, forecasts of {names} are off by {own}, "tomorrow as today" by {last}: '
-                f"{_number(self.persistence / self.error)} times as much."
-            )
-            if not self._is_no_better and self.persistence < _SMALL:
-                yield "The states hardly move there, so that this is no test of the law."
+            times = f": {_number(self.persistence / self.error)} times as much" if self.error else ""
+            yield f'{upto}, forecasts of {names} are off by {own}, "tomorrow as today" by {last}{times}.'
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:
