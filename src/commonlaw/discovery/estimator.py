@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
+from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.method import AbstractMethod
@@ -95,8 +96,6 @@ class LawDiscovery:
             If the trials cannot be used as they are, or do not go with the method; the message names the object and
             trial and says what to do.
         """
-        from threadpoolctl import threadpool_limits
-
         if not isinstance(trials, Trials | TrialStream):
             raise CommonlawError(
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
@@ -105,7 +104,7 @@ class LawDiscovery:
         structure = ModelStructure(self.order, self._library(), self.known or {}, self.universal)
         method = self.method or default_method(trials, structure)
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread():
             self.law_ = method.find(trials, structure, self.progress or on_terminal())
         return self
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import ceil, sqrt
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -58,10 +59,14 @@ SETTINGS: Mapping[str, Any] = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+_DRAWING = RLock()
+"""Settings and formulas of matplotlib are of the whole process: one thread at a time may draw."""
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Use the look of these figures, whatever the user's settings are, and restore those afterwards."""
-    with style.context(["default", dict(SETTINGS)]), warnings.catch_warnings():
+    with _DRAWING, style.context(["default", dict(SETTINGS)]), warnings.catch_warnings():
         # A character that no font has is drawn as a box; the warning names no remedy
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         yield
