@@ -63,8 +63,15 @@ def test_evidence_is_compared_with_that_of_another_law(run):
     assert code == 0
     assert [(each["law"], each["coefficients"]) for each in compared] == [("linear.json", 2), ("fitted", 1)]
     assert compared[1]["2 log B"] > 10
-    code, out, _ = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "linear.json")
+    code, out, _ = run(
+        "fit", "T' = a T + b light", "cups.csv", *ROLES, "--against", "linear.json", "--save", "light.json"
+    )
     assert "Evidence, with the same noise" in out
+    code, out, err = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "light.json")
+    assert "Evidence, with the same noise" in out
+    code, out, err = run("fit", "T'' = a T", "cups.csv", *ROLES, "--against", "light.json")
+    assert code == 0
+    assert "Note: the laws were not compared: laws of different orders" in err
 
 
 def test_known_noise_and_history_are_taken_as_by_discover(run):

@@ -1,6 +1,7 @@
 """`commonlaw fit`: from equations in mind and a table to a law."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,10 @@ from commonlaw.cli.methods import with_likelihood
 from commonlaw.cli.options import GroupedCommand
 from commonlaw.cli.output import working
 from commonlaw.cli.source import Source, with_training_source
+from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
+    from commonlaw.law import Law
     from commonlaw.trials import Trials
 
 
@@ -39,24 +42,38 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     import commonlaw as cl
 
     with working("Fitting ..."):
-        trials = _load(source, equations)
+        other = cl.Law.load(against) if against else None
+        trials = _load(source, equations, other.schema.inputs if other else ())
         training = source.select(trials)
         law = cl.fit(equations, training, **settings)
         learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
-        if against:
-            laws = {"fitted": law, against: cl.Law.load(against)}
-            same = {name: settings[name] for name in ("noise", "huber_threshold") if name in settings}
-            learned = replace(learned, compared=cl.compare(laws, training, **same))
+        if against and other:
+            learned = _compared(learned, {"fitted": law, against: other}, settings)
     outputs.give(learned)
 
 
-def _load(source: Source, equations: str) -> "Trials":
-    """Return the trials, their columns in the roles that equations give them."""
+def _compared(learned: Learned, laws: "dict[str, Law]", settings: dict[str, Any]) -> Learned:
+    """Return what was learned, beside other laws; if they cannot be compared, with the reason."""
+    from commonlaw.inference import compare
+
+    same = {name: settings[name] for name in ("noise", "huber_threshold") if name in settings}
+    try:
+        return replace(learned, compared=compare(laws, learned.training, **same))
+    except CommonlawError as error:
+        return replace(learned, lacking=(*learned.lacking, f"the laws were not compared: {error}"))
+
+
+def _load(source: Source, equations: str, more: Sequence[str]) -> "Trials":
+    """Return the trials, their columns in the roles that equations give them; more of them are inputs too."""
     from commonlaw.library.equation import split_equations
 
     trials, states = source.load(), tuple(each.state for each in split_equations(equations))
     if source.dataset or source.states or {*states} == {*trials.schema.states}:
         return trials
     others = [name for name in trials.schema.states if name not in states]
-    inputs = tuple(name for name in others if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations))
+    inputs = tuple(name for name in others if name in more or _occurs(name, equations))
     return replace(source, states=states, inputs=source.inputs or inputs).load()
+
+
+def _occurs(name: str, equations: str) -> bool:
+    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None

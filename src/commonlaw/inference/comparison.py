@@ -1,6 +1,7 @@
 """Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +12,10 @@ from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.refinement import known_coefficients, of_objects
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance
+from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.trials import Trials
+from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +36,7 @@ def compare(
     Parameters
     ----------
     laws
-        By names of your own; of one order, and of the trials' objects.
+        By names of your own; of one order, and of the trials' objects. They need not use all inputs of the trials.
     trials
         What was measured.
     noise, huber_threshold
@@ -64,7 +66,8 @@ def compare(
 
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
-    fitted = [_fitted(of_objects(law, trials), trials, noise, huber_threshold) for law in laws.values()]
+    same = [of_objects(_written_alike(law, trials.schema), trials) for law in laws.values()]
+    fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
     states = [_on_mesh(problem, state, finest) for problem, state in fitted]
     above = np.array([state.value for state in states]) - min(state.value for state in states)
@@ -80,6 +83,23 @@ def compare(
         }
     )
     return frame.sort_values("2 log B", ignore_index=True)
+
+
+def _written_alike(law: Law, schema: Schema) -> Law:
+    """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
+    before, used = law.terms.variables, law.support.any(axis=0)
+    wider = {*law.schema.inputs} <= {*schema.inputs}
+    after = replace(before, inputs=schema.inputs) if wider else before
+    own = law.terms.take(np.flatnonzero(used).tolist()).terms
+    terms = Terms(after, tuple(parse_term(each.expression(before.names), after) for each in own))
+    return replace(
+        law,
+        terms=terms,
+        schema=replace(law.schema, inputs=after.inputs),
+        coefficients=law.coefficients[:, :, used],
+        uncertainty=replace(law.uncertainty, inclusion_probabilities=None),
+        provenance=Provenance(),
+    )
 
 
 def _fitted(
