@@ -47,6 +47,7 @@ contracts: $(STAMP) ## Which room may import which
 
 fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
 	$(BIN)/python -m tests.hostile.fuzz $(ARGS)
+	KILLS=20 $(BIN)/pytest -q tests/hostile/test_kills.py
 
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
 	$(BIN)/pytest -n 2 --dist loadgroup
