@@ -9,7 +9,7 @@ import click
 
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.options import GroupedCommand
+from commonlaw.cli.options import GroupedCommand, option
 from commonlaw.cli.output import working
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.errors import CommonlawError
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.argument("equations")
 @with_training_source
 @with_likelihood
-@click.option("--against", metavar="LAW.json", help="Say how the fitted law stands in evidence beside another.")
+@option("Output", "--against", metavar="LAW.json", help="Say how the fitted law stands in evidence beside another.")
 @with_outputs
 def fit(equations: str, source: Source, settings: dict[str, Any], against: str | None, outputs: Outputs) -> None:
     """Fit a law that you have in mind to the trials in FILE.
