@@ -27,6 +27,16 @@ def test_a_workbook_with_a_value_far_away_is_refused(tmp_path, cell):
         cl.Trials.read(tmp_path / "far.xlsx")
 
 
+def test_a_million_empty_rows_are_passed_over(tmp_path):
+    book = openpyxl.Workbook()
+    for row in (list(FRAME), *FRAME.to_numpy().tolist(), [None] * 9):
+        book.active.append(row)
+    book.active["A1048576"] = 5
+    book.save(tmp_path / "far.xlsx")
+    trials = cl.Trials.read(tmp_path / "far.xlsx")
+    assert trials[0].times.tolist() == [*FRAME.t, 5.0]
+
+
 def test_what_lies_in_the_working_folder_is_not_run_to_read_a_workbook(tmp_path, monkeypatch):
     FRAME.to_excel(tmp_path / "drops.xlsx", index=False)
     monkeypatch.chdir(tmp_path)

@@ -12,10 +12,11 @@ from commonlaw.foreign import check_size
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Table, column_of, filled_table
 
-_SECONDS = 60
+_SECONDS = 30
 """What reading a workbook may take."""
 
-Rows = list[list[Any]]
+Rows = list[tuple[int, list[Any]]]
+"""Numbers, from the header's, and cells of rows that are not empty."""
 
 
 def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
@@ -26,7 +27,7 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
     if not chosen:
         raise CommonlawError(f"{source}: there is nothing in the {'sheet' if wanted else 'workbook'}: give it a table")
-    headers = {name: " | ".join(str(cell).strip() for cell in rows[0]).rstrip(" |") for name, rows in chosen.items()}
+    headers = {name: " | ".join(str(cell).strip() for cell in rows[0][1]).rstrip(" |") for name, rows in chosen.items()}
     if len(set(headers.values())) > 1:
         shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
         raise CommonlawError(f"{source}: the sheets have different headers, choose one with sheet=...: {shown}")
@@ -53,22 +54,20 @@ def _sheets(source: str, content: bytes) -> dict[str, Rows]:
         )
     sheets: dict[str, Rows] = pickle.loads(done.stdout)
     for name, rows in sheets.items():
-        check_size(f"{source}, sheet {name!r}", len(rows), len(rows[0]) if rows else 0)
+        check_size(f"{source}, sheet {name!r}", len(rows), len(rows[0][1]) if rows else 0)
     return sheets
 
 
 def _sheets_table(source: str, sheets: dict[str, Rows]) -> Table:
     """Return the table of sheets below each other; several sheets without a column ``object`` are an object each."""
     many = len(sheets) > 1
-    header = max((rows[0] for rows in sheets.values()), key=len)
+    header = max((rows[0][1] for rows in sheets.values()), key=len)
     locations, cells, names = [], [], []
     for name, rows in sheets.items():
-        for number, row in enumerate(rows[1:], 1):
-            full = [None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row))
-            if any(cell is not None for cell in full):
-                cells.append(full)
-                names.append(name)
-                locations.append(f"row {number}" + f" of sheet {name!r}" * many)
+        for number, row in rows[1:]:
+            cells.append([None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)))
+            names.append(name)
+            locations.append(f"row {number}" + f" of sheet {name!r}" * many)
     made = [column_of([row[i] for row in cells]) for i in range(len(header))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
     titles = [str(cell) for cell in header]

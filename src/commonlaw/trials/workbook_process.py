@@ -1,4 +1,6 @@
-"""The process that reads a workbook: bytes in, the rows of its sheets by name out; it imports nothing of the package.
+"""The process that reads a workbook: bytes in, the rows of its sheets out; it imports nothing of the package.
+
+Of each sheet these are the rows that are not empty, with their numbers from the first of them on.
 
 Its memory is limited where the system knows such limits, and its time by its caller.
 """
@@ -25,7 +27,10 @@ def main() -> None:
 
     try:
         book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(sys.stdin.buffer.read()))
-        sheets = {name: book.get_sheet_by_name(name).to_python() for name in book.sheet_names}
+        sheets = {}
+        for name in book.sheet_names:
+            rows = book.get_sheet_by_name(name).to_python()
+            sheets[name] = [(number, row) for number, row in enumerate(rows) if row.count("") < len(row)]
     except python_calamine.CalamineError as error:
         sys.stderr.write(str(error))
         sys.exit(NO_WORKBOOK)
