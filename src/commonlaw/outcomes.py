@@ -9,6 +9,8 @@ class OutcomeKind(StrEnum):
 
     CHOSEN = "chosen"
     """The terms of an equation were chosen from candidates; the text says why these."""
+    COPIES = "copies"
+    """Trials are exact copies of others, and count all the same."""
     DIVERGED = "diverged"
     """A trajectory ran away."""
     EMPTY_SUPPORT = "empty support"
@@ -25,6 +27,8 @@ class OutcomeKind(StrEnum):
     """An integrator could not follow a trajectory that another one may finish."""
     ONE_OBJECT = "one object"
     """What objects are to share was found from one of them."""
+    UNITS = "units"
+    """What was chosen depends on the units of measurement."""
 
 
 @dataclass(frozen=True)

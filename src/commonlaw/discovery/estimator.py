@@ -14,8 +14,11 @@ from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.check import exact_copies
+from commonlaw.trials.trial import shown
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -105,7 +108,7 @@ class LawDiscovery:
         method = self.method or default_method(trials, structure)
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with one_blas_thread():
-            self.law_ = method.find(trials, structure, self.progress or on_terminal())
+            self.law_ = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -175,6 +178,17 @@ def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> A
     )
 
 
+def _with_copies(law: Law, trials: Trials | TrialStream) -> Law:
+    """Return the law with a word on trials that are no new evidence."""
+    copies = exact_copies(trials) if isinstance(trials, Trials) else ()
+    if not copies:
+        return law
+    named = shown([f"{trial.label} of {before.label}" for trial, before in copies])
+    text = f"trials that are exact copies of others were counted like new ones, {named}"
+    outcome = Outcome(OutcomeKind.COPIES, "", text, "leave them out, or the law looks more certain than it is")
+    return replace(law, provenance=replace(law.provenance, outcomes=(*law.outcomes, outcome)))
+
+
 def _with_parameters_of(
     estimator: Callable[P, LawDiscovery],
 ) -> Callable[[Callable[..., Law]], Callable[Concatenate[Trials | TrialStream, P], Law]]:
@@ -208,9 +222,9 @@ def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law
     Examples
     --------
     >>> import commonlaw as cl
-    >>> drops = cl.datasets.linear_drag(noise=0.0)
+    >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.0)
     >>> print(cl.discover(drops, order=2, library="poly:1").average())
-    x'' = -9.80000 ± 0.00096 - (0.380000 ± 0.000086) v
+    x'' = -9.8000 ± 0.0022 - (0.30000 ± 0.00019) v
     <BLANKLINE>
     with v = x'
     """

@@ -17,6 +17,7 @@ from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
 from commonlaw.law import Law, Provenance
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback
 from commonlaw.selection import (
     RULES,
@@ -30,6 +31,7 @@ from commonlaw.selection import (
     select,
 )
 from commonlaw.solvers import (
+    SR3,
     STLSQ,
     AbstractSolver,
     BestSubset,
@@ -134,7 +136,7 @@ class AbstractRegression(AbstractMethod):
                 progress("comparing forecasts of trials held out")
                 scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
-        outcomes = (*found.outcomes, *ill_conditions(found, data.problems))
+        outcomes = (*found.outcomes, *ill_conditions(found, data.problems), *_unit_outcomes(solver))
         return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
 
 
@@ -152,6 +154,15 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
             states * len(counts) * (_SECONDS_AN_OBJECT + _SECONDS_OF_CUBE * terms**3),
             "take a smaller library or fewer objects, or a solver with its value such as 'group-stlsq:1'",
         )
+
+
+def _unit_outcomes(solver: AbstractSolver | None) -> tuple[Outcome, ...]:
+    """Return what to know about a solver whose path lists other candidates in other units."""
+    if not isinstance(solver, STLSQ | SR3) or solver.normalize or solver.hyperparameter is not None:
+        return ()
+    text = "candidates were listed by the numbers of their coefficients, and other units of measurement list others"
+    remedy = "take solver='group-stlsq:normalize=True' or solver='best-subset', which no unit changes"
+    return (Outcome(OutcomeKind.UNITS, "", text, remedy),)
 
 
 def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:

@@ -1,7 +1,7 @@
 """The weak form: integrals against test functions in place of derivatives."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -111,10 +111,11 @@ class WeakForm(AbstractFormulation):
         CommonlawError
             If the trial is too short or a term is not finite on it; the message names the trial and the sample.
         """
+        clock, trial = trial.times, replace(trial, times=since_start(trial.times))
         noise = self._noise(trial)
         test_functions = self._test_functions(trial, noise)
         states, rates = self._smoothed(trial, noise)
-        values = np.concatenate([states, *rates, trial.inputs, trial.times[:, np.newaxis]], axis=1)
+        values = np.concatenate([states, *rates, trial.inputs, clock[:, np.newaxis]], axis=1)
         terms.check_finite(terms.evaluate(values), values, trial.label)
         return WeakRows.of(test_functions, trial, terms, values, noise, self.order)
 
@@ -173,3 +174,14 @@ class WeakForm(AbstractFormulation):
                 f"of {trial.object}; find them with `reweight`"
             )
         return known
+
+
+def since_start(times: Floats) -> Floats:
+    """Return times after the first, shape (n,), on a regular grid if they are off it by their rounding alone.
+
+    Seconds since 1970 are rounded to a quarter of a microsecond, which regular samples are not irregular by.
+    """
+    passed = times - times[0]
+    grid = np.linspace(0, passed[-1], len(times))
+    rounding = 2 * np.spacing(np.abs(times).max())
+    return grid if np.all(np.abs(passed - grid) <= rounding) else passed

@@ -1,6 +1,6 @@
 """What there is to know about trials before they are used."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -95,7 +95,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
         for trial, row in zip(trials, rows, strict=True)
         for oddity in (*_sampling(trial, row, tolerance), *_values(trial, names, len(trial) - row.clipped))
     ]
-    return Report(rows, (*oddities, *_uneven(trials), *_without_unit(schema)), notes)
+    return Report(rows, (*oddities, *_uneven(trials), *_copied(trials), *_without_unit(schema)), notes)
 
 
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> TrialCheck:
@@ -184,6 +184,24 @@ def _uneven(trials: Sequence[Trial]) -> list[str]:
         for name, each in lengths.items()
         if max(each) >= _UNEVEN * min(each)
     ]
+
+
+def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
+    """Return each trial whose samples are to the last bit those of one before it, and that one.
+
+    Trials of fewer than five samples are left out, which can agree by chance.
+    """
+    first: dict[tuple[bytes, ...], Trial] = {}
+    long = [trial for trial in trials if len(trial) >= _SHORT]
+    of = [tuple(each.tobytes() for each in (trial.times, trial.states, trial.inputs)) for trial in long]
+    pairs = ((trial, first.setdefault(key, trial)) for trial, key in zip(long, of, strict=True))
+    return tuple((trial, before) for trial, before in pairs if trial is not before)
+
+
+def _copied(trials: Sequence[Trial]) -> list[str]:
+    """Return the trials that are no new evidence."""
+    pairs = exact_copies(trials)
+    return [f"{trial.label}: an exact copy of {before.label}, which tells nothing new" for trial, before in pairs]
 
 
 def _without_unit(schema: Schema) -> list[str]:

@@ -1,0 +1,60 @@
+"""What looks like more or other evidence than it is, is said: copies of trials, and choices that units decide."""
+
+from dataclasses import replace
+
+import pytest
+
+import commonlaw as cl
+
+DROPS = cl.datasets.linear_drag(noise=0.01, samples=20)
+COPIED = DROPS.with_trials([*DROPS, replace(DROPS[0], name="again"), replace(DROPS[3], object="Ball 1", name="other")])
+
+
+def test_a_check_names_exact_copies():
+    assert not any("copy" in each for each in DROPS.check().oddities)
+    assert [each for each in COPIED.check().oddities if "copy" in each] == [
+        "Ball 1, trial again: an exact copy of Ball 1, trial 1, which tells nothing new",
+        "Ball 1, trial other: an exact copy of Ball 2, trial 2, which tells nothing new",
+    ]
+
+
+def test_trials_of_few_samples_can_agree_by_chance():
+    short = cl.Trials.from_arrays([[0, 1, 2]] * 2, [[1, 2, 3]] * 2)
+    assert not any("copy" in each for each in short.check().oddities)
+
+
+@pytest.mark.parametrize("method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood()])
+def test_a_law_of_copied_trials_says_so(method):
+    found = cl.discover(COPIED, order=2, library="poly:1", method=method)
+    said = [str(each) for each in found.outcomes if each.kind == "copies"]
+    assert said == [
+        "copies: trials that are exact copies of others were counted like new ones, 2 (Ball 1, trial again of Ball 1, "
+        "trial 1, Ball 1, trial other of Ball 2, trial 2); leave them out, or the law looks more certain than it is"
+    ]
+    assert not [each for each in cl.discover(DROPS, order=2, method=method).outcomes if each.kind == "copies"]
+
+
+@pytest.mark.parametrize(
+    ("solver", "is_said"),
+    [
+        ("group-stlsq", True),
+        ("sr3", True),
+        ("group-stlsq:1", False),
+        ("group-stlsq:normalize=True", False),
+        ("best-subset", False),
+        (None, False),
+    ],
+)
+def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
+    method = cl.DerivativeRegression(solver=solver, rule="bic", n_resamples=0)
+    outcomes = [str(each) for each in cl.discover(DROPS, order=2, library="poly:1", method=method).outcomes]
+    assert any("other units of measurement list others; take solver=" in each for each in outcomes) == is_said
+
+
+def test_what_the_word_on_units_recommends_does_not_depend_on_them():
+    method = cl.DerivativeRegression(solver="group-stlsq:normalize=True", rule="bic", n_resamples=0)
+    supports = set()
+    for unit in (1e-3, 1.0, 1e3):
+        drops = DROPS.with_trials([replace(each, states=unit * each.states) for each in DROPS])
+        supports.add(cl.discover(drops, order=2, method=method).support.tobytes())
+    assert len(supports) == 1
