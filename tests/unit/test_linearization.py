@@ -54,6 +54,20 @@ def test_the_information_is_that_of_fisher(variables, equations, coefficients, l
     np.testing.assert_allclose(errors, cramer_rao([run], np.array(noise)), rtol=2e-3)
 
 
+@pytest.mark.parametrize("shift", [1e2, -1e4])
+def test_terms_far_from_the_origin_leave_what_they_leave_at_the_origin(shift):
+    times, generator = np.linspace(0, 3, 60), np.random.default_rng(0)
+    heights = np.cos(2 * times) + 0.01 * generator.standard_normal(60)
+    terms, left = terms_of("poly:2", ("x", "v")), []
+    for origin in (0.0, shift):
+        states = np.column_stack([np.cos(2 * times) + origin, -2 * np.sin(2 * times)])
+        (mesh,) = meshes([trial(times, heights[:, np.newaxis] + origin)])
+        model = TrajectoryModel(terms, 2, (mesh,), ObservationModel(np.array([0.01])), np.array([0.01, 0.02]))
+        factor = linearize(model, Estimate((states,), np.zeros((1, 6))), 0.003).problem.factor
+        left.append([abs(np.linalg.qr(factor[:, [*kept, -1]], mode="r")[-1, -1]) for kept in ((0, 1, 2), range(6))])
+    np.testing.assert_allclose(left[1], left[0], rtol=2e-3)
+
+
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
 def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linearised_model(order, library, names):
     field, mesh, states = difficult(order, library, names)

@@ -105,7 +105,12 @@ def _whitened(
     defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
     defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
     library = linear.coefficients.reshape(defects.size, -1)
-    rows = np.column_stack([library, library @ coefficients[free] - defects.ravel()])
+    target = library @ coefficients[free] - defects.ravel()
+    if not np.isfinite(library).all():
+        raise NotPositiveError
+    # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
+    basis, mixed = np.linalg.qr(library)
+    rows = np.column_stack([basis, target])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
     allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
     bands = _covariance(linear, covariances, allowed, mesh)
@@ -115,6 +120,7 @@ def _whitened(
     if failed:
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
+    white = np.column_stack([white[:, :-1] @ mixed, white[:, -1]])
     # From the density of defects to that of the states at the end of each step
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
     log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured
