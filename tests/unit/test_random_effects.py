@@ -123,6 +123,23 @@ def test_intervals_hold_the_truth_and_errors_get_smaller(objects, spread):
     assert np.mean(after) < np.mean(before) * (0.6 if spread == 0 else 1.3 if objects == 2 else 1.05)
 
 
+def test_what_is_drawn_far_from_the_origin_is_what_is_drawn_at_it():
+    """Planes over two variables, seen from where the variables are counted and from far away."""
+    generator = np.random.default_rng(0)
+    x, y = generator.uniform(0, 1, (2, 6, 100))
+    heights = generator.uniform(1, 2, (6, 3))  # At the origin, and slopes
+    drawn = []
+    for shift in (1e5, 1e6, 1e7):
+        inverses = np.linalg.pinv(np.stack([np.ones_like(x), x + shift, y + shift], axis=2), rcond=0)
+        estimates = np.column_stack([heights[:, 0] - shift * heights[:, 1:].sum(axis=1), heights[:, 1:]])
+        covariances = 1e-2 * np.matmul(inverses, inverses.transpose(0, 2, 1))
+        found = shrink(estimates, covariances, np.full(3, np.nan))
+        drawn.append(
+            np.hstack([found.estimates, np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))])[:, [1, 2, 4, 5]]
+        )
+    np.testing.assert_allclose(drawn[1:], [drawn[0]] * 2, rtol=1e-3)
+
+
 def test_units_do_not_matter():
     _, estimates, covariances = measured(5, 0.3)
     units = np.array([1e-6, 1.0, 1e8])

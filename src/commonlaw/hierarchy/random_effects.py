@@ -40,6 +40,9 @@ _INFINITE = 1e6
 _JITTER = 1e-12
 """Of unit variances, for covariances that are singular to rounding."""
 
+_TOLD = 1e10
+"""Covariances of coefficients whose condition is worse have too few digits."""
+
 _Result = TypeVar("_Result")
 
 
@@ -141,6 +144,16 @@ class Shrinkage:
     shared_factors: Floats
     shrinkage: Floats
 
+    def mixed(self, turn: Floats) -> "Shrinkage":
+        """Return the same for mixtures of the coefficients, `turn` times them, shape (parameters, parameters)."""
+        covariances = turn @ self.covariances @ turn.T
+        return Shrinkage(
+            self.estimates @ turn.T,
+            (covariances + covariances.swapaxes(1, 2)) / 2,
+            turn @ self.shared_factors,
+            self.shrinkage,
+        )
+
 
 def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinkage:
     """Draw estimates to their means over objects.
@@ -153,7 +166,8 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         Of their errors, positive definite, shape (objects, parameters, parameters).
     variances
         Of each parameter over objects, shape (parameters,): zero for one that all have in common, infinite for one that
-        is each object's own, NaN where the objects are to tell.
+        is each object's own, NaN where the objects are to tell. Coefficients that hang together to the last digits, as
+        those of variables far from their zero do, are mixed to such that do not; these are then drawn to their means.
 
     Raises
     ------
@@ -163,6 +177,12 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     units = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
     errors = covariances / np.outer(units, units) + _JITTER * np.eye(len(units))
+    typical = errors.mean(axis=0)
+    if np.isnan(variances).all() and np.linalg.cond(typical) > _TOLD:
+        # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
+        back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
+        turn = np.linalg.inv(back)
+        return shrink(own @ turn.T, turn @ errors @ turn.T, variances).mixed(units[:, np.newaxis] * back)
     effects = RandomEffects(own, np.linalg.inv(errors))
     grids = _grids_beyond(effects)
     largest = np.array([grid[-1] for grid in grids])
@@ -177,8 +197,8 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         variance = _variance_of(float(weights @ shrinkage), shrinkage, tried[:, parameter])
         return variance, np.einsum("m,moj,mok->ojk", weights, gaps, gaps)
 
-    found, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
-    final = _Posterior.of(effects, found[np.newaxis])
+    likely, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
+    final = _Posterior.of(effects, likely[np.newaxis])
     return Shrinkage(
         final.estimates[0] * units,
         (final.covariances[0] + sum(between, np.zeros_like(errors))) * np.outer(units, units),
