@@ -77,13 +77,10 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
         assert minus_twice_log_evidence(factors(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("scatter", [[0.0, 0.8], [0.8, 0.5]])
-def test_the_evidence_of_several_terms_is_near_the_best_over_means_and_variances(scatter):
-    generator = np.random.default_rng(5)
-    own = np.array([1.5, -2.0]) + scatter * generator.standard_normal((8, 2))
-    data = [(np.column_stack([a[:, 0], a[:, 0] / 2 + a[:, 1]]), y) for a, y in rows(own, seed=6)]
-    rest, estimates, lost = marginal(data, [0, 1])
-    best = min(
+def cost_of_scatter(data):
+    """What two coefficients cost at the best means and variances over objects."""
+    _, estimates, lost = marginal(data, [0, 1])
+    return min(
         minimize(
             lambda p: lost(p[:2], np.exp(p[2:])),
             [*estimates.mean(axis=0), *np.log(begin)],
@@ -92,9 +89,36 @@ def test_the_evidence_of_several_terms_is_near_the_best_over_means_and_variances
         ).fun
         for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5])
     )
+
+
+@pytest.mark.parametrize("scatter", [[0.0, 0.8], [0.8, 0.5]])
+@pytest.mark.parametrize("mixed", [0.0, 0.5])
+def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_mixtures(scatter, mixed):
+    generator = np.random.default_rng(5)
+    own = np.array([1.5, -2.0]) + scatter * generator.standard_normal((8, 2))
+    data = [(np.column_stack([a[:, 0], mixed * a[:, 0] + a[:, 1]]), y) for a, y in rows(own, seed=6)]
+    turn = np.linalg.inv(np.linalg.qr(np.concatenate([library for library, _ in data]), mode="r"))
+    costs = np.array([cost_of_scatter(data), cost_of_scatter([(library @ turn, y) for library, y in data])])
+    expected = -2 * np.log(np.mean(np.exp(-(costs - costs.min()) / 2))) + costs.min()
+    rest, *_ = marginal(data, [0, 1])
     found = minus_twice_log_evidence(factors(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
-    assert best - 1e-3 < found < best + 0.21 * 8 * 2
+    assert expected - 1e-3 < found < expected + 0.21 * 8 * 2
+
+
+def test_where_a_variable_is_counted_from_does_not_matter():
+    """Relaxation at each object's own rate, seen from afar: the rate is a line, whose height and slope go together."""
+    generator, values = np.random.default_rng(2), {}
+    x = generator.uniform(0, 2, (6, 80))
+    rates = -generator.uniform(0.5, 1.5, (6, 1)) * (x - 1) + 0.1 * generator.standard_normal((6, 80))
+    for shift in (1e2, -1e4, 1e6):
+        for power in (1, 2):
+            library = [np.column_stack([np.ones(80), (each + shift) ** power]) for each in x]
+            data = factors(zip(library, rates / 0.1, strict=True))
+            values[shift, power] = minus_twice_log_evidence(data, np.array([0, 1]), 480)
+    expected = values[1e6, 1]
+    assert [values[shift, 1] for shift in (1e2, -1e4)] == pytest.approx([expected] * 2, abs=0.01)
+    assert [values[shift, 2] for shift in (-1e4, 1e6)] == pytest.approx([expected] * 2, abs=0.1)
 
 
 def test_alike_coefficients_cost_less_than_scattered_ones():

@@ -4,6 +4,10 @@ A coefficient that every object has is seen as drawn from a normal distribution 
 deviation are estimated with it, see `commonlaw.hierarchy`. Terms whose coefficients are all alike, such as gravity,
 then cost little more than one number; terms whose coefficients scatter cost one number for each object. For a single
 object the evidence is the BIC.
+
+What scatters over objects independently may be the coefficients, or may be mixtures of them: of a rate k (a - x), with
+x counted from elsewhere, height and slope scatter together. Mixtures that are orthogonal, each to those before it, do
+not depend on where variables are counted from. Both are as probable beforehand.
 """
 
 import numpy as np
@@ -13,6 +17,9 @@ from commonlaw.hierarchy import RandomEffects, marginal_deviance
 
 _NEAR = 1e-12
 """Columns whose square is less than this share outside the span of others have too few digits there."""
+
+_TOLD = 1e10
+"""Information on coefficients whose condition is worse has too few digits."""
 
 
 def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, needed: float = np.inf) -> float:
@@ -36,12 +43,26 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, n
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
-        estimates = np.linalg.solve(columns, reduced[:, :size, size:])[..., 0]
-        effects = RandomEffects(estimates, np.matmul(columns.transpose(0, 2, 1), columns))
-        found = floor + marginal_deviance(effects)
+        bases = [columns] if size == 1 or len(factors) == 1 else [columns, _orthogonal(columns)]
+        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:]) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
+    found = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
     return found if np.isfinite(found) else np.inf
+
+
+def _orthogonal(columns: Floats) -> Floats:
+    """Return each object's columns mixed so that those of all together are orthogonal, each to the ones before it."""
+    mixed = np.linalg.qr(columns.reshape(-1, columns.shape[2]), mode="r")
+    return np.asarray(np.matmul(columns, np.linalg.inv(mixed)))
+
+
+def _scatter_cost(columns: Floats, targets: Floats) -> float:
+    """Return what the coefficients of columns cost by their scatter; infinite if objects together cannot tell them."""
+    information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
+    if not np.linalg.cond(information.sum(axis=0)) < _TOLD:
+        return np.inf
+    return marginal_deviance(RandomEffects(np.asarray(np.linalg.solve(columns, targets)[..., 0]), information))
 
 
 def cost_of_coefficients(size: int, objects: int, measured: int) -> float:

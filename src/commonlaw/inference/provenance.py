@@ -33,8 +33,12 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tup
 
 def inclusion_probabilities(compared: Sequence[Sequence[ComparedSupport]]) -> Floats:
     """Return the probability that a term is in its equation, among the supports compared, shape (equations, terms)."""
-    rows = [probabilities(listed) @ np.array([each.support for each in listed]) for listed in compared]
-    return np.asarray(np.clip(rows, 0.0, 1.0))
+    rows = []
+    for listed in compared:
+        weights, supports = probabilities(listed), np.array([each.support for each in listed])
+        inside, outside = weights @ supports, weights @ ~supports
+        rows.append(inside / (inside + outside))
+    return np.array(rows)
 
 
 def probabilities(listed: Sequence[ComparedSupport]) -> Floats:

@@ -1,0 +1,130 @@
+"""The law does not depend on units, on where a variable is counted from, or on when a clock was started."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from benchmarks.variational import solve
+
+
+@dataclass(frozen=True)
+class System:
+    """A law, the coefficients of each object, where its trials begin, and its support when the states are shifted."""
+
+    variables: tuple[str, ...]
+    equations: tuple[tuple[str, ...], ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    starts: tuple[tuple[float, ...], ...]
+    times: np.ndarray
+    shifted: tuple[set[str], ...]
+    library: str = "poly:2"
+
+
+SYSTEMS = {
+    "pendulum": System(
+        ("x", "v"),
+        (("v", "sin(x)"),),
+        ((-0.1, -1.5), (-0.2, -2.0)),
+        ((1.5, 0.0), (2.2, 0.3)),
+        np.linspace(0, 12, 120),
+        ({"v", "sin(x)"},),  # By whole turns
+        "poly:2 + fourier:1",
+    ),
+    "drops": System(
+        ("x", "v"),
+        (("1", "v"),),
+        ((-9.8, -0.2), (-9.8, -0.5), (-9.8, -0.35)),
+        ((46.0, 0.0), (48.0, 0.3)),
+        np.linspace(0, 3.2, 49),
+        ({"1", "v"},),
+    ),
+    "populations": System(
+        ("x", "y"),
+        (("x", "x y"), ("y", "x y")),
+        ((1.0, -0.9, -1.2, 0.6), (0.8, -1.1, -1.0, 0.8), (1.1, -0.8, -0.9, 0.7)),
+        ((1.2, 0.9), (0.8, 1.5)),
+        np.linspace(0, 12, 120),
+        ({"1", "x", "y", "x y"}, {"1", "x", "y", "x y"}),
+    ),
+    "oscillator": System(
+        ("x", "v"),
+        (("x", "v"),),
+        ((-2.0, -0.2), (-3.0, -0.1), (-2.5, -0.3)),
+        ((1.0, 0.0), (2.0, -1.0)),
+        np.linspace(0, 12, 120),
+        ({"1", "x", "v"},),
+    ),
+    "decay": System(
+        ("x",),
+        (("x",),),
+        ((-0.5,), (-0.9,), (-1.2,)),
+        ((1.0,), (2.0,)),
+        np.linspace(0, 4, 60),
+        ({"1", "x"},),
+    ),
+}
+SCALES = (1e-9, 1e6)
+
+
+@cache
+def measured(name):
+    """Noisy states of each trial, and its object."""
+    system, generator, found = SYSTEMS[name], np.random.default_rng(1), []
+    for i, own in enumerate(system.coefficients):
+        for start in system.starts:
+            run = solve(system.variables, system.equations, np.array(own), np.array(start), system.times)
+            states = run.states[:, : len(system.equations)]
+            noise = 0.01 * states.std(axis=0) * generator.standard_normal(states.shape)
+            found.append((states + noise, f"object {i + 1}"))
+    return found
+
+
+@cache
+def law_of(name, scale=1.0, shift=0.0, start=0.0):
+    system = SYSTEMS[name]
+    states, objects = zip(*measured(name), strict=True)
+    equations = len(system.equations)
+    trials = cl.Trials.from_arrays(
+        [system.times + start] * len(states),
+        [scale * each + shift for each in states],
+        object=objects,
+        names=system.variables[:equations],
+    )
+    return cl.discover(trials, order=len(system.variables) // equations, library=system.library)
+
+
+def supports(law):
+    return tuple({law.terms.names[k] for k in np.flatnonzero(row)} for row in law.support)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_law_is_found(name):
+    assert supports(law_of(name)) == tuple(set(each) for each in SYSTEMS[name].equations)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("shift", [100.0, -1e4])
+def test_the_origin_of_the_states_changes_the_law_by_its_shift_only(name, shift):
+    if name == "pendulum":
+        shift = 2 * np.pi * round(shift / (2 * np.pi))
+    assert supports(law_of(name, shift=shift)) == SYSTEMS[name].shifted
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_origin_of_time_changes_nothing(name):
+    near, far = law_of(name), law_of(name, start=1.7e9)
+    assert supports(near) == supports(far)
+    np.testing.assert_allclose(far.coefficients, near.coefficients, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", [name for name in SYSTEMS if name != "pendulum"])  # A sine has no unit but radians
+@pytest.mark.parametrize("scale", SCALES)
+def test_the_unit_of_the_states_changes_coefficients_by_its_powers_only(name, scale):
+    law, other = law_of(name), law_of(name, scale=scale)
+    assert supports(other) == supports(law)
+    ratios = other.coefficients[:, law.support] / law.coefficients[:, law.support]
+    powers = [1 - term.degree for _, k in np.argwhere(law.support) for term in [law.terms.terms[k]]]
+    np.testing.assert_allclose(ratios, np.tile(scale ** np.array(powers, float), (len(ratios), 1)), rtol=1e-4)
