@@ -87,7 +87,7 @@ def test_random_walks_and_noise_cannot_be_forecast(seed):
 def test_a_law_that_runs_away_is_not_to_be_used(line):
     verdict = cl.Law.from_text("x' = x^2").verdict(line)
     assert (verdict.diverged, verdict.usable) == (1, False)
-    assert verdict.sentences[0] == "Do not use this law for forecasts: its forecasts run away in 1 of 1 stretches."
+    assert verdict.sentences[0] == "Do not use this law for forecasts: its forecasts run away in 1 of 1 stretch."
 
 
 def test_bands_that_fail_are_told(drops):
@@ -141,7 +141,7 @@ def test_what_is_too_short_is_not_judged():
 def test_little_and_still_data_are_no_test(line):
     law = cl.Law.from_text("x' = 1")
     few = law.verdict(line.until(12.0), line.until(8.0))
-    assert (few.usable, few.lacking) == (None, "4 measurements to compare with are too few")
+    assert (few.usable, few.lacking) == (None, "too few, 4 measurements, to compare with")
     still = cl.Trials.from_arrays(np.arange(40.0), np.exp(-np.arange(40.0)))
     verdict = cl.Law.from_text("x' = -x").verdict(still)
     assert (verdict.usable, verdict.lacking) == (None, "the states hardly move in what was judged")
