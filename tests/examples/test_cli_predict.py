@@ -80,3 +80,18 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
     assert {14.5, 40.0} <= set(pd.read_csv(tmp_path / "out.csv")["t"])
     code, _, err = run(*arguments[:-4], "--from", "100")
     assert (code, "no trial can be forecast --from 100.0, with no sample before it" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("tank")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--until", "inf"], "--until inf: give a finite number"),
+        (["--until", "nan"], "--until nan: give a finite number"),
+        (["--step", "inf"], "--step inf: give a finite number"),
+        (["--until", "1e12", "--step", "1e-3"], "1000000000000000 times of 1 trials would take"),
+    ],
+)
+def test_times_without_end_are_refused(run, options, message):
+    code, _, err = run("predict", "law.json", "tank.csv", *options)
+    assert (code, message in err) == (1, True), err

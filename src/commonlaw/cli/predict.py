@@ -105,14 +105,15 @@ def predict(
 
 def _times(trials: Trials, first: float | None, until: float | None, step: float | None) -> list[float]:
     """Return the times that ``--until`` and ``--step`` ask for, from the first time on or that of all samples."""
+    for name, value in (("--until", until), ("--step", step)):
+        if value is not None and not isfinite(value):
+            raise CommonlawError(f"{name} {value}: give a finite number")
     first = min(each.times[0] for each in trials) if first is None else first
     last = max(each.times[-1] for each in trials)
     span = (last if until is None else until) - first
     if until is step is None or span <= 0:
         return []
     step = step or span / 100
-    if not (isfinite(span) and isfinite(step)):
-        raise CommonlawError(f"--until {until} --step {step}: give finite numbers")
     size = _BYTES_A_VALUE * span / step * len(trials) * len(trials.schema.states)
     check_memory(f"forecasts at {span / step:.0f} times of {len(trials)} trials", size, "give a larger --step")
     return [first + i * step for i in range(ceil(span / step))] + [first + span]
