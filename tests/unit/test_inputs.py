@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from commonlaw.errors import CommonlawError
-from commonlaw.integration import Inputs, simulation
+from commonlaw.integration import Inputs, base, simulation
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
@@ -120,6 +120,15 @@ def test_a_short_pulse_is_not_stepped_over(method, how):
     states = law.predict(trials, start=1, method=method, input_between=how).trajectories[0].states[:, 0]
     assert np.abs(states[:1500]).max() < 1e-6
     assert states[1501] > 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_many_samples_of_an_input_are_worth_many_steps(method, monkeypatch):
+    monkeypatch.setattr(base, "MAX_STEPS", 20)
+    law, times = driven_law(1), np.arange(60.0)
+    for values, far in ((np.sin([times, 2 * times]).T, True), (np.ones((60, 2)), False)):
+        trials = Trials((Trial("tank", "1", times, np.ones(60), values),), law.schema)
+        assert (law.predict(trials, start=1, method=method).outcomes == ()) is far
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -13,6 +13,7 @@ from commonlaw.outcomes import Outcome, OutcomeKind
 Function = Callable[[float, Floats], Floats]
 
 MAX_STEPS = 100_000
+_STEPS_TO_STOP = 100
 FAR = 1e10
 """A state this many times larger than the initial states and their change over the first sample counts as infinite."""
 
@@ -23,6 +24,11 @@ class AbstractIntegrator(ABC):
     @abstractmethod
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; a divergence is its outcome, and nothing but an outcome."""
+
+
+def most_steps(stops: Floats) -> int:
+    """Return how many steps a trajectory may take: each stop, where inputs change their course, allows for more."""
+    return MAX_STEPS + _STEPS_TO_STOP * (len(stops) - 1)
 
 
 def state_scale(initial: Floats, rates: Function, times: Floats) -> float:

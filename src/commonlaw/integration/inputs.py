@@ -58,17 +58,21 @@ class Inputs:
 
     def at(self, times: Floats) -> Floats:
         """Return the inputs at times of shape (m,), shape (m, inputs)."""
-        return np.array([self(t) for t in times]).reshape(len(times), self.coefficients.shape[2])
+        pieces = np.maximum(self.knots.searchsorted(times, side="right") - 1, 0)
+        return self._values(np.maximum(times - self.knots[pieces], 0.0)[:, np.newaxis], self.coefficients[pieces])
 
     def __call__(self, time: float) -> Floats:
         """Return the inputs at one time, shape (inputs,)."""
         piece = self.piece(time)
-        since, polynomial = max(time - self.knots[piece], 0.0), self.coefficients[piece]
-        values = polynomial[-1]
-        for lower in polynomial[-2::-1]:
-            values = values * since + lower
-        return np.asarray(values)
+        return self._values(max(time - self.knots[piece], 0.0), self.coefficients[piece])
 
     def piece(self, time: float) -> int:
         """Return the index of the polynomial that holds at a time; a knot belongs to what follows it."""
         return max(int(self.knots.searchsorted(time, side="right")) - 1, 0)
+
+    def _values(self, since: Floats | float, polynomials: Floats) -> Floats:
+        """Return values of polynomials, from shape (..., powers, inputs) to (..., inputs)."""
+        values = polynomials[..., -1, :]
+        for power in reversed(range(self.powers - 1)):
+            values = values * since + polynomials[..., power, :]
+        return np.asarray(values)

@@ -10,12 +10,14 @@ from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, Function, state_scale
+from commonlaw.integration.base import FAR, AbstractIntegrator, Function, most_steps, state_scale
 from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
-from commonlaw.integration.vector_field import VectorField
+from commonlaw.integration.variational import sensitivities
 
+_EVERY = 4
+"""Steps of the states between which those of their derivatives begin anew."""
 _LOOKS = 8
 """How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
 
@@ -27,38 +29,32 @@ class LsodaIntegrator(AbstractIntegrator):
     options: OutputOptions
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem; sensitivities solve the variational equations beside it."""
+        """Return the trajectory of a problem; sensitivities solve the variational equations along it."""
         options, vector_field, width = self.options, problem.field, len(problem.initial)
-        rhs, start, scales = (
-            RightHandSide(vector_field, vector_field.jacobian, width),
-            problem.initial,
-            np.empty((width, 0)),
-        )
-        search, sensitivities = None, None
+        search = None
         if options.events:
             functions = EventFunctions(options.events, vector_field)
             first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
             search = _EventSearch(functions, problem.start, first)
-        if options.sensitivities:
-            rhs, scales = _variational(vector_field, width), _sensitivity_scales(problem)
-            start = np.concatenate([start, np.eye(*scales.shape, scales.shape[1] - width).ravel()])
-        times, where = problem.times, problem.where
-        result = solve(
-            rhs, start, times, options.tolerance, where, scales.ravel(), search, options.dense, problem.stops
-        )
+        dense = options.dense or options.sensitivities
+        own = problem.initial, problem.times, options.tolerance, problem.where, search, dense, problem.stops
+        result = solve(RightHandSide(vector_field, vector_field.jacobian), *own)
         found = occurrences(options.events, search.found if search else [], width)
-        if options.sensitivities:
-            sensitivities = result.states[:, width:].reshape(len(times), *scales.shape)
-        return replace(result, states=result.states[:, :width], events=found, sensitivities=sensitivities)
+        result = replace(result, events=found)
+        if not options.sensitivities:
+            return result
+        assert isinstance(result.dense, _Track)
+        knots, reached = np.array(result.dense.knots[::_EVERY]), int(np.isfinite(result.states[:, 0]).sum())
+        derivatives = sensitivities(problem, result.dense, knots, reached, options.tolerance)
+        return replace(result, sensitivities=derivatives, dense=result.dense if options.dense else None)
 
 
 @dataclass(frozen=True)
 class RightHandSide:
-    """What LSODA integrates: derivatives, their Jacobian or nothing, and how many of the first numbers are states."""
+    """What LSODA integrates: derivatives, and their Jacobian or nothing."""
 
     derivatives: Function
     jacobian: Function | None
-    width: int
 
     def until(self, last: float) -> "RightHandSide":
         """Return the same with whatever depends on time as it is at the `last` one from there on."""
@@ -66,7 +62,6 @@ class RightHandSide:
         return RightHandSide(
             lambda t, y: derivatives(min(t, last), y),
             None if jacobian is None else lambda t, y: jacobian(min(t, last), y),
-            self.width,
         )
 
 
@@ -111,36 +106,34 @@ def solve(
     times: Floats,
     tolerance: float,
     where: str,
-    other_scales: Floats | tuple[()] = (),
     search: _EventSearch | None = None,
     dense: bool = False,
     stops: Floats | None = None,
 ) -> Trajectory:
     """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
 
-    The absolute tolerance is a thousandth of the relative one times the size of the states, which come first, and times
-    a scale of each other number. No step goes past one of the `stops`, the last of which is the last time.
+    The absolute tolerance is a thousandth of the relative one times the size of the states. No step goes past one of
+    the `stops`, the last of which is the last time.
     """
-    states, width = np.full((len(times), len(start)), np.nan), rhs.width
+    states, width = np.full((len(times), len(start)), np.nan), len(start)
     states[0] = start
-    track = _Track(start[:width], [float(times[0])]) if dense else None
+    track = _Track(start, [float(times[0])]) if dense else None
     if len(times) == 1:
         return Trajectory(times, states, dense=track)
     with np.errstate(all="ignore"):
         if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
             return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
-        others = start[width:]
-        size = state_scale(start[:width], lambda t, y: rhs.derivatives(t, np.concatenate([y, others]))[:width], times)
-        absolute = 1e-3 * tolerance * np.concatenate([np.full(width, size), other_scales])
+        size = state_scale(start, rhs.derivatives, times)
         # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
         # takes steps without end before a blow-up, and calls it a success where states have become infinite.
-        steps = _steps(rhs, start, times[0], times[-1:] if stops is None else stops, tolerance, absolute)
-        reached, stop, why = 1, None, f"{MAX_STEPS} steps were not enough"
-        for solver in islice(steps, MAX_STEPS):
+        stops = times[-1:] if stops is None else stops
+        steps = _steps(rhs, start, times[0], stops, tolerance, 1e-3 * tolerance * size)
+        reached, stop, why = 1, None, f"{most_steps(stops)} steps were not enough"
+        for solver in islice(steps, most_steps(stops)):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)
-                bad = solver.step() or _runaway(solver.y[:width], size)
+                bad = solver.step() or _runaway(solver.y, size)
             if bad:
                 why = bad
                 break
@@ -162,14 +155,12 @@ def solve(
     return Trajectory(times, states, diverged(ended, why, where), ended, dense=track)
 
 
-def _steps(
-    rhs: RightHandSide, states: Floats, time: float, stops: Floats, relative: float, absolute: Floats
-) -> Iterator[LSODA]:
+def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol: float, atol: float) -> Iterator[LSODA]:
     """Yield the solver before each of its steps, a new one after each stop."""
     for stop in stops:
         # At the stop itself what follows it would hold
         own = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
-        solver = LSODA(own.derivatives, time, states, stop, rtol=relative, atol=absolute, jac=own.jacobian)
+        solver = LSODA(own.derivatives, time, states, stop, jac=own.jacobian, rtol=rtol, atol=atol)
         while solver.status == "running":
             yield solver
         time, states = solver.t, solver.y
@@ -188,36 +179,7 @@ class _Track:
         if not self.interpolants:
             return np.tile(self.start, (len(times), 1))
         whole = OdeSolution(self.knots, self.interpolants)
-        return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
-
-
-def _variational(vector_field: VectorField, width: int) -> RightHandSide:
-    """Return the states together with their derivatives by parameters and initial states, row by row."""
-
-    def derivatives(t: float, y: Floats) -> Floats:
-        states, matrix = y[:width], y[width:].reshape(width, -1)
-        (change,), (by_states,), (by_parameters,) = vector_field.linearize(vector_field.point(t, states))
-        carried = by_states @ matrix
-        carried[:, : by_parameters.shape[1]] += by_parameters
-        return np.concatenate([change, carried.ravel()])
-
-    def jacobian(t: float, y: Floats) -> Floats:
-        # How the sensitivities feel the states is left out: it steers Newton's iteration only, not the result.
-        own = vector_field.jacobian(t, y[:width])
-        result = np.zeros((len(y), len(y)))
-        result[:width, :width] = own
-        result[width:, width:] = np.kron(own, np.eye(len(y) // width - 1))
-        return result
-
-    return RightHandSide(derivatives, jacobian, width)
-
-
-def _sensitivity_scales(problem: InitialValueProblem) -> Floats:
-    """Return the size of each sensitivity, in its own unit, shape (states, parameters + states)."""
-    parameters, width = problem.field.parameters, len(problem.initial)
-    size = np.max(np.abs(problem.initial)) or 1.0
-    row = np.concatenate([size / np.where(parameters == 0, 1.0, np.abs(parameters)), np.ones(width)])
-    return np.tile(row, (width, 1))
+        return np.asarray(whole(np.minimum(times, self.knots[-1])).T)
 
 
 def _runaway(states: Floats, size: float) -> str | None:

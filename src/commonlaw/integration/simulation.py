@@ -129,7 +129,7 @@ def integrate(
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
     check_start(initial, times, where)
-    return solve(RightHandSide(field, jacobian, len(initial)), initial, times, relative_tolerance, where)
+    return solve(RightHandSide(field, jacobian), initial, times, relative_tolerance, where)
 
 
 @dataclass(frozen=True)

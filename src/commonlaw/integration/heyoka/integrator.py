@@ -13,7 +13,7 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.base import FAR, MAX_STEPS, AbstractIntegrator, not_integrated, state_scale
+from commonlaw.integration.base import FAR, AbstractIntegrator, most_steps, not_integrated, state_scale
 from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.heyoka.compiled import Compiled, Found, Structure, compiled
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
@@ -91,11 +91,11 @@ class _Path:
 
 def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Path:
     """Integrate over the times from where the law was placed."""
-    stepper, row, times = law.stepper, law.stepper.state.copy(), problem.times
+    stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, most_steps(problem.stops)
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if dense else None)
     if dense:
-        result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=MAX_STEPS, c_output=True)
+        result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=most, c_output=True)
         done = result == heyoka.taylor_outcome.time_limit
         rows = (
             np.empty((0, len(row))) if output is None else output(times if done else times[times <= output.bounds[1]])
@@ -112,21 +112,21 @@ def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Pat
         case heyoka.taylor_outcome.err_nf_state:
             return _Path(rows, found, states, None, _NOT_FINITE, broke=True)
         case heyoka.taylor_outcome.step_limit:
-            return _Path(rows, found, states, time, f"{MAX_STEPS} steps were not enough")
+            return _Path(rows, found, states, time, f"{most} steps were not enough")
     found.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
     return _Path(rows, found, states, time)
 
 
 def _rows(law: Compiled, problem: InitialValueProblem) -> tuple[Any, Floats]:
     """Return how heyoka ended and the rows at the times, as far as it came; inputs change their course at stops."""
-    stepper, times, left = law.stepper, problem.times, MAX_STEPS
+    stepper, times, left = law.stepper, problem.times, most_steps(problem.stops)
     parts, reached = [law.stepper.state.copy()[np.newaxis]], 1
     while True:
         stop = law.follow(problem)
         until = int(np.searchsorted(times, stop, side="right"))
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
-        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=left)
+        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, left))
         parts.append(rows[1 : 1 + len(wanted)])
         left, reached = left - steps, until
         if result != heyoka.taylor_outcome.time_limit or stop == times[-1]:
@@ -145,7 +145,7 @@ def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: flo
     """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
     limit = FAR * state_scale(problem.initial, problem.field, problem.times)
     law.reset(time, row)
-    for _ in range(MAX_STEPS):
+    for _ in range(most_steps(problem.stops)):
         law.stepper.step(law.follow(problem) - law.stepper.time)
         peak = float(np.max(np.abs(law.stepper.state[: law.width])))
         if not np.isfinite(peak):
