@@ -1,5 +1,6 @@
-"""Threads that draw, or look for laws, at the same time do not disturb each other."""
+"""Threads that draw, forecast or look for laws at the same time do not disturb each other."""
 
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event, Thread
@@ -68,6 +69,15 @@ def test_linear_algebra_has_its_threads_back_when_the_last_of_several_discoverie
             methods[i].may_end.set()
             found[i].result()
         assert blas_threads() == {2}
+
+
+def test_forecasts_at_once_leave_warnings_as_they_were():
+    law, times = cl.datasets.truth_of("linear-drag"), np.linspace(0, 3, 50)
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: law.simulate(times, [40.0, 0.0], method="scipy"), range(8)))
+    assert all(np.array_equal(each["Ball 1"].states, found[0]["Ball 1"].states) for each in found)
+    assert warnings.filters == before
 
 
 def test_figures_drawn_at_once_are_those_drawn_one_after_the_other():

@@ -1,6 +1,5 @@
 """Integration by SciPy: LSODA (Petzold 1983), for stiff problems and others, and for any function of the states."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -15,6 +14,7 @@ from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
 from commonlaw.integration.variational import sensitivities
+from commonlaw.quiet import quiet
 
 _EVERY = 4
 """Steps of the states between which those of their derivatives begin anew."""
@@ -131,8 +131,7 @@ def solve(
         steps = _steps(rhs, start, times[0], stops, tolerance, 1e-3 * tolerance * size)
         reached, stop, why = 1, None, f"{most_steps(stops)} steps were not enough"
         for solver in islice(steps, most_steps(stops)):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)
+            with quiet(UserWarning):
                 bad = solver.step() or _runaway(solver.y, size)
             if bad:
                 why = bad

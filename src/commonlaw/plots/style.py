@@ -2,11 +2,9 @@
 
 import re
 import textwrap
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import ceil, sqrt
-from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -17,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
 from commonlaw.names import in_line
+from commonlaw.quiet import quiet
 
 GREY = "#8c8c8c"
 ABSENT = "#ececec"
@@ -59,16 +58,14 @@ SETTINGS: Mapping[str, Any] = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-_DRAWING = RLock()
-"""Settings and formulas of matplotlib are of the whole process: one thread at a time may draw."""
-
-
 @contextmanager
 def styled() -> Iterator[None]:
-    """Use the look of these figures, whatever the user's settings are, and restore those afterwards."""
-    with _DRAWING, style.context(["default", dict(SETTINGS)]), warnings.catch_warnings():
-        # A character that no font has is drawn as a box; the warning names no remedy
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+    """Use the look of these figures, whatever the user's settings are, and restore those afterwards.
+
+    One thread at a time draws, as settings and formulas of matplotlib are of the whole process.
+    """
+    # A character that no font has is drawn as a box; the warning names no remedy
+    with quiet(UserWarning, "Glyph .* missing from"), style.context(["default", dict(SETTINGS)]):
         yield
 
 
