@@ -14,10 +14,12 @@ from commonlaw.errors import CommonlawError
 
 LARGEST_FILE = 2**30
 """Bytes of a file that is read whole."""
-MOST_ROWS = 20_000_000
+MOST_ROWS = 10_000_000
 MOST_COLUMNS = 10_000
-MOST_CELLS = 50_000_000
+MOST_CELLS = 30_000_000
 """Rows, columns and cells of a table that is held in memory."""
+LARGEST_JSON = 2**26
+"""Bytes of a law, and of what a Parquet file says of its columns."""
 DEEPEST = 32
 """Lists and objects within each other in JSON."""
 
@@ -27,7 +29,8 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 T = TypeVar("T")
 
 _LISTED = 10_000
-_STRING = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
+_STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
+_NO_BRACKETS = bytes({*range(256)} - {*b"[]{}"})
 
 
 def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) -> Path:
@@ -105,14 +108,16 @@ def read_json(content: bytes, kind: type[T]) -> T:
     Raises
     ------
     CommonlawError
-        If it is no JSON, of another type, or nested deeper than `DEEPEST`; the message says where.
+        If it is no JSON, of another type, larger than `LARGEST_JSON` or nested deeper than `DEEPEST`; the message says
+        where.
     """
     import msgspec
 
+    if len(content) > LARGEST_JSON:
+        raise CommonlawError(f"JSON has {len(content)} bytes, and at most {LARGEST_JSON} are read")
     check_text("JSON", content)
-    brackets = np.frombuffer(_STRING.sub(b"", content), dtype=np.uint8)
-    opening, closing = np.isin(brackets, list(b"[{")), np.isin(brackets, list(b"]}"))
-    depth = int(np.cumsum(opening.astype(np.int64) - closing).max(initial=0))
+    brackets = np.frombuffer(_STRING.sub(b"", content).translate(None, _NO_BRACKETS), dtype=np.uint8)
+    depth = int(np.cumsum(np.where(np.isin(brackets, list(b"[{")), 1, -1), dtype=np.int32).max(initial=0))
     if depth > DEEPEST:
         raise CommonlawError(f"JSON is nested {depth} levels deep, and at most {DEEPEST} are read")
     try:

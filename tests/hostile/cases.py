@@ -5,6 +5,7 @@ import json
 import os
 import random
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -278,7 +279,7 @@ def change(r: random.Random, document: Any) -> None:
         del here[key]
     else:
         same = [value for value in ODD_JSON if type(value) is type(here[key])]
-        here[key] = r.choice(same if same and r.random() < 0.7 else ODD_JSON)
+        here[key] = deepcopy(r.choice(same if same and r.random() < 0.7 else ODD_JSON))
 
 
 def folder(case: Case, at: Path) -> None:

@@ -42,6 +42,13 @@ def test_json_may_be_nested_as_deep_as_is_said(opening):
         read_json(opening.encode() * 1_000_000, object)
 
 
+def test_json_has_a_largest_size(monkeypatch):
+    monkeypatch.setattr(foreign, "LARGEST_JSON", 10)
+    assert read_json(b"[1, 2, 3] ", list) == [1, 2, 3]
+    with pytest.raises(CommonlawError, match="JSON has 11 bytes, and at most 10 are read"):
+        read_json(b"[1, 2, 3]  ", list)
+
+
 def test_brackets_in_texts_do_not_nest():
     assert read_json(b'"\\"' + b"[" * 100 + b'"', str) == '"' + "[" * 100
 
