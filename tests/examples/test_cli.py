@@ -348,5 +348,5 @@ def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
     (tmp_path / "trees.csv").write_text("\n".join(["object,age [day],girth [mm]", *rows]))
     _, out, _ = run("data", "check", "trees.csv")
     assert [line for line in out.splitlines() if line.startswith("Odd: ")] == [
-        "Odd: in 5 cases, such as 0, trial 1: irregular frame: --clip would keep 4 of 5 samples"
+        "Odd: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 off their median 284"
     ]

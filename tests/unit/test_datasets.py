@@ -204,7 +204,7 @@ def test_a_generator_is_drawn_from_ball_by_ball_and_drop_by_drop(make):
         ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": 1.5}, "seed is 1.5"),
         ({"trials": 0}, "trials is 0: give a whole number of at least 1"),
-        ({"samples": 1}, "samples is 1: give a whole number of at least 2"),
+        ({"samples": 1}, "samples is 1: give a whole number from 2 to 10000000"),
         ({"rate": 0.0}, "rate is 0: it must be finite and positive"),
         ({"drag": ()}, "drag is empty"),
         ({"drag": (np.nan,)}, "drag is nan"),
