@@ -8,6 +8,7 @@ import pytest
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import Variables, parse_library
+from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema, Trial, Trials
 
 TIMES = np.cumsum(np.random.default_rng(0).uniform(0.1, 0.4, 30))
@@ -99,3 +100,17 @@ def test_laws_without_noise_begin_at_the_last_sample_before():
     found = second.predict(trials_of(second, np.cos(times), times=times), from_time=3.0)
     assert found.to_frame()["t"].min() >= 3.0
     assert found.errors()["largest error"][0] < 0.02
+
+
+@pytest.mark.parametrize("errors", [ErrorModel(), ErrorModel(walk=np.array([0.01]))])
+def test_long_trials_are_forecast_from_their_last_samples(errors):
+    """The forecast is longer than a mesh of discovery."""
+    times = np.arange(9000) * 0.01
+    law = replace(decay(), uncertainty=replace(decay().uncertainty, error_model=errors))
+    states = np.where(times < 42.995, 77.0, 5 * np.exp(43 - times))
+    forecast = law.predict(trials_of(law, states, times=times), from_time=47.995, return_std=True)
+    assert len(forecast.trials[0]) == 4700
+    frame = forecast.to_frame()
+    assert len(frame) == 4200
+    assert frame["x error"].abs().max() < 1e-3
+    assert np.isfinite(frame["x high"]).all()

@@ -16,6 +16,8 @@ from commonlaw.trials.trial import shown
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
+_MOST = 500
+"""Samples before a time that tell a start: those before them add little, and take long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +97,11 @@ def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> 
 def _begin_later(
     law: Law, trial: Trial, extended: Trial, inputs: Inputs, start: int | None, from_time: float
 ) -> Beginning:
-    """Return the beginning at the last samples before a time: so many as are asked for, else all that can be fitted."""
+    """Return the beginning at the last samples before a time: so many as are asked for, else as can be fitted."""
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
-    count = start or (stop if fits else MIN_SAMPLES if law.order == 2 else 1)
+    count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.order == 2 else 1)
     told = _rows(measured, slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, told.times[0]))
     fitted = fit_initial_state(law, told, inputs, count) if (start or fits) and len(told) > 1 else None

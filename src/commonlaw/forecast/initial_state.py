@@ -106,11 +106,14 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    mesh = [replace(each, inputs=inputs.at(each.times)) for each in meshes([trial], _POINTS)]
+    mesh = [replace(each, inputs=inputs.at(each.times)) for each in meshes([trial], _POINTS, len(trial))]
     model = TrajectoryModel(law.terms, law.order, mesh, observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
-        model, Estimate(tuple(interpolate([guess], _POINTS)), own), np.zeros(own.shape, dtype=np.bool_), _MODEL_ERRORS
+        model,
+        Estimate(tuple(interpolate([guess], _POINTS, len(trial))), own),
+        np.zeros(own.shape, dtype=np.bool_),
+        _MODEL_ERRORS,
     )
     if not np.isfinite(found.objective):
         raise CommonlawError(_not_finite(trial))

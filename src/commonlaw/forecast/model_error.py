@@ -93,8 +93,8 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     The guess at the states (and rates) has shape (k, D); None if the likelihood cannot be computed.
     """
     errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
-    (mesh,) = meshes([trial], _POINTS)
-    (states,) = interpolate([guess], _POINTS)
+    (mesh,) = meshes([trial], _POINTS, len(trial))
+    (states,) = interpolate([guess], _POINTS, len(trial))
     if errors.walk is None:
         unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: states.shape[1]]
     else:
@@ -128,9 +128,9 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     (n, D), NaN once it diverged.
     """
     errors = law.uncertainty.error_model
-    (mesh,) = meshes([trial], _POINTS)
+    (mesh,) = meshes([trial], _POINTS, len(trial))
     mesh = replace(mesh, inputs=inputs.at(mesh.times))
-    (between,) = interpolate([np.nan_to_num(states)], _POINTS)
+    (between,) = interpolate([np.nan_to_num(states)], _POINTS, len(trial))
     latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
     steps = latent.along(mesh) if latent.width else None
     width = states.shape[1]

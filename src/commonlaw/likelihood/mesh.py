@@ -57,7 +57,7 @@ class Mesh:
         return np.isfinite(self.measured)
 
 
-def meshes(trials: Sequence[Trial], points: int = 1) -> list[Mesh]:
+def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS) -> list[Mesh]:
     """Return the meshes of an object's trials.
 
     Parameters
@@ -66,31 +66,33 @@ def meshes(trials: Sequence[Trial], points: int = 1) -> list[Mesh]:
         Of one object, none of them with fewer than two samples.
     points
         Points for each step from sample to sample: 1 for the samples alone, 2 for one more between any two, ...
+    most
+        Samples of a mesh; longer trials are cut into segments.
     """
     return [
         _mesh([(trials[i], segment) for i, segment in group], points)
-        for group in _groups([len(each) for each in trials])
+        for group in _groups([len(each) for each in trials], most)
     ]
 
 
-def interpolate(values: Sequence[Floats], points: int = 1) -> list[Floats]:
+def interpolate(values: Sequence[Floats], points: int = 1, most: int = _POINTS) -> list[Floats]:
     """Return values at the samples of trials, each of shape (samples, columns), on the meshes of these trials.
 
     Between samples they lie on straight lines.
     """
-    groups = _groups([len(each) for each in values])
+    groups = _groups([len(each) for each in values], most)
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 
 
-def _groups(lengths: Sequence[int]) -> Iterator[list[tuple[int, slice]]]:
+def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice]]]:
     """Yield trials, by their index, in groups of at most so many samples; long trials are cut into even segments."""
     group: list[tuple[int, slice]] = []
     size = 0
     for index, length in enumerate(lengths):
-        count = -(-length // _POINTS)
+        count = -(-length // most)
         cuts = [length * i // count for i in range(count + 1)]
         for start, stop in pairwise(cuts):
-            if group and size + stop - start > _POINTS:
+            if group and size + stop - start > most:
                 yield group
                 group, size = [], 0
             group.append((index, slice(start, stop)))
