@@ -103,8 +103,10 @@ def text(r: random.Random) -> Case:
 
 
 def parquet(r: random.Random) -> Case:
-    """Parquet files with odd columns and odd words of themselves; half of them damaged."""
+    """Parquet files with odd columns and odd words of themselves; half of them damaged, and some as they should be."""
     frame = pd.DataFrame(drops(r), columns=["ball", "drop", "t", "height"])
+    if r.random() < 0.2:
+        return Case((*CHECK, "--json"), {"drops.csv": frame.to_parquet()}, samples=len(frame))
     for name in r.sample(list(frame), r.randrange(3)):
         frame[name] = [r.choice([value, None, str(value)]) for value in frame[name].map(str)]
     roles = {name: r.choice([*WORDS, ["height"], None, 5, {}]) for name in ("time", "states", "properties", "trial")}
@@ -117,15 +119,17 @@ def parquet(r: random.Random) -> Case:
 
 
 def workbook(r: random.Random) -> Case:
-    """Workbooks with odd cells; half of them damaged."""
-    book = openpyxl.Workbook()
-    for row in [["ball", "drop", "t", "height"], *drops(r)]:
+    """Workbooks with odd cells; half of them damaged, and some as they should be."""
+    book, rows, whole = openpyxl.Workbook(), drops(r), r.random() < 0.2
+    for row in [["ball", "drop", "t", "height"], *rows]:
         book.active.append(row)
-    for _ in range(r.randrange(4)):
+    for _ in range(0 if whole else r.randrange(4)):
         value = r.choice([5, "text", True, "=1/0", "#N/A", 1e308, "a" * 1000])
         book.active.cell(r.choice([1, 2, 5, 70_000, 1_048_576]), r.choice([1, 3, 9, 16_384])).value = value
     written = io.BytesIO()
     book.save(written)
+    if whole:
+        return Case((*CHECK, "--json"), {"drops.csv": written.getvalue()}, samples=len(rows))
     return Case(CHECK, {"drops.csv": half(r, written.getvalue())})
 
 

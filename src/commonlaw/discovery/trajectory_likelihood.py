@@ -79,7 +79,7 @@ class TrajectoryLikelihood(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
         schema, terms = trials.schema, structure.terms(trials.schema)
-        _announce(trials, len(terms))
+        _check_effort(trials, len(terms))
         known = structure.known_coefficients(schema, trials.objects)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
         found = search_supports(
@@ -108,7 +108,7 @@ class TrajectoryLikelihood(AbstractMethod):
         )
 
 
-def _announce(trials: Trials, terms: int) -> None:
+def _check_effort(trials: Trials, terms: int) -> None:
     """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
     objects, samples = len(trials.objects), sum(map(len, trials))
     what = f"the trajectory likelihood of {len(trials)} trials of {objects} objects with {terms} terms"
