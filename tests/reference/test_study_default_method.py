@@ -93,7 +93,7 @@ def test_the_papers_models_have_the_errors_of_the_part_on_prediction(drops, resu
 def test_the_median_errors_to_a_centimetre(results):
     medians = results["forecasts"]["medians"]
     assert {name: round(each["both"], 2) for name, each in medians["paper_rule"].items()} == {
-        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.24, "default, cubic": 1.17,
+        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.24, "default, cubic": 1.24,
     }  # fmt: skip
     assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
         "2": 0.72, "default": 0.92,
