@@ -11,7 +11,16 @@ from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import PATH, CovarianceKind, finish, known_noise, search_supports, with_best_forecast
+from commonlaw.inference import (
+    PATH,
+    CovarianceKind,
+    ErrorKind,
+    finish,
+    known_noise,
+    objection,
+    search_supports,
+    with_error_models,
+)
 from commonlaw.law import Law, Provenance
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
@@ -91,13 +100,14 @@ class TrajectoryLikelihood(AbstractMethod):
             huber_threshold=self.huber_threshold,
             progress=progress,
         )
-        if found.state.has_model_error:
-            progress("the measurements depart from every law of this library: comparing free forecasts")
+        odd = objection(found)
+        if odd:
+            progress(f"{odd}: comparing errors")
             try:
                 other = DerivativeRegression().find(trials, structure, progress).support
             except CommonlawError:
                 other = None
-            found = with_best_forecast(found, other)
+            found = with_error_models(found, other, get_args(ErrorKind), progress)
         return finish(
             found,
             covariance=self.covariance,

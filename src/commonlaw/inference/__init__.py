@@ -2,7 +2,8 @@
 
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
-from commonlaw.inference.law_search import PATH, LawSearch, finish, search_supports, with_best_forecast
+from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
@@ -12,13 +13,15 @@ __all__ = [
     "HUBER_THRESHOLD",
     "PATH",
     "CovarianceKind",
+    "ErrorKind",
     "LawSearch",
     "compare",
     "finish",
     "fit_supports",
     "known_noise",
+    "objection",
     "prepare",
     "refine",
     "search_supports",
-    "with_best_forecast",
+    "with_error_models",
 ]

@@ -1,6 +1,7 @@
 """How sure coefficients are."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.law import Law
 from commonlaw.likelihood import linearize, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
@@ -21,6 +23,27 @@ _RESAMPLES = 500
 
 _UNTOLD = 1e-12
 """Directions of columns of unit norm that are smaller say nothing."""
+
+
+def fitted_law(
+    law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind = "likelihood", seed: int = 0
+) -> Law:
+    """Return the law with the coefficients of a state, their covariance, and the errors of measurements and law."""
+    errors = problem.errors
+    if state.has_model_error:
+        step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
+        errors = replace(errors, walk=state.model_error * problem.models[0].unit / np.sqrt(step))
+    return replace(
+        law,
+        coefficients=np.array([each.coefficients for each in state.estimates]),
+        uncertainty=replace(
+            law.uncertainty,
+            covariance=covariances(problem, state, covariance, seed),
+            shared_factor=None,
+            noise=problem.noise,
+            error_model=errors,
+        ),
+    )
 
 
 def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind, seed: int) -> Floats:

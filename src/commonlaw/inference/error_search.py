@@ -1,6 +1,6 @@
 """The errors of measurements and of the law, estimated with it: the levels of each kind by their largest evidence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Literal
@@ -10,15 +10,18 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference.evidence import minus_twice_log_evidence
 from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
-from commonlaw.inference.search_problem import FLOOR, SearchProblem
+from commonlaw.inference.search_problem import FLOOR, SearchProblem, spread
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
 """White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
 random walk, or with a smooth force."""
 
-_ROUNDS = 2
-"""How often levels, and the states and coefficients under them, are found in turn."""
+_OBJECTS = 12
+"""Levels are found on so many objects, evenly spread: they are those of all, and what they are is soon told."""
+
+_ACCURACY = 0.02
+"""Of twice the log-evidence, to which levels are found."""
 
 _SMALLEST = 1e-4
 """Shares, and forces relative to the rates of the states, that count as none."""
@@ -32,30 +35,33 @@ def with_errors_of_kind(
 ) -> tuple[SearchProblem, SearchState]:
     """Return the problem with errors of a kind, and the state fitted under them with the supports that it has.
 
-    Levels, and times, are those of largest evidence with the likelihood linearised about the state (empirical Bayes);
-    both are found in turn.
+    Levels, and times, are those of largest evidence with the likelihood linearised about the state (empirical Bayes).
 
     Raises
     ------
     NotPositiveError
         If the likelihood cannot be computed.
     """
-    from scipy.optimize import minimize
+    from scipy.optimize import Bounds, minimize
 
     levels = _Levels(problem, kind)
-    found = None
-    for _ in range(_ROUNDS):
-        about = state
+    few = spread(len(problem.models), _OBJECTS)
+    some, about = problem.of_objects(few), replace(state, estimates=tuple(state.estimates[i] for i in few))
 
-        def value(logs: Floats, about: SearchState = about) -> float:
-            return _value(levels.problem(logs), about, levels.model_error(logs))
+    def value(logs: Floats) -> float:
+        return _value(levels.problem(logs, some), about, levels.model_error(logs))
 
-        start = min(levels.starts if found is None else [found], key=value)
-        bounds = list(zip(*levels.bounds, strict=True))
-        found = minimize(value, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30, "ftol": 1e-7}).x
-        changed = levels.problem(found)
-        state, _ = fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))
-    return changed, state
+    starts = [(value(each), i) for i, each in enumerate(levels.starts)]
+    best, index = min(starts)
+    found = minimize(
+        value,
+        levels.starts[index],
+        method="L-BFGS-B",
+        bounds=Bounds(*levels.bounds),
+        options={"ftol": _ACCURACY / max(abs(best), 1.0), "maxiter": 30},
+    ).x
+    changed = levels.problem(found, problem)
+    return changed, fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +71,8 @@ class _Levels:
     before: SearchProblem
     kind: ErrorKind
 
-    def problem(self, logs: Floats) -> SearchProblem:
-        """Return the problem with these levels."""
+    def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
+        """Return a problem with these levels."""
         d, kind, values = len(self.before.noise), self.kind, np.exp(logs)
         errors = ErrorModel()
         if kind == "proportional":
@@ -75,7 +81,7 @@ class _Levels:
             errors = ErrorModel(correlated=values[d:-1], memory=float(values[-1]))
         elif kind == "force":
             errors = ErrorModel(force=values[d:-1], force_time=float(values[-1]))
-        return self.before.with_errors(values[:d], errors, "by the largest evidence, together with the law")
+        return before.with_errors(values[:d], errors, "by the largest evidence, together with the law")
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""

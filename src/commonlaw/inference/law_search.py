@@ -3,36 +3,28 @@
 Each step returns what the next one takes.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
-from commonlaw.inference.covariance import CovarianceKind, covariances
+from commonlaw.inference.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.error_choice import best_errors, candidates, chosen, runs_away
+from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.hypotheses import OF_LAWS, OF_MEASUREMENTS, Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
-from commonlaw.inference.search import SearchState, fit_solutions, fit_supports, nearest, neighbours, polish, search
+from commonlaw.inference.residuals import unexplained
+from commonlaw.inference.search import SearchState, neighbours, polish, search
 from commonlaw.inference.search_problem import SearchProblem, prepare
-from commonlaw.law import Law, Uncertainty
+from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback
-from commonlaw.selection import free_forecast_error
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
-
-_SHARE = 0.65
-"""Share of each trial's samples that laws are fitted to before they forecast the rest."""
-
-_TOLERANCE = 0.1
-"""Errors that are larger than the least by this share count as equal: one split of the trials knows no better."""
-
-_Fit = Callable[[SearchProblem, Bools], tuple[SearchProblem, SearchState]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,53 +96,61 @@ def search_supports(
     return LawSearch(frame, problem, found[0], solver, found)
 
 
-def with_best_forecast(search: LawSearch, other: Bools | None) -> LawSearch:
-    """Return a search with the supports, and the way of fitting them, that forecast best.
+def objection(found: LawSearch) -> str:
+    """Return what speaks against the law that was found, with white noise, in words; nothing if nothing does."""
+    odd = unexplained(found.problem, found.state)
+    if not odd and runs_away(found.frame, found.problem, found.state):
+        odd = "forecasts of the trials that the law was learned from diverge"
+    return odd
 
-    For measurements that follow no law of the library: there evidence is gathered by terms that explain the model
-    error. All supports that were found, those next to the best, and other ones, shape (equations, terms), are fitted to
-    the first part of every trial, so that trajectories are solutions of the law and noise holds what they leave, and
-    with a model error; they are forecast freely over the rest. Of those near the least error the fewest terms are
-    taken, and fitted to everything. Where nothing can be forecast, the other supports are taken.
+
+def with_error_models(
+    found: LawSearch, other: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
+) -> LawSearch:
+    """Return a search with the law and the errors that are chosen where white noise does not explain the measurements.
+
+    Parameters
+    ----------
+    found
+        By `search_supports`.
+    other
+        Supports that are compared too, shape (equations, terms).
+    kinds
+        Of errors that are compared.
+    progress
+        Takes what is being done.
 
     Raises
     ------
     CommonlawError
         If the likelihood cannot be computed.
     """
-    others = [] if other is None else [other & search.problem.allowed]
-    listed = [*(each.supports for each in search.found), *nearest(search.problem, search.state), *others]
-    compared = tuple(each for each in _forecasts(search, listed) if np.isfinite(each[0]))
-    bound = (1 + _TOLERANCE) * min((error for error, *_ in compared), default=0.0)
-    for _, supports, fit in sorted(compared, key=lambda each: (each[0] > bound, each[1].sum(), each[0])):
-        with suppress(CommonlawError):
-            problem, state = fit(search.problem, supports)
-            return replace(
-                search, problem=problem, state=replace(state, forecasts=tuple(each[:2] for each in compared))
-            )
-    return replace(search, state=fit_supports(search.problem, others[0])) if others else search
+    hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, progress)
+    others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
+    progress("comparing free forecasts")
+    compared = candidates(found.frame, found.problem, _ways(hypothesized), others, found.solver)
+    if not compared:
+        return found
+    best, exact = chosen(compared)
+    if not exact:
+        progress("comparing errors of the law that is chosen")
+        best = best_errors(found.frame, found.problem, best.state.supports, kinds) or best
+    widening = 1.0 if best.forecast is None else best.forecast.widening
+    problem = best.problem.with_errors(
+        best.problem.noise, replace(best.problem.errors, widening=widening), best.problem.noise_reason
+    )
+    forecasts = tuple((each.forecast.score, each.state.supports) for each in compared if each.forecast)
+    state = replace(best.state, forecasts=forecasts, by_evidence=exact)
+    return replace(found, problem=problem, state=state)
 
 
-def _forecasts(search: LawSearch, listed: Sequence[Bools]) -> Iterator[tuple[float, Bools, _Fit]]:
-    """Yield the error of free forecasts by supports that are fitted in each way to the first part of every trial."""
-    problem, frame, trials = search.problem, search.frame, search.problem.trials
-    first = trials.with_trials([trial.cut(int(np.ceil(_SHARE * len(trial)))) for trial in trials])
-    threshold = problem.models[0].observation.huber_threshold
-    try:
-        part = prepare(first, frame.terms, frame.order, problem.known, noise=problem.noise, huber_threshold=threshold)
-    except CommonlawError:
-        return
-    while part.points < problem.points:
-        part = part.finer()
-    ways: tuple[_Fit, ...] = fit_solutions, lambda given, supports: (given, fit_supports(given, supports))
-    for supports, fit in product({each.tobytes(): each for each in listed}.values(), ways):
-        try:
-            own, state = fit(part, supports)
-        except CommonlawError:
-            continue
-        coefficients = np.array([each.coefficients for each in state.estimates])
-        law = replace(frame, coefficients=coefficients, uncertainty=Uncertainty(noise=own.noise))
-        yield free_forecast_error(law, trials, first), supports, fit
+def _ways(found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return what is worth a comparison: white noise, and the best other errors of measurements and of the law."""
+    ways = []
+    for group in (("white",), [each for each in OF_MEASUREMENTS if each != "white"], OF_LAWS):
+        own = [each for each in found if each.kind in group]
+        ways += own[:1]
+    return ways
 
 
 def finish(
@@ -205,17 +205,3 @@ def finish(
         ),
     )
     return law.partial_pooling(universal, partial_pooling)
-
-
-def fitted_law(law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind, seed: int) -> Law:
-    """Return the law with the coefficients of a state, their covariance, and the noise."""
-    return replace(
-        law,
-        coefficients=np.array([each.coefficients for each in state.estimates]),
-        uncertainty=replace(
-            law.uncertainty,
-            covariance=covariances(problem, state, covariance, seed),
-            shared_factor=None,
-            noise=problem.noise,
-        ),
-    )

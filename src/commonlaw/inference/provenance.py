@@ -50,15 +50,13 @@ def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
 def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that these trials gave."""
     found = []
-    if state.has_model_error or state.forecasts:
-        way = "free forecasts" if state.forecasts else "derivatives on segments held out"
-        error = f"in each step {state.model_error:g} times the noise" if state.has_model_error else "part of the noise"
+    if not state.by_evidence:
         found.append(
             Outcome(
                 OutcomeKind.MODEL_ERROR,
                 "",
-                "the measurements depart from every law of this library by more than their noise; terms were chosen by "
-                f"{way}, and the law has a model error, {error}",
+                "the measurements depart from every law of this library by more than errors of measurement; of the "
+                "laws that forecast held-out stretches as well as any, that of largest evidence was taken",
                 "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
                 "summary",
             )
@@ -103,11 +101,9 @@ def history(
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         chosen = next(each.support for each in listed if each.chosen)
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
-        held_out = "the fewest within one standard error, on trials held out"
-        reason = held_out if state.has_model_error else _why(law, listed)
-        if state.forecasts:
-            least = min(error for error, _ in state.forecasts)
-            reason = f"the fewest near the least error of free forecasts, {least:.3g} standard deviations"
+        least = min((score for score, _ in state.forecasts), default=np.nan)
+        forecast = f"largest evidence of those that forecast as well as the best, to {least:.3g} standard deviations"
+        reason = _why(law, listed) if state.by_evidence else forecast
         steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
     return (*steps, *fit_steps(problem, state))
 
@@ -122,19 +118,36 @@ def noise_step(problem: SearchProblem) -> Step:
     return Step("noise", ", ".join(levels), problem.noise_reason)
 
 
-def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, Step]:
-    """Return whether the law has a model error, how the coefficients were found, and what the trajectories leave."""
-    error = Step("model error", "none", "the trajectories are solutions of the law, up to the noise")
-    if state.forecasts:
-        error = Step("model error", "none", "forecasts are better if the noise holds what the law leaves")
+def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
+    """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
+    schema = problem.trials.schema
+    why = "by the largest evidence, together with the law"
+    names, errors = schema.states, problem.errors
+    time = f" {schema.units.get(schema.time, '')}".rstrip()
+    found = []
+    if errors.proportional is not None:
+        shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
+        found.append(Step("noise in proportion", ", ".join(shares), why))
+    if errors.correlated is not None:
+        levels = (f"{name}: {each:.3g}" for name, each in zip(names, errors.correlated, strict=True))
+        found.append(Step("errors with a memory", f"{', '.join(levels)}; of {errors.memory:.3g}{time}", why))
+    error = Step("model error", "none", "the trajectories are solutions of the law, up to errors of measurement")
+    if errors.force is not None:
+        levels = (f"{name}: {each:.3g}" for name, each in zip(names, errors.force, strict=True))
+        text = f"a smooth force on {', '.join(levels)}; over {errors.force_time:.3g}{time}"
+        error = Step("model error", text, why)
     if state.has_model_error:
-        text = f"a random walk, in each step {state.model_error:g} times the noise"
-        error = Step("model error", text, "the measurements depart from the law by more than their noise")
+        text = f"a random walk, in each step {state.model_error:.3g} times the noise"
+        error = Step("model error", text, why)
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
-    return error, Step(
-        "coefficients",
-        f"maximum likelihood of {len(problem.trials)} trajectories",
-        f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
+    return (
+        *found,
+        error,
+        Step(
+            "coefficients",
+            f"maximum likelihood of {len(problem.trials)} trajectories",
+            f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
+        ),
     )
 
 

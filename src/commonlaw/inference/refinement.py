@@ -8,8 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.covariance import CovarianceKind
-from commonlaw.inference.law_search import fitted_law
+from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import fit_steps, noise_step
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports

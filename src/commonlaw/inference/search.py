@@ -6,7 +6,7 @@ the measurements follow a law of the library, the smallest model error wins; whe
 negligible, a random walk that pushes the states off their course (weak constraint; Evensen 2009, chapter 7).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -48,7 +48,8 @@ class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
-    log-evidence, but for a constant. If free forecasts decided, their errors are kept with all supports.
+    log-evidence, but for a constant. Scores of free forecasts are kept with all supports that were compared, and
+    whether evidence decided nevertheless.
     """
 
     supports: Bools
@@ -56,6 +57,7 @@ class SearchState:
     model_error: float
     value: float
     forecasts: tuple[tuple[float, Bools], ...] = ()
+    by_evidence: bool = True
 
     @property
     def has_model_error(self) -> bool:
@@ -108,6 +110,17 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     return _sorted(_anneal(problem, supports, model_errors))[0]
 
 
+def fit_with(problem: SearchProblem, supports: Bools, model_errors: Sequence[float]) -> SearchState:
+    """Return the estimates with these supports at the last of several model errors, from large to small.
+
+    Raises
+    ------
+    CommonlawError
+        If the likelihood cannot be computed there.
+    """
+    return _sorted(_anneal(problem, supports, model_errors)[len(model_errors) - 1 :])[0]
+
+
 def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
     """Return the estimates with these supports and no model error, see `fit_supports`, and the noise that this takes.
 
@@ -134,6 +147,16 @@ def nearest(problem: SearchProblem, state: SearchState, count: int = 4, below: f
         for each in listed[:count]
         if each.twice_log_bayes_factor < below
     ]
+
+
+def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> Iterator[Bools]:
+    """Yield the supports from no term to many that a solver lists for each equation, the others being as found."""
+    evidence = _evidence(problem, state.estimates, state.model_error)
+    for j in range(len(state.supports)):
+        for own in evidence.path(state.supports, j, solver):
+            changed = state.supports.copy()
+            changed[j] = own
+            yield changed
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
@@ -187,6 +210,12 @@ def _sorted(found: Sequence[SearchState]) -> list[SearchState]:
             "for this library; try fewer terms, or choose them by derivative regression"
         )
     return sorted(found, key=lambda each: each.value)
+
+
+def evidence_of(problem: SearchProblem, state: SearchState, listed: Sequence[Bools]) -> list[float]:
+    """Return minus twice the log-evidence of supports, by the likelihood linearised about a state."""
+    evidence = _evidence(problem, state.estimates, state.model_error)
+    return [evidence.value(each) for each in listed]
 
 
 def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:

@@ -17,6 +17,7 @@ from commonlaw.likelihood import (
     NO_ERRORS,
     ErrorModel,
     Estimate,
+    Mesh,
     ObservationModel,
     TrajectoryModel,
     interpolate,
@@ -39,7 +40,8 @@ class SearchProblem:
 
     The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
     are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
-    measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects.
+    measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
+    `first_noise` is that before any law.
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step.
     """
@@ -52,6 +54,7 @@ class SearchProblem:
     noise: Floats
     noise_reason: str
     known: Floats
+    first_noise: Floats
     points: int = 1
     errors: ErrorModel = NO_ERRORS
 
@@ -73,6 +76,20 @@ class SearchProblem:
         shared = sum(self.measured) // SAMPLES_FOR_A_TERM
         return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
+    def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
+        """Return the problem of some of the objects alone, with the same errors."""
+        names = [self.trials.objects[i] for i in indices]
+        trials = self.trials.with_trials([each for each in self.trials if each.object in names])
+        return replace(
+            self,
+            trials=trials,
+            models=tuple(self.models[i] for i in indices),
+            starts=tuple(self.starts[i] for i in indices),
+            smoothed=tuple(self.smoothed[i] for i in indices),
+            measured=tuple(self.measured[i] for i in indices),
+            known=self.known[indices],
+        )
+
     def noisier(self, factor: float) -> "SearchProblem":
         """Return the same problem with the noise of every state times a factor, for what solutions of a law leave."""
         reason = f"{self.noise_reason}, times {factor:.3g} for what the law leaves"
@@ -84,9 +101,9 @@ class SearchProblem:
         models, starts = [], []
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(each[:, : model.width] for each in start.states)
+            pairs = zip(model.meshes, states, strict=True)
             meshes = [
-                replace(mesh, scale=errors.scale(own[:, : model.equations], noise))
-                for mesh, own in zip(model.meshes, states, strict=True)
+                replace(mesh, scale=self._scale(mesh, own[:, : len(noise)], noise, errors)) for mesh, own in pairs
             ]
             observation = replace(model.observation, noise=noise)
             own = replace(model, meshes=meshes, observation=observation)
@@ -96,6 +113,22 @@ class SearchProblem:
         return replace(
             self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
         )
+
+    def _scale(self, mesh: Mesh, states: Floats, noise: Floats, errors: ErrorModel) -> Floats | float:
+        """Return the standard deviations of measurements relative to the noise, shape (n, d).
+
+        States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
+        """
+        scale = errors.scale(states, noise)
+        return np.where(mesh.still, self.first_noise / noise, scale) if mesh.still.any() else scale
+
+    def with_errors_of(self, other: "SearchProblem") -> "SearchProblem":
+        """Return the same problem with the errors of another, and on as fine a mesh."""
+        finer = self
+        while finer.points < other.points:
+            finer = finer.finer()
+        models = tuple(replace(each, unit=other.models[0].unit) for each in finer.models)
+        return replace(finer, models=models).with_errors(other.noise, other.errors, other.noise_reason)
 
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""
@@ -171,7 +204,12 @@ def prepare(
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known)
+    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels)
+
+
+def spread(count: int, most: int) -> list[int]:
+    """Return the indices of at most so many of a number of things, evenly spread."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
 def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:

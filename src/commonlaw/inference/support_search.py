@@ -74,6 +74,11 @@ class SupportEvidence:
         evidence = self.offset + minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
         return evidence + sum(_price(each, self.prices) for each in supports)
 
+    def path(self, supports: Bools, equation: int, solver: AbstractSolver) -> list[Bools]:
+        """Return the supports that a solver lists for one equation, each of shape (terms,), the others' being given."""
+        listed = _path(self._alone(supports, equation), self.allowed[equation], solver)
+        return [each for each in listed if each.sum() <= self.most]
+
     def neighbours(self, supports: Bools, others: Sequence[tuple[float, Bools]] = ()) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
@@ -100,7 +105,7 @@ class SupportEvidence:
         """Return the support of one equation, the others' being given."""
         problems = self._alone(supports, equation)
         evidence, allowed = _EquationEvidence.of(problems, self.measured, self.prices), self.allowed[equation]
-        listed = [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
+        listed = _path(problems, allowed, solver)
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
@@ -172,6 +177,10 @@ class _EquationEvidence:
 def _price(support: Bools, prices: Floats) -> float:
     """Return what it costs to say a support of one equation: how many of all terms, and what each is written with."""
     return 2 * log_choices(len(support), int(support.sum())) + float(prices[support].sum())
+
+
+def _path(problems: Sequence[LeastSquaresProblem], allowed: Bools, solver: AbstractSolver) -> list[Bools]:
+    return [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
 
 
 def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:

@@ -135,7 +135,7 @@ class Forecast:
             )
         if measured and self.noise is None:
             raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
-        width, factor = len(self.trials.schema.states), normal_quantile(level)
+        width, factor = len(self.trials.schema.states), normal_quantile(level) * self.error_model.widening
         if not measured or self.noise is None:
             return tuple(factor * each[:, :width] for each in self.std)
         pairs, noise = zip(self.std, self._states(), strict=True), self.noise

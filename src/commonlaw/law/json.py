@@ -39,6 +39,7 @@ class _Errors(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_def
     force: list[float] | None = None
     force_time: float | None = None
     walk: list[float] | None = None
+    widening: float | None = None
 
 
 class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

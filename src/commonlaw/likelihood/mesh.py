@@ -38,6 +38,13 @@ class Mesh:
     contiguous: Bools
     scale: Floats | float = 1.0
 
+    @property
+    def still(self) -> Bools:
+        """Which measurements are of a state that is the same throughout its segment, shape (n, d)."""
+        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
+        same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
+        return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
+
     def __len__(self) -> int:
         return len(self.times)
 

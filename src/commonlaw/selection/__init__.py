@@ -2,7 +2,7 @@
 
 from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic, log_choices
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold, ProblemGroups, ResidualError, make_folds
-from commonlaw.selection.forecasts import ForecastError, free_forecast_error
+from commonlaw.selection.forecasts import ForecastError, FreeForecast, free_forecast
 from commonlaw.selection.laws import chosen_law, fitted_law, ill_conditions
 from commonlaw.selection.rules import RULES, ScoredCandidate, Selection, choose
 from commonlaw.selection.selecting import SEGMENTS, Accuracy, select
@@ -17,6 +17,7 @@ __all__ = [
     "FitStatistics",
     "Fold",
     "ForecastError",
+    "FreeForecast",
     "ProblemGroups",
     "ResidualError",
     "ScoredCandidate",
@@ -29,7 +30,7 @@ __all__ = [
     "chosen_law",
     "ebic",
     "fitted_law",
-    "free_forecast_error",
+    "free_forecast",
     "ill_conditions",
     "log_choices",
     "make_folds",

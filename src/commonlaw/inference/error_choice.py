@@ -1,0 +1,167 @@
+"""Which law, and which errors, where white noise does not explain the measurements."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.covariance import fitted_law
+from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
+from commonlaw.inference.hypotheses import OF_MEASUREMENTS, Hypothesis
+from commonlaw.inference.search import SearchState, evidence_of, fit_solutions
+from commonlaw.inference.search_problem import SearchProblem, prepare, spread
+from commonlaw.law import Law
+from commonlaw.likelihood import NotPositiveError
+from commonlaw.selection import FreeForecast, free_forecast
+from commonlaw.solvers import AbstractSolver
+
+_SHARE = 0.65
+"""Share of each trial's samples that laws are fitted to before they forecast the rest."""
+
+_HELD = 0.85
+"""Share of the measurements that 95 % intervals of forecasts hold at least, if the errors are what they seem."""
+
+_SHORT = 30
+"""Trials of fewer samples are short."""
+
+_TOLD = 3
+"""Samples that tell a start, at least."""
+
+_OBJECTS = 20
+"""Objects that are forecast at most, evenly spread."""
+
+_FORECAST = 3
+"""Supports of largest evidence that are forecast under each kind of errors, besides the best of each size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Supports under a kind of errors, fitted to all trials; and how the law fitted to their first parts forecasts."""
+
+    hypothesis: Hypothesis
+    problem: SearchProblem
+    state: SearchState
+    forecast: FreeForecast | None = None
+
+
+def candidates(
+    frame: Law,
+    problem: SearchProblem,
+    found: Sequence[Hypothesis],
+    others: Sequence[Bools],
+    solver: AbstractSolver,
+) -> list[Candidate]:
+    """Return all supports that were found under any kind of errors, under each: those of largest evidence, forecast."""
+    pool = {each.tobytes(): each for own in found for each in own.pool(solver)} | {
+        each.tobytes(): each for each in others
+    }
+    first = _first_parts(frame, problem)
+    compared = []
+    for hypothesis in found:
+        for supports in _forecast_supports(hypothesis, list(pool.values())):
+            with suppress(CommonlawError, NotPositiveError):
+                fitted = Candidate(hypothesis, *hypothesis.fit(hypothesis.problem, supports))
+                if not runs_away(frame, fitted.problem, fitted.state):
+                    compared.append(fitted if first is None else _with_forecast(frame, fitted, first))
+    return compared
+
+
+def _forecast_supports(hypothesis: Hypothesis, pool: Sequence[Bools]) -> list[Bools]:
+    """Return the supports of largest evidence under a kind of errors, and those of each number of terms."""
+    values = evidence_of(hypothesis.problem, hypothesis.state, pool)
+    listed = [pool[i] for i in np.argsort(values)]
+    sizes = [int(each.sum()) for each in listed]
+    first = {sizes.index(size) for size in set(sizes) if size <= hypothesis.state.supports.sum() + 1}
+    return [each for i, each in enumerate(listed) if i < _FORECAST or i in first]
+
+
+def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
+    """Return the candidate that is chosen, and whether it passes its own check.
+
+    Of those whose 95 % intervals hold the measurements that they forecast, the one of largest evidence passes, if
+    errors of the measurements explain what it leaves. If none does, no law of the library is exact, and the shortest
+    description is taken of those whose score is within one standard error of the best. Where nothing could be forecast,
+    evidence decides alone.
+    """
+    by_evidence = sorted(compared, key=lambda each: each.state.value)
+    forecasts = {id(each): each.forecast for each in by_evidence if each.forecast is not None}
+    if not forecasts:
+        return by_evidence[0], True
+    holding = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].inside >= _HELD]
+    if holding and holding[0].hypothesis.kind in OF_MEASUREMENTS:
+        return holding[0], True
+    best = min(forecasts.values(), key=lambda each: each.score)
+    good = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].as_good_as(best)]
+    return min(good, key=lambda each: (_description(each), forecasts[id(each)].score)), False
+
+
+def best_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> Candidate | None:
+    """Return supports with levels of their own, under the kind of errors by which they forecast best; None if none."""
+    first, compared = _first_parts(frame, problem), []
+    for kind in kinds:
+        with suppress(CommonlawError, NotPositiveError):
+            own, state = with_errors_of_kind(problem, fit_solutions(problem, supports)[1], kind)
+            hypothesis = Hypothesis(kind, own, state, ())
+            candidate = Candidate(hypothesis, *hypothesis.fit(own, supports))
+            if first is not None and not runs_away(frame, candidate.problem, candidate.state):
+                compared.append(_with_forecast(frame, candidate, first))
+    return min((each for each in compared if each.forecast), key=_score, default=None)
+
+
+def _score(candidate: Candidate) -> float:
+    return np.inf if candidate.forecast is None else candidate.forecast.score
+
+
+def _description(candidate: Candidate) -> int:
+    """Return how long a law is: its terms, and their factors."""
+    return int((candidate.state.supports * (1 + candidate.problem.models[0].terms.complexities)).sum())
+
+
+def runs_away(frame: Law, problem: SearchProblem, state: SearchState) -> bool:
+    """Whether a forecast of a trial that the law was learned from diverges.
+
+    Few samples tell little, so that short trials are continued for as long again, from their first third.
+    """
+    few = spread(len(problem.models), _OBJECTS)
+    problem, state = problem.of_objects(few), replace(state, estimates=tuple(state.estimates[i] for i in few))
+    law = replace(
+        frame,
+        objects=problem.trials.objects,
+        coefficients=np.array([each.coefficients for each in state.estimates]),
+        uncertainty=replace(frame.uncertainty, noise=problem.noise),
+    )
+    shortest = min(map(len, problem.trials))
+    ahead: dict[str, Any] = {}
+    if shortest < _SHORT:
+        last = max(2 * trial.times[-1] - trial.times[0] for trial in problem.trials)
+        ahead = {"start": max(_TOLD, int(np.ceil((1 - _SHARE) * shortest))), "times": [last]}
+    try:
+        return bool(law.predict(problem.trials, tolerance=1e-6, **ahead).outcomes)
+    except CommonlawError:
+        return True
+
+
+def _first_parts(frame: Law, problem: SearchProblem) -> SearchProblem | None:
+    """Return the problem of the first part of every trial, None if these are too short to find anything."""
+    cut = [trial.cut(int(np.ceil(_SHARE * len(trial)))) for trial in problem.trials]
+    threshold = problem.models[0].observation.huber_threshold
+    with suppress(CommonlawError):
+        trials, noise = problem.trials.with_trials(cut), problem.first_noise
+        part = prepare(trials, frame.terms, frame.order, problem.known, noise=noise, huber_threshold=threshold)
+        return part.of_objects(spread(len(part.models), _OBJECTS))
+    return None
+
+
+def _with_forecast(frame: Law, candidate: Candidate, first: SearchProblem) -> Candidate:
+    """Return a candidate with the forecasts by the law that is fitted to the first parts of all trials."""
+    with suppress(CommonlawError, NotPositiveError):
+        part = first.with_errors_of(candidate.problem)
+        frame = replace(frame, objects=part.trials.objects, coefficients=np.nan_to_num(part.known))
+        law = fitted_law(frame, *candidate.hypothesis.fit(part, candidate.state.supports))
+        whole = [each for each in candidate.problem.trials if each.object in part.trials.objects]
+        return replace(candidate, forecast=free_forecast(law, part.trials.with_trials(whole), part.trials))
+    return candidate

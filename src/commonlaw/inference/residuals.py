@@ -1,0 +1,78 @@
+"""Whether white noise of the estimated level explains what a law leaves of the measurements."""
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.inference.search import SearchState
+from commonlaw.inference.search_problem import FLOOR, SearchProblem
+
+_GAIN = 10.0
+"""What another error must gain in twice the log-likelihood, beside its price: very strong evidence (Kass and Raftery
+1995). Only then is the law sought again with it; a level that is off costs its price alone."""
+
+_LEVEL = 1.25
+"""By which factor the noise may be off before it matters."""
+
+_OUTLIER = 4.0
+"""Larger residuals count as this many standard deviations."""
+
+_SHARES = np.geomspace(0.03, 300.0, 25)
+"""Noise in proportion to a state, relative to the constant part, at the state's root mean square."""
+
+
+def unexplained(problem: SearchProblem, state: SearchState) -> str:
+    """Return what speaks against white noise of the estimated level, in words; nothing if that explains the residuals.
+
+    A model error does; and residuals that are larger or smaller than the noise, that grow with the state, or that
+    remember each other, each by the gain in likelihood of an error that allows for it.
+    """
+    if state.has_model_error:
+        return "the measurements depart from every law of this library by more than their noise"
+    scales = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in problem.trials], axis=0))
+    found = []
+    for j, name in enumerate(problem.trials.schema.states):
+        if problem.noise[j] > 1.001 * FLOOR * scales[j]:  # Below, what is left is not of the measurements
+            found += [f"residuals of {name} {what}" for what in _of_state(problem, state, j)]
+    return "; ".join(found)
+
+
+def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
+    """Return what is odd about the residuals of one state."""
+    squares, sizes, lags, count, spent = [], [], [], 0, 0.0
+    for model, estimate in zip(problem.models, state.estimates, strict=True):
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
+            seen = (mesh.observed & ~mesh.still)[:, j]
+            standard = model.residuals(mesh, states)[seen, j] / problem.noise[j]
+            standard = np.clip(standard, -_OUTLIER, _OUTLIER)
+            squares.append(standard**2)
+            sizes.append(np.abs(states[seen, j]))
+            lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
+            count += len(standard)
+            spent += (segments[-1] + 1) * model.order
+        spent += estimate.coefficients[j].astype(bool).sum()
+    squared, free = np.concatenate(squares), max(count - spent, 1)
+    price = _GAIN + np.log(max(count, 2))
+    ratio = float(squared.sum() / free)
+    found = []
+    off = free * (ratio - 1 - np.log(ratio)) if ratio > 0 else np.inf
+    if off > np.log(max(count, 2)) and not 1 / _LEVEL < np.sqrt(ratio) < _LEVEL:
+        found.append(f"are {np.sqrt(ratio):.2g} times the noise")
+    if _growth(squared, np.concatenate(sizes)) > price:
+        found.append("grow with it")
+    pairs = np.concatenate(lags)
+    memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
+    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > price:
+        found.append("remember each other")
+    return found
+
+
+def _growth(squared: Floats, sizes: Floats) -> float:
+    """Return what noise that grows with the state gains in twice the log-likelihood, its level being free in both."""
+    relative = sizes / max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
+    variances = 1 + (_SHARES[:, np.newaxis] * relative) ** 2
+    levels = np.mean(squared / variances, axis=1)
+    if not (levels > 0).all():
+        return 0.0
+    values = len(squared) * np.log(levels) + np.sum(np.log(variances), axis=1)
+    return float(len(squared) * np.log(squared.mean()) - values.min())
