@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import PolynomialLibrary
-from commonlaw.selection import RULES, ForecastError, choose, free_forecast_error, make_folds
+from commonlaw.selection import RULES, ForecastError, choose, free_forecast, make_folds
 from commonlaw.solvers import STLSQ
 
 
@@ -146,11 +146,26 @@ def test_free_forecasts_are_scored_in_units_of_the_states_from_fitted_starts():
     trials = cl.Trials.from_arrays([times], [np.exp(-0.5 * times)], names=["x"])
     terms = PolynomialLibrary(2).bind(law_variables(trials.schema, 1))
     coefficients = np.array([[[0, -0.4, 0]]])
-    law = Law(terms, trials.schema, 1, trials.objects, coefficients, Uncertainty(noise=np.array([0.1])))
+    law = Law(terms, trials.schema, 1, trials.objects, coefficients, Uncertainty([[[0.0]]], noise=[0.1]))
     wrong, right = np.exp(-0.4 * times), np.exp(-0.5 * times)
     start = (wrong[:20] @ right[:20]) / (wrong[:20] @ wrong[:20])
-    expected = np.sqrt(np.mean((start * wrong - right)[20:] ** 2)) / right.std()
+    # The start is as uncertain as the noise, over the curve that it is fitted by
+    std = np.hypot(0.1, 0.1 / np.sqrt(wrong[:20] @ wrong[:20]) * wrong)[20:]
+    draws = np.random.default_rng(0).standard_normal((2, 200_000))
+    middle, measured = (start * wrong)[20:], right[20:]
+    crps = [
+        np.mean(np.abs(m + s * draws[0] - y)) - np.mean(np.abs(s * (draws[0] - draws[1]))) / 2
+        for m, s, y in zip(middle, std, measured, strict=True)
+    ]
     first = trials.with_trials([trials[0].cut(20)])
-    assert free_forecast_error(law, trials, first) == pytest.approx(expected, rel=1e-3)
+    found = free_forecast(law, trials, first)
+    stretches = [each.mean() / right.std() for each in np.array_split(crps, 8)]
+    np.testing.assert_allclose(found.scores, stretches, rtol=0.01)
+    np.testing.assert_allclose(found.missed, (measured - middle) / std, atol=2e-3)
+    assert found.inside == 1
+    assert found.widening == 1
+    narrow = replace(law, uncertainty=replace(law.uncertainty, noise=[0.001]))
+    missed = free_forecast(narrow, trials, first)
+    assert missed.widening == pytest.approx(np.quantile(np.abs(missed.missed), 0.95) / 1.96, rel=1e-4)
     runaway = replace(law, coefficients=np.array([[[0, 0, 5.0]]]))
-    assert free_forecast_error(runaway, trials, first) == np.inf
+    assert free_forecast(runaway, trials, first) is None

@@ -91,7 +91,8 @@ class _Levels:
     def bounds(self) -> tuple[Floats, Floats]:
         """The least and the largest values, each of shape (levels and times,)."""
         states, rates, step, duration = self._scales
-        found = [(FLOOR * states, states)]
+        noise = self.before.first_noise
+        found = [(noise, noise) if self.before.noise_given else (FLOOR * states, states)]
         if self.kind == "proportional":
             found.append((np.full(len(states), _SMALLEST), np.ones(len(states))))
         elif self.kind == "correlated":

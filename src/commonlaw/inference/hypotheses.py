@@ -12,6 +12,7 @@ from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.search import (
     FINAL,
     MODEL_ERRORS,
+    SCHEDULES,
     SearchState,
     fit_solutions,
     fit_supports,
@@ -123,4 +124,4 @@ def _searched(
 ) -> list[SearchState]:
     if kind == "walk":
         return [polish(problem, state.supports, state.estimates, state.model_error, solver)]
-    return [each for each in search(problem, solver, progress) if not each.has_model_error]
+    return [each for each in search(problem, solver, progress, SCHEDULES[:1]) if not each.has_model_error]

@@ -51,12 +51,14 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
     """Return what a user should know of a law that these trials gave."""
     found = []
     if not state.by_evidence:
+        choice = model_error_step(problem, state).choice
+        error = "" if choice == "none" else f", and has a model error, {choice}"
         found.append(
             Outcome(
                 OutcomeKind.MODEL_ERROR,
                 "",
-                "the measurements depart from every law of this library by more than errors of measurement; of the "
-                "laws that forecast held-out stretches as well as any, that of largest evidence was taken",
+                "the measurements depart from every law of this library by more than errors of measurement; the law "
+                f"is the simplest of those that forecast held-out stretches as well as the best{error}",
                 "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
                 "summary",
             )
@@ -102,7 +104,7 @@ def history(
         chosen = next(each.support for each in listed if each.chosen)
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
         least = min((score for score, _ in state.forecasts), default=np.nan)
-        forecast = f"largest evidence of those that forecast as well as the best, to {least:.3g} standard deviations"
+        forecast = f"the simplest that forecasts as well as the best, which scores {least:.3g} standard deviations"
         reason = _why(law, listed) if state.by_evidence else forecast
         steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
     return (*steps, *fit_steps(problem, state))
@@ -131,24 +133,28 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
     if errors.correlated is not None:
         levels = (f"{name}: {each:.3g}" for name, each in zip(names, errors.correlated, strict=True))
         found.append(Step("errors with a memory", f"{', '.join(levels)}; of {errors.memory:.3g}{time}", why))
-    error = Step("model error", "none", "the trajectories are solutions of the law, up to errors of measurement")
-    if errors.force is not None:
-        levels = (f"{name}: {each:.3g}" for name, each in zip(names, errors.force, strict=True))
-        text = f"a smooth force on {', '.join(levels)}; over {errors.force_time:.3g}{time}"
-        error = Step("model error", text, why)
-    if state.has_model_error:
-        text = f"a random walk, in each step {state.model_error:.3g} times the noise"
-        error = Step("model error", text, why)
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
     return (
         *found,
-        error,
+        model_error_step(problem, state),
         Step(
             "coefficients",
             f"maximum likelihood of {len(problem.trials)} trajectories",
             f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
         ),
     )
+
+
+def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
+    """Return what error the law itself has."""
+    why, errors, schema = "by the largest evidence, together with the law", problem.errors, problem.trials.schema
+    if errors.force is not None:
+        levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
+        time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
+        return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
+    if state.has_model_error:
+        return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
+    return Step("model error", "none", "the trajectories are solutions of the law, up to errors of measurement")
 
 
 def _why(law: Law, listed: Sequence[ComparedSupport]) -> str:

@@ -14,7 +14,7 @@ _LEVEL = 1.25
 """By which factor the noise may be off before it matters."""
 
 _OUTLIER = 4.0
-"""Larger residuals count as this many standard deviations."""
+"""Residuals of more standard deviations are outliers, and do not count here."""
 
 _SHARES = np.geomspace(0.03, 300.0, 25)
 """Noise in proportion to a state, relative to the constant part, at the state's root mean square."""
@@ -44,7 +44,8 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = model.residuals(mesh, states)[seen, j] / problem.noise[j]
-            standard = np.clip(standard, -_OUTLIER, _OUTLIER)
+            usual = np.abs(standard) <= _OUTLIER
+            seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)
             sizes.append(np.abs(states[seen, j]))
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
@@ -55,7 +56,7 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
     price = _GAIN + np.log(max(count, 2))
     ratio = float(squared.sum() / free)
     found = []
-    off = free * (ratio - 1 - np.log(ratio)) if ratio > 0 else np.inf
+    off = 0.0 if problem.noise_given else free * (ratio - 1 - np.log(ratio)) if ratio > 0 else np.inf
     if off > np.log(max(count, 2)) and not 1 / _LEVEL < np.sqrt(ratio) < _LEVEL:
         found.append(f"are {np.sqrt(ratio):.2g} times the noise")
     if _growth(squared, np.concatenate(sizes)) > price:

@@ -70,11 +70,16 @@ class SearchState:
         return self.model_error if self.has_model_error else FINAL[-1]
 
 
-def search(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
+def search(
+    problem: SearchProblem,
+    solver: AbstractSolver,
+    progress: ProgressCallback,
+    schedules: Sequence[Sequence[float]] = SCHEDULES,
+) -> list[SearchState]:
     """Return what was found at all model errors of all schedules, that of largest evidence first."""
     found = []
-    for number, model_errors in enumerate(SCHEDULES, start=1):
-        progress(f"choosing terms, way {number} of {len(SCHEDULES)}")
+    for number, model_errors in enumerate(schedules, start=1):
+        progress(f"choosing terms, way {number} of {len(schedules)}")
         found += _anneal(problem, solver, model_errors)
     return _with_rivals(problem, _sorted(found))
 
@@ -124,14 +129,15 @@ def fit_with(problem: SearchProblem, supports: Bools, model_errors: Sequence[flo
 def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
     """Return the estimates with these supports and no model error, see `fit_supports`, and the noise that this takes.
 
-    It is enlarged until the deviance of each measurement is one: step by step, as less of it goes with outliers then.
+    It is enlarged until the deviance of each measurement is one, step by step, as less of it goes with outliers then;
+    noise that was given stays.
     """
     factor = 1.0
     for _ in range(_ROUNDS):
         enlarged = problem.noisier(factor) if factor > 1 else problem
         state = _sorted(_anneal(enlarged, supports, (*MODEL_ERRORS, NEGLIGIBLE))[len(MODEL_ERRORS) :])[0]
         excess = np.sqrt(sum(each.deviance for each in state.estimates) / sum(problem.measured))
-        if not _LARGER <= excess < np.inf:
+        if problem.noise_given or not _LARGER <= excess < np.inf:
             break
         factor *= float(excess)
     return enlarged, state

@@ -41,7 +41,7 @@ class SearchProblem:
     The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
     are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
     measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
-    `first_noise` is that before any law.
+    `first_noise` is that before any law, which stays if it was given.
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step.
     """
@@ -55,6 +55,7 @@ class SearchProblem:
     noise_reason: str
     known: Floats
     first_noise: Floats
+    noise_given: bool
     points: int = 1
     errors: ErrorModel = NO_ERRORS
 
@@ -191,6 +192,7 @@ def prepare(
     refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    given = noise is not None
     noise, reason = _noise(trials) if noise is None else (noise, "as given")
     levels = np.maximum(noise, FLOOR * scale)
     unit = levels
@@ -204,7 +206,7 @@ def prepare(
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels)
+    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels, given)
 
 
 def spread(count: int, most: int) -> list[int]:
