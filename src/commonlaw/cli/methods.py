@@ -38,6 +38,14 @@ _LIKELIHOOD_OPTIONS = (
         "weak-regression too.  [default: estimated]",
     ),
     _likelihood(
+        "--errors",
+        type=click.Choice(["auto", "white", "proportional", "correlated", "walk", "force"]),
+        default="auto",
+        help="Errors that are estimated with the law: white noise; noise that grows with the states; errors of the "
+        "measurements that have a memory; a random walk of the law, or a smooth force on it; auto for those that the "
+        "measurements ask for.",
+    ),
+    _likelihood(
         "--huber-threshold",
         type=float,
         default=4.0,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class TrajectoryLikelihood(AbstractMethod):
     ----------
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated.
+    errors
+        The errors beside white noise that are estimated with the law. ``"auto"``: the kind that the measurements ask
+        for, if white noise does not explain them. ``"white"``: none; ``"proportional"``: noise that grows with the
+        states; ``"correlated"``: errors of the measurements that have a memory; ``"walk"``, ``"force"``: a law that
+        errs, by a random walk or by a smooth force.
     huber_threshold
         Standard deviations of noise beyond which a measurement counts as an outlier; infinite for none.
     covariance
@@ -67,6 +72,7 @@ class TrajectoryLikelihood(AbstractMethod):
     takes_streams: ClassVar[bool] = False
 
     noise: Mapping[str, float] | None = None
+    errors: ErrorKind | Literal["auto"] = "auto"
     huber_threshold: float = HUBER_THRESHOLD
     covariance: CovarianceKind = "likelihood"
     partial_pooling: bool = True
@@ -75,6 +81,7 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def __post_init__(self) -> None:
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
+        check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))
         ObservationModel(np.ones(1), self.huber_threshold)  # Refuses thresholds that do not fit
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
@@ -100,14 +107,15 @@ class TrajectoryLikelihood(AbstractMethod):
             huber_threshold=self.huber_threshold,
             progress=progress,
         )
-        odd = objection(found)
+        kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if self.errors == "auto" else (self.errors,)
+        odd = objection(found) if self.errors == "auto" else "as asked for"
         if odd:
-            progress(f"{odd}: comparing errors")
+            progress(f"{odd}: estimating errors with the law")
             try:
                 other = DerivativeRegression().find(trials, structure, progress).support
             except CommonlawError:
                 other = None
-            found = with_error_models(found, other, get_args(ErrorKind), progress)
+            found = with_error_models(found, other, kinds, progress)
         return finish(
             found,
             covariance=self.covariance,

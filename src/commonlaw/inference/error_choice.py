@@ -99,21 +99,17 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     return min(good, key=lambda each: (_description(each), forecasts[id(each)].score)), False
 
 
-def best_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> Candidate | None:
-    """Return supports with levels of their own, under the kind of errors by which they forecast best; None if none."""
+def with_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Candidate]:
+    """Return supports under each kind of errors, with levels of their own, and forecast."""
     first, compared = _first_parts(frame, problem), []
     for kind in kinds:
         with suppress(CommonlawError, NotPositiveError):
             own, state = with_errors_of_kind(problem, fit_solutions(problem, supports)[1], kind)
             hypothesis = Hypothesis(kind, own, state, ())
             candidate = Candidate(hypothesis, *hypothesis.fit(own, supports))
-            if first is not None and not runs_away(frame, candidate.problem, candidate.state):
-                compared.append(_with_forecast(frame, candidate, first))
-    return min((each for each in compared if each.forecast), key=_score, default=None)
-
-
-def _score(candidate: Candidate) -> float:
-    return np.inf if candidate.forecast is None else candidate.forecast.score
+            if not runs_away(frame, candidate.problem, candidate.state):
+                compared.append(candidate if first is None else _with_forecast(frame, candidate, first))
+    return compared
 
 
 def _description(candidate: Candidate) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
-from commonlaw.inference.error_choice import best_errors, candidates, chosen, runs_away
+from commonlaw.inference.error_choice import Candidate, candidates, chosen, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.hypotheses import OF_LAWS, OF_MEASUREMENTS, Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
@@ -134,13 +134,27 @@ def with_error_models(
     best, exact = chosen(compared)
     if not exact:
         progress("comparing errors of the law that is chosen")
-        best = best_errors(found.frame, found.problem, best.state.supports, kinds) or best
-    widening = 1.0 if best.forecast is None else best.forecast.widening
-    problem = best.problem.with_errors(
-        best.problem.noise, replace(best.problem.errors, widening=widening), best.problem.noise_reason
-    )
+        own = with_errors(found.frame, found.problem, best.state.supports, kinds)
+        best = chosen(own)[0] if own else best
     forecasts = tuple((each.forecast.score, each.state.supports) for each in compared if each.forecast)
-    state = replace(best.state, forecasts=forecasts, by_evidence=exact)
+    return _settled(found, best, replace(best.state, forecasts=forecasts, by_evidence=exact))
+
+
+def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:
+    """Return a search with the errors that are chosen for the supports that were found, see `with_error_models`."""
+    progress("comparing errors")
+    compared = with_errors(found.frame, found.problem, found.state.supports, kinds)
+    if not compared:
+        return found
+    best, exact = chosen(compared)
+    return _settled(found, best, replace(best.state, by_evidence=exact))
+
+
+def _settled(found: LawSearch, best: Candidate, state: SearchState) -> LawSearch:
+    """Return a search with a candidate's errors, and bands as wide as its forecasts asked for."""
+    widening = 1.0 if best.forecast is None else best.forecast.widening
+    errors = replace(best.problem.errors, widening=widening)
+    problem = best.problem.with_errors(best.problem.noise, errors, best.problem.noise_reason)
     return replace(found, problem=problem, state=state)
 
 

@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import fit_steps, noise_step
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
@@ -24,6 +26,7 @@ def refine(
     trials: Trials,
     *,
     noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
     covariance: CovarianceKind = "likelihood",
     partial_pooling: bool = True,
@@ -43,6 +46,8 @@ def refine(
         Of objects of the law.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated.
+    errors
+        Those beside white noise, see `TrajectoryLikelihood`.
     huber_threshold
         Standard deviations of noise beyond which a measurement counts as an outlier, infinite for none.
     covariance
@@ -78,6 +83,7 @@ def refine(
     with v = x'
     """
     check_choice("covariance", covariance, get_args(CovarianceKind))
+    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
     known = known_coefficients(law)
     levels = None if noise is None else known_noise(noise, law.states)
@@ -87,8 +93,13 @@ def refine(
     progress("fitting coefficients")
     state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
     problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
-    refined = fitted_law(law, problem, state, covariance, seed)
-    steps = (*law.history, noise_step(problem), *fit_steps(problem, state))
+    frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
+    found = LawSearch(frame, problem, state, PATH, (state,))
+    if errors != "auto" or objection(found):
+        kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if errors == "auto" else (errors,)
+        found = with_errors_of_law(found, kinds, progress)
+    refined = fitted_law(law, found.problem, found.state, covariance, seed)
+    steps = (*law.history, noise_step(found.problem), *fit_steps(found.problem, found.state))
     provenance = replace(law.provenance, history=steps)
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 

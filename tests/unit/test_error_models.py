@@ -1,0 +1,139 @@
+"""Errors beside white noise: found with the law, kept with it, and carried by forecasts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Uncertainty
+from commonlaw.likelihood import ErrorModel
+
+TIMES = np.linspace(0, 12, 241)
+STEP = TIMES[1]
+
+
+def oscillator(errors, count=3):
+    """Trials of x'' = -2 x - 0.1 v, each with errors of its own."""
+    matrix = np.array([[0.0, 1.0], [-2.0, -0.1]])
+    paths = np.array([expm(matrix * t) @ [[2.0, -1.0, 1.5], [0.0, 2.0, 1.0]] for t in TIMES])
+    states = [(paths[:, 0, i] + errors(paths[:, 0, i], np.random.default_rng(i)))[:, np.newaxis] for i in range(count)]
+    return cl.Trials.from_arrays([TIMES] * count, states, object=["spring"] * count, names=["x"])
+
+
+def white(path, generator):
+    return 0.02 * generator.standard_normal(len(path))
+
+
+def proportional(path, generator):
+    return 0.05 * path * generator.standard_normal(len(path)) + 0.002 * generator.standard_normal(len(path))
+
+
+def correlated(path, generator):
+    keeps = np.exp(-STEP / 0.8)
+    pushes = 0.05 * generator.standard_normal(len(path))
+    pushes[1:] *= np.sqrt(1 - keeps**2)
+    return lfilter([1.0], [1.0, -keeps], pushes) + 0.005 * generator.standard_normal(len(path))
+
+
+def discover(measurement, **settings):
+    return cl.discover(oscillator(measurement), order=2, library="poly:2", method=cl.TrajectoryLikelihood(**settings))
+
+
+@pytest.mark.parametrize("errors", [white, proportional, correlated])
+def test_the_errors_of_measurements_are_found_with_the_law(errors):
+    law = discover(errors)
+    assert law.structure() == ("x'' = a x + b v",)
+    missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / law.standard_errors[law.support[np.newaxis]]
+    assert np.all(np.abs(missed) < 3.5)
+    assert law.outcomes == ()
+    found = law.uncertainty.error_model
+    if errors is white:
+        assert not found
+        assert law.noise == pytest.approx([0.02], rel=0.1)
+    elif errors is proportional:
+        assert found.proportional == pytest.approx([0.05], rel=0.15)
+        assert found.correlated is None
+    else:
+        assert found.correlated == pytest.approx([0.05], rel=0.3)
+        assert found.memory == pytest.approx(0.8, rel=0.4)
+        assert law.noise == pytest.approx([0.005], rel=0.3)
+
+
+def test_errors_with_a_memory_leave_coefficients_less_certain():
+    asked, as_white = discover(correlated), discover(correlated, errors="white")
+    assert as_white.uncertainty.error_model.correlated is None
+    assert np.all((asked.standard_errors > 1.5 * as_white.standard_errors)[asked.support[np.newaxis]])
+
+
+def test_a_law_with_other_errors_survives_its_file(tmp_path):
+    law = discover(correlated, errors="correlated")
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    for name in ("correlated", "memory", "widening"):
+        np.testing.assert_array_equal(
+            getattr(again.uncertainty.error_model, name), getattr(law.uncertainty.error_model, name)
+        )
+    trials = oscillator(correlated)
+    first, second = (each.predict(trials, return_std=True, start=20) for each in (law, again))
+    np.testing.assert_array_equal(first.std[0], second.std[0])
+    # A measurement has its own error beside that of the state
+    measured, state = (first.margins(measured=each)[0] for each in (True, False))
+    model = law.uncertainty.error_model
+    expected = np.hypot(state, 1.96 * model.widening * np.hypot(law.noise, model.correlated))
+    np.testing.assert_allclose(measured, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["walk", "force"])
+def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(kind):
+    """The scatter of many simulated oscillators that are pushed, from one start."""
+    law = discover(white)
+    coefficients = np.where(law.support, law.coefficients, 0.0)
+    matrix = np.array([[0.0, 1.0], coefficients[0, 0][[law.terms.names.index(each) for each in ("x", "v")]]])
+    walk, force, time = np.array([0.05, 0.08]), np.array([0.3]), 0.7
+    errors = ErrorModel(walk=walk) if kind == "walk" else ErrorModel(force=force, force_time=time)
+    certain = Uncertainty(np.zeros_like(law.covariance), noise=np.array([1e-6]), error_model=errors)
+    trials = oscillator(white, 1).with_trials([oscillator(white, 1)[0].cut(121)])
+    forecast = replace(law, uncertainty=certain).predict(trials, return_std=True, start=1)
+    # Exact covariance of the linear law with its latent processes, by the matrix exponential of small steps
+    rate = np.sqrt(3) / time
+    wide = np.zeros((4, 4))
+    wide[:2, :2] = matrix
+    wide[1, 2], wide[2, 3], wide[3, 2:] = 1.0, 1.0, [-(rate**2), -2 * rate]
+    pushes = np.diag([*walk**2, 0, 0] if kind == "walk" else [0, 0, 0, 4 * rate**3 * force[0] ** 2])
+    start = np.diag([0, 0, 0, 0] if kind == "walk" else [0, 0, force[0] ** 2, (rate * force[0]) ** 2])
+    block = np.zeros((8, 8))
+    block[:4, :4], block[:4, 4:], block[4:, 4:] = -wide, pushes, wide.T
+    van_loan = expm(block * STEP)
+    turn = van_loan[4:, 4:].T
+    added = turn @ van_loan[:4, 4:]
+    expected = [start]
+    for _ in range(120):
+        expected.append(turn @ expected[-1] @ turn.T + added)
+    std = np.sqrt([each[0, 0] for each in expected])
+    np.testing.assert_allclose(forecast.std[0][1:, 0], std[1:], rtol=0.02)
+
+
+def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell():
+    law = discover(white)
+    trials = oscillator(white, 1)
+    errs = replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(walk=np.array([0.2, 0.2]))))
+    exact, loose = (each.predict(trials, start=120, return_std=True) for each in (law, errs))
+    measured = trials[0].states[:, 0]
+    near = slice(110, 125)
+    # Free of the law it follows the samples; what they tell of the state is less
+    assert np.abs(loose.trajectories[0].states[near, 0] - measured[near]).mean() < 0.05
+    assert np.all(loose.std[0][120:, 0] > exact.std[0][120:, 0])
+    assert loose.std[0][119, 0] < law.noise[0]
+    assert loose.std[0][-1, 0] > 5 * loose.std[0][119, 0]
+
+
+def test_a_kind_of_errors_that_there_is_not_is_refused():
+    with pytest.raises(CommonlawError, match="unknown errors 'pink'"):
+        cl.TrajectoryLikelihood(errors="pink")
+    law = discover(white)
+    with pytest.raises(CommonlawError, match="share of errors"):
+        replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(proportional=np.array([-1.0]))))
