@@ -24,6 +24,9 @@ from tests.hostile.cases import EXECUTED, KINDS, SECRET, Case, folder, make, sho
 SECONDS, BYTES = 60.0, 4 * 2**30
 """What a case may take."""
 
+PROGRESS = 1000
+"""Cases after which is said how many there were."""
+
 _VIRTUAL = 8 * 2**30
 """Of address space, which is more than the memory in use."""
 
@@ -145,6 +148,8 @@ def main() -> int:
         counts[kind, ended] += 1
         faults += bool(report)
         print(report, end="", flush=True)
+        if (i + 1) % PROGRESS == 0:
+            print(f"{i + 1} of {chosen.cases} cases, {faults} faults", file=sys.stderr)
     for (kind, ended), count in sorted(counts.items()):
         print(f"{kind:12} {ended:20} {count:6}")
     print(f"{chosen.cases} cases, {faults} faults")
