@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from time import monotonic
 
 from commonlaw.names import in_line
@@ -14,13 +15,15 @@ ProgressCallback = Callable[[str], None]
 
 def on_terminal() -> ProgressCallback:
     """Return what writes steps of work to a terminal on stderr, when they take long; elsewhere it writes nothing."""
-    if not sys.stderr.isatty():
+    # Where standard error is closed there is none
+    if sys.stderr is None or not sys.stderr.isatty():
         return lambda _: None
     began = monotonic()
 
     def tell(step: str) -> None:
         seconds = monotonic() - began
         if seconds > PATIENCE:
-            sys.stderr.write(f"commonlaw: {in_line(step)} ({seconds:.0f} s)\n")
+            with suppress(OSError):  # a terminal may be closed while work goes on
+                sys.stderr.write(f"commonlaw: {in_line(step)} ({seconds:.0f} s)\n")
 
     return tell

@@ -284,7 +284,13 @@ class Law(AbstractPredictions):
         return cls(*decode(content.encode() if isinstance(content, str) else content))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the law as JSON, whole or not at all."""
+        """Write the law as JSON, whole or not at all.
+
+        Raises
+        ------
+        CommonlawError
+            If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file.
+        """
         write_whole(path, self.to_json().encode())
 
     @classmethod
