@@ -95,6 +95,9 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
     kept = {**case.files, **case.others}
     made = {*there} - {*kept, "pipe", "link.csv"}
     allowed = {os.path.normpath(each) for each in case.targets} if ending.code == 0 else set()
+    # What a command writes and does not read may be replaced
+    named = Counter(os.path.normpath(each) for each in case.arguments)
+    same = {*kept} - {each for each in allowed if named[each] == 1}
     answer = json.loads(ending.output)["trials"] if case.samples is not None and ending.code == 0 else None
     faults = {
         "hang": ending.seconds > SECONDS,
@@ -106,7 +109,7 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
         "control characters": bool(_CONTROL.search(ending.output + ending.message)),
         "executed": EXECUTED in there,
         "leaked": SECRET in ending.output + ending.message + "".join(_texts(there[each]) for each in made),
-        "files lost": any(not there[each].is_file() or there[each].read_bytes() != kept[each] for each in kept),
+        "files lost": any(not there[each].is_file() or there[each].read_bytes() != kept[each] for each in same),
         "files left": not made <= allowed,
         "wrong": case.samples is not None
         and (answer is None or sum(each["samples"] for each in answer) != case.samples),
