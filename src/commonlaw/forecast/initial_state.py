@@ -1,6 +1,7 @@
 """Where the forecast of a trial starts, by what its first samples and the law say together."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -134,13 +135,20 @@ def can_fit_initial_state(law: Law) -> bool:
 
 def _guess(law: Law, trial: Trial) -> Floats:
     """Return a curve through a trial's samples: its states, and the rates of a law of second order."""
-    measured = np.isfinite(trial.states)
+    return _curve(trial.times.tobytes(), trial.states.tobytes(), trial.states.shape[1], law.order)
+
+
+@lru_cache(maxsize=512)
+def _curve(times_as_bytes: bytes, states_as_bytes: bytes, width: int, order: int) -> Floats:
+    """Return a smooth curve; it is the same for all laws that are compared by forecasts of a trial."""
+    times, states = np.frombuffer(times_as_bytes), np.frombuffer(states_as_bytes).reshape(-1, width)
+    measured = np.isfinite(states)
     if measured.sum(axis=0).min() >= MIN_SAMPLES:
-        rates = RobustSpline().differentiate(trial.times, trial.states, 1)
-        return np.column_stack([rates.states, *rates.derivatives[: law.order - 1]])
-    times, pairs = trial.times, zip(measured.T, trial.states.T, strict=True)
+        rates = RobustSpline().differentiate(times, states, 1)
+        return np.column_stack([rates.states, *rates.derivatives[: order - 1]])
+    pairs = zip(measured.T, states.T, strict=True)
     lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
-    return np.column_stack([lines, *[np.gradient(lines, trial.times, axis=0)] * (law.order - 1)])
+    return np.column_stack([lines, *[np.gradient(lines, times, axis=0)] * (order - 1)])
 
 
 def _noise_of(law: Law) -> Floats:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.hypotheses import OF_MEASUREMENTS, Hypothesis
 from commonlaw.inference.search import SearchState, evidence_of, fit_solutions
 from commonlaw.inference.search_problem import SearchProblem, prepare, spread
+from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.law import Law
 from commonlaw.likelihood import NotPositiveError
-from commonlaw.selection import FreeForecast, free_forecast
+from commonlaw.selection import ENOUGH, FreeForecast, free_forecast
 from commonlaw.solvers import AbstractSolver
 
 _SHARE = 0.65
@@ -27,9 +28,6 @@ _HELD = 0.85
 
 _SHORT = 30
 """Trials of fewer samples are short."""
-
-_TOLD = 3
-"""Samples that tell a start, at least."""
 
 _OBJECTS = 20
 """Objects that are forecast at most, evenly spread."""
@@ -65,7 +63,7 @@ def candidates(
         for supports in _forecast_supports(hypothesis, list(pool.values())):
             with suppress(CommonlawError, NotPositiveError):
                 fitted = Candidate(hypothesis, *hypothesis.fit(hypothesis.problem, supports))
-                if not runs_away(frame, fitted.problem, fitted.state):
+                if not runs_away(fitted.problem, fitted.state):
                     compared.append(fitted if first is None else _with_forecast(frame, fitted, first))
     return compared
 
@@ -85,11 +83,11 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     Of those whose 95 % intervals hold the measurements that they forecast, the one of largest evidence passes, if
     errors of the measurements explain what it leaves. If none does, no law of the library is exact, and the shortest
     description is taken of those whose score is within one standard error of the best. Where nothing could be forecast,
-    evidence decides alone.
+    or too little to tell, evidence decides alone.
     """
     by_evidence = sorted(compared, key=lambda each: each.state.value)
     forecasts = {id(each): each.forecast for each in by_evidence if each.forecast is not None}
-    if not forecasts:
+    if not forecasts or not can_forecast(by_evidence[0].problem):
         return by_evidence[0], True
     holding = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].inside >= _HELD]
     if holding and holding[0].hypothesis.kind in OF_MEASUREMENTS:
@@ -107,7 +105,7 @@ def with_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequ
             own, state = with_errors_of_kind(problem, fit_solutions(problem, supports)[1], kind)
             hypothesis = Hypothesis(kind, own, state, ())
             candidate = Candidate(hypothesis, *hypothesis.fit(own, supports))
-            if not runs_away(frame, candidate.problem, candidate.state):
+            if not runs_away(candidate.problem, candidate.state):
                 compared.append(candidate if first is None else _with_forecast(frame, candidate, first))
     return compared
 
@@ -117,28 +115,29 @@ def _description(candidate: Candidate) -> int:
     return int((candidate.state.supports * (1 + candidate.problem.models[0].terms.complexities)).sum())
 
 
-def runs_away(frame: Law, problem: SearchProblem, state: SearchState) -> bool:
-    """Whether a forecast of a trial that the law was learned from diverges.
+def runs_away(problem: SearchProblem, state: SearchState) -> bool:
+    """Whether a trajectory of a trial that the law was learned from diverges, from its fitted start.
 
-    Few samples tell little, so that short trials are continued for as long again, from their first third.
+    Few samples tell little, so that short trials are continued for as long again.
     """
-    few = spread(len(problem.models), _OBJECTS)
-    problem, state = problem.of_objects(few), replace(state, estimates=tuple(state.estimates[i] for i in few))
-    law = replace(
-        frame,
-        objects=problem.trials.objects,
-        coefficients=np.array([each.coefficients for each in state.estimates]),
-        uncertainty=replace(frame.uncertainty, noise=problem.noise),
-    )
-    shortest = min(map(len, problem.trials))
-    ahead: dict[str, Any] = {}
-    if shortest < _SHORT:
-        last = max(2 * trial.times[-1] - trial.times[0] for trial in problem.trials)
-        ahead = {"start": max(_TOLD, int(np.ceil((1 - _SHARE) * shortest))), "times": [last]}
-    try:
-        return bool(law.predict(problem.trials, tolerance=1e-6, **ahead).outcomes)
-    except CommonlawError:
-        return True
+    found = []
+    for i in spread(len(problem.models), _OBJECTS):
+        model, estimate = problem.models[i], state.estimates[i]
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
+            for first, last in pairwise(cuts):
+                times = mesh.times[first:last]
+                field = replace(model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last]))
+                if last - first < _SHORT * problem.points:
+                    times = np.append(times, 2 * times[-1] - times[0])
+                found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
+    return any(each.outcome for each in simulate(found, tolerance=1e-6))
+
+
+def can_forecast(problem: SearchProblem) -> bool:
+    """Whether the later parts of trials have so many measurements that forecasts of them tell errors apart."""
+    later = (trial.states[int(np.ceil(_SHARE * len(trial))) :] for trial in problem.trials)
+    return sum(int(np.isfinite(each).sum()) for each in later) >= ENOUGH
 
 
 def _first_parts(frame: Law, problem: SearchProblem) -> SearchProblem | None:

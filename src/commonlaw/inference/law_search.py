@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
-from commonlaw.inference.error_choice import Candidate, candidates, chosen, runs_away, with_errors
+from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.hypotheses import OF_LAWS, OF_MEASUREMENTS, Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
@@ -99,7 +99,7 @@ def search_supports(
 def objection(found: LawSearch) -> str:
     """Return what speaks against the law that was found, with white noise, in words; nothing if nothing does."""
     odd = unexplained(found.problem, found.state)
-    if not odd and runs_away(found.frame, found.problem, found.state):
+    if not odd and runs_away(found.problem, found.state):
         odd = "forecasts of the trials that the law was learned from diverge"
     return odd
 
@@ -125,6 +125,7 @@ def with_error_models(
     CommonlawError
         If the likelihood cannot be computed.
     """
+    kinds = kinds if can_forecast(found.problem) or len(kinds) == 1 else ("white",)
     hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, progress)
     others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
     progress("comparing free forecasts")
@@ -143,6 +144,7 @@ def with_error_models(
 def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:
     """Return a search with the errors that are chosen for the supports that were found, see `with_error_models`."""
     progress("comparing errors")
+    kinds = kinds if can_forecast(found.problem) or len(kinds) == 1 else ("white",)
     compared = with_errors(found.frame, found.problem, found.state.supports, kinds)
     if not compared:
         return found

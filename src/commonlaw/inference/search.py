@@ -238,10 +238,12 @@ def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:
     """Return what is added to minus twice the log-evidence of all supports, for its errors.
 
-    A model error is one more number to be found, at the price of any (BIC), and so is every level of other errors.
+    A model error is one more number to be found, at the price of any (BIC), and so is every level of other errors; the
+    noise has a prior.
     """
     numbers = int(model_error > NEGLIGIBLE) + problem.errors.hyperparameters
-    return sum(each.log_determinant for each in linear) + numbers * float(np.log(sum(problem.measured)))
+    price = numbers * float(np.log(sum(problem.measured))) + problem.noise_deviance()
+    return sum(each.log_determinant for each in linear) + price
 
 
 def _restricted(

@@ -30,6 +30,9 @@ FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
 
+_PRIOR = 2.0
+"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
+
 _DEPENDENT = 1e-8
 """Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
 
@@ -114,6 +117,15 @@ class SearchProblem:
         return replace(
             self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
         )
+
+    def noise_deviance(self) -> float:
+        """Return minus twice the logarithm of the prior of the noise, which is one at that estimated first.
+
+        That estimate counts as so many measurements as `_PRIOR` says (an inverse gamma distribution of the variance).
+        """
+        scales = [np.broadcast_to(mesh.scale, mesh.measured.shape) for each in self.models for mesh in each.meshes]
+        ratio = (self.noise / self.first_noise) ** 2 * np.mean(np.concatenate(scales) ** 2, axis=0)
+        return float(_PRIOR * np.sum(np.log(ratio) + 1 / ratio - 1))
 
     def _scale(self, mesh: Mesh, states: Floats, noise: Floats, errors: ErrorModel) -> Floats | float:
         """Return the standard deviations of measurements relative to the noise, shape (n, d).

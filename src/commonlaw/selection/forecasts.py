@@ -15,7 +15,7 @@ from commonlaw.trials import Trial, Trials
 _STRETCHES = 8
 """Into how many stretches the later parts of few trials are cut, so that their scores show how sure the mean is."""
 
-_ENOUGH = 20
+ENOUGH = 20
 """Measurements that tell by how much intervals are too narrow."""
 
 _TRIALS = 30
@@ -107,7 +107,7 @@ class FreeForecast:
     @property
     def widening(self) -> float:
         """The factor, at least one, by which the intervals must be wider to hold 95 %; one if too few can tell."""
-        if len(self.missed) < _ENOUGH:
+        if len(self.missed) < ENOUGH:
             return 1.0
         return max(1.0, float(np.quantile(np.abs(self.missed), 0.95)) / normal_quantile(0.95))
 
