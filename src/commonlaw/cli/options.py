@@ -51,7 +51,11 @@ def in_options(text: str) -> str:
     words = {f"{each.name}=": f"{max(each.opts, key=len)} " for each in params} | {"clip_irregular()": "--clip"}
     text = re.sub(rf"(?<![\w:'-])({'|'.join(map(re.escape, words))})", lambda found: words[found[1]], text)
     text = re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", re.sub(r"(--\S+ )\[(.*?)\]", r"\1\2", text))
-    return re.sub(r"(\w+)Regression\((.*?)\)", lambda found: f"{found[1].lower()}-regression {found[2]}", text)
+    return re.sub(r"(\w+)(Regression|Likelihood)\((.*?)\)", _method, text)
+
+
+def _method(found: re.Match[str]) -> str:
+    return f"{found[1]}-{found[2]} {found[3]}".lower().rstrip()
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:

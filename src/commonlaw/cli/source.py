@@ -11,6 +11,7 @@ from commonlaw.cli.options import Decorator, in_options, option, pairs, with_opt
 from commonlaw.errors import CommonlawError
 from commonlaw.files import check_targets
 from commonlaw.trials import Schema, Trials
+from commonlaw.trials.sources import read_table
 
 _table = partial(option, "Table")
 _columns = partial(_table, metavar="COLUMN", multiple=True)
@@ -28,6 +29,13 @@ _OPTIONS = (
     _table("--time", metavar="COLUMN", help="Column of times."),
     _columns("--state", "states", help="Column of a measured state; repeat for more."),
     _columns("--input", "inputs", help="Column of a measured input; repeat for more."),
+    _table(
+        "--noise-column",
+        "noise_columns",
+        metavar="STATE=COLUMN",
+        multiple=True,
+        help="Column of the standard deviations of a state's measurements; repeat for more.",
+    ),
     _columns("--property", "properties", help="Column of an object's property; repeat for more."),
     _table(
         "--unit",
@@ -82,6 +90,7 @@ class Source:
     time: str | None
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    noise_columns: tuple[str, ...]
     properties: tuple[str, ...]
     units: tuple[str, ...]
     sheet: str | None
@@ -119,6 +128,13 @@ class Source:
             raise click.UsageError("give a file or --dataset, not both")
         return parse_spec("data set", str(self.dataset), DATASETS)
 
+    def _noise_columns_like(self, schema: Schema | None) -> Mapping[str, str]:
+        """Return the columns of standard deviations of a schema if the file has them, too: it can do without."""
+        if not (self.path and schema and schema.noise_columns):
+            return {}
+        there = read_table(self.path, self.sheet).columns
+        return {state: name for state, name in schema.noise_columns.items() if name in there}
+
     def _from_file(self, schema: Schema | None) -> Trials:
         if not self.path:
             raise click.UsageError(
@@ -132,6 +148,7 @@ class Source:
             time=self.time or (schema.time if schema else None),
             states=self.states or (schema.states if schema else None),
             inputs=self.inputs or (schema.inputs if schema else ()),
+            noise_columns=dict(pairs("--noise-column", self.noise_columns)) or self._noise_columns_like(schema),
             properties=list(self.properties) or None,
             units=dict(pairs("--unit", self.units)),
             sheet=self.sheet,

@@ -22,6 +22,9 @@ class AbstractMethod(ABC):
     takes_streams: ClassVar[bool]
     """Whether it takes trials that come from a stream."""
 
+    takes_noise_columns: ClassVar[bool] = False
+    """Whether it heeds standard deviations of single measurements."""
+
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law that these trials obey best.
@@ -44,7 +47,7 @@ class AbstractMethod(ABC):
 
 
 def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, order: int) -> None:
-    """Refuse an order or a stream that a method does not take, before work starts, and name one that takes it."""
+    """Refuse what a method does not take, before work starts, and name one that takes it."""
     name = type(method).__name__
     if order not in method.orders:
         other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
@@ -52,6 +55,12 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
     if isinstance(trials, TrialStream) and not method.takes_streams:
         raise CommonlawError(
             f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
+        )
+    columns = trials.schema.noise_columns
+    if columns and not method.takes_noise_columns:
+        raise CommonlawError(
+            f"standard deviations of measurements, here in {', '.join(columns.values())}, do not go with {name}: leave "
+            "noise_columns=... out, or use method=TrajectoryLikelihood()"
         )
 
 

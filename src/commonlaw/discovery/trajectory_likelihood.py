@@ -42,7 +42,8 @@ class TrajectoryLikelihood(AbstractMethod):
     Parameters
     ----------
     noise
-        Standard deviation of each state's measurement noise by name. Default: it is estimated.
+        Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
+        measurements have standard deviations of their own (``noise_columns`` of the trials).
     errors
         The errors beside white noise that are estimated with the law. ``"auto"``: the kind that the measurements ask
         for, if white noise does not explain them. ``"white"``: none; ``"proportional"``: noise that grows with the
@@ -70,6 +71,7 @@ class TrajectoryLikelihood(AbstractMethod):
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = False
+    takes_noise_columns: ClassVar[bool] = True
 
     noise: Mapping[str, float] | None = None
     errors: ErrorKind | Literal["auto"] = "auto"
@@ -103,7 +105,7 @@ class TrajectoryLikelihood(AbstractMethod):
             Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance),
             known,
             solver=parsed(self.solver, parse_solver) or PATH,
-            noise=None if self.noise is None else known_noise(self.noise, schema.states),
+            noise=known_noise(self.noise, trials),
             huber_threshold=self.huber_threshold,
             progress=progress,
         )
@@ -112,7 +114,7 @@ class TrajectoryLikelihood(AbstractMethod):
         if odd:
             progress(f"{odd}: estimating errors with the law")
             try:
-                other = DerivativeRegression().find(trials, structure, progress).support
+                other = DerivativeRegression().find(trials.without_noise(), structure, progress).support
             except CommonlawError:
                 other = None
             found = with_error_models(found, other, kinds, progress)

@@ -52,7 +52,8 @@ class WeakRegression(AbstractRegression):
 
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> WeakForm:
         assert isinstance(trials, Trials)
-        noise = None if self.noise is None else tuple(known_noise(self.noise, trials.schema.states).tolist())
+        levels = known_noise(self.noise, trials)
+        noise = None if levels is None else tuple(levels.tolist())
         form = WeakForm(structure.order, self.radii, noise, parsed(self.differentiation, parse_differentiation))
         return reweight(trials, structure.terms(trials.schema), form)[0]
 

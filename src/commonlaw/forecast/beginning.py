@@ -46,7 +46,7 @@ class Beginning:
         """The rows of the trial from the time of the initial state on."""
         begins = self.trial.times[0] if self.fitted is None else self.fitted.begins
         first = int(np.searchsorted(self.trial.times, begins))
-        return _rows(self.trial, slice(first, None)) if first else self.trial
+        return self.trial.rows(slice(first, None)) if first else self.trial
 
     def initial(self, law: Law) -> Floats:
         """Return the initial state, shape (width,)."""
@@ -102,14 +102,10 @@ def _begin_later(
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
     count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.order == 2 else 1)
-    told = _rows(measured, slice(max(0, stop - count), stop))
+    told = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, told.times[0]))
     fitted = fit_initial_state(law, told, inputs, count) if (start or fits) and len(told) > 1 else None
-    return Beginning(_rows(extended, slice(first, None)), inputs, told, fitted)
-
-
-def _rows(trial: Trial, rows: slice) -> Trial:
-    return replace(trial, times=trial.times[rows], states=trial.states[rows], inputs=trial.inputs[rows])
+    return Beginning(extended.rows(slice(first, None)), inputs, told, fitted)
 
 
 def _count(law: Law, trial: Trial, ahead: bool) -> int:
@@ -130,13 +126,19 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
 
 
 def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
-    """Return a trial with samples to be forecast at more times after its first."""
+    """Return a trial with samples to be forecast at more times after its first.
+
+    Between samples their standard deviations lie on straight lines.
+    """
     index = np.interp(wanted, trial.times, np.arange(len(trial)))
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
     grid = np.concatenate([trial.times, wanted[between]])
     order = np.argsort(grid)
     states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
-    return replace(trial, times=grid[order], states=states[order], inputs=inputs.at(grid[order]))
+    noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
+    return replace(
+        trial, times=grid[order], states=states[order], inputs=inputs.at(grid[order]), noise=np.stack(noise, axis=1)
+    )
 
 
 def _measured_start(law: Law, trial: Trial) -> Floats:
@@ -170,19 +172,21 @@ def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
 def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
     """Return the covariance of a trial's initial states (and rates) due to noise, shape (width, width).
 
+    The noise is that of each sample, shape (n, states).
+
     Rates are estimated once more from the measured states with noise on top, many times: with draws that are white to
     the last digit, so that this is exact for every linear differentiator. For others it is close; for medians, which
     are the odd ones, it is up to a quarter too much.
     """
     if law.order != 2:
-        return np.diag(noise**2)
+        return np.diag(noise[0] ** 2)
     method = _differentiation(law, trial)
     if method is None:
-        return np.diag(np.append(noise**2, np.full(len(noise), np.nan)))
-    states, samples = len(noise), _samples(method, len(trial))
+        return np.diag(np.append(noise[0] ** 2, np.full(noise.shape[1], np.nan)))
+    states, samples = noise.shape[1], _samples(method, len(trial))
     covariance = np.zeros((2 * states, 2 * states))
-    for j, level in enumerate(noise):
-        draws = level * _white(samples, seed)
+    for j in range(states):
+        draws = noise[:samples, j : j + 1] * _white(samples, seed)
         noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
         noisy[:samples] += draws
         indices = np.ix_((j, states + j), (j, states + j))

@@ -21,6 +21,7 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.trials import Trial
+from commonlaw.trials.trial import with_typical
 
 MIN_SAMPLES = 5
 """Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
@@ -69,7 +70,9 @@ class FittedInitialState:
         width, states = len(self.initial), self.trial.states.shape[1]
         samples = np.searchsorted(trajectory.times, self.trial.times)
         by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
-        weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states])
+        noise = self.observation_model.noise
+        scale = with_typical(self.trial.noise, noise) / noise
+        weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states], scale)
         rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[samples, :states]
         rows = rows[np.isfinite(rows).all(axis=2)]
         # With Q R = rows of the start, the information is R' R
@@ -107,8 +110,9 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     # A rate that is off by this moves the state by its noise until the last sample
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    mesh = [replace(each, inputs=inputs.at(each.times)) for each in meshes([trial], _POINTS, len(trial))]
-    model = TrajectoryModel(law.terms, law.order, mesh, observation_model, unit)
+    (mesh,) = meshes([trial], _POINTS, len(trial))
+    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=with_typical(mesh.noise, noise) / noise)
+    model = TrajectoryModel(law.terms, law.order, (mesh,), observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
         model,

@@ -21,6 +21,7 @@ from commonlaw.likelihood import (
     without_states,
 )
 from commonlaw.trials import Trial
+from commonlaw.trials.trial import with_typical
 
 _POINTS = 4
 """Points for each sampling step."""
@@ -99,7 +100,8 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
         unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: states.shape[1]]
     else:
         unit = errors.walk * np.sqrt(np.median(mesh.steps))
-    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=errors.scale(states[:, : len(noise)], noise))
+    white = errors.white_std(states[:, : len(noise)], with_typical(mesh.noise, noise))
+    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=white / noise)
     model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
     model, start = model.with_latent(errors.latent, Estimate((states,), own))
     model_errors = _MODEL_ERRORS if errors.walk is None else (1.0,)

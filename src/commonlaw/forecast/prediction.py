@@ -14,6 +14,7 @@ from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
 from commonlaw.trials import Trials
+from commonlaw.trials.trial import with_typical
 
 
 def predict(
@@ -86,8 +87,8 @@ class _Forecaster:
         for own, trajectory in zip(self.beginnings, found, strict=True):
             known = covariance[law.objects.index(own.trial.object)]
             if own.fitted is None:
-                first = errors.measurement_std(own.told.states[:1], noise)[0]
-                std = trajectory_std(trajectory, known, start_covariance(law, own.told, first, self.seed))
+                each = errors.measurement_std(own.told.states, with_typical(own.told.noise, noise))
+                std = trajectory_std(trajectory, known, start_covariance(law, own.told, each, self.seed))
             else:
                 carried, initial = own.fitted.propagated(trajectory)
                 std = trajectory_std(carried, known, initial)

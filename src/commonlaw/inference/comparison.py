@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.refinement import known_coefficients, of_objects
@@ -107,7 +106,7 @@ def _fitted(
 ) -> tuple[SearchProblem, SearchState]:
     """Return a law fitted on a mesh that is fine enough for it."""
     trials = trials.with_trials([each.measured() for each in trials])
-    levels: Floats | None = None if noise is None else known_noise(noise, law.states)
+    levels = known_noise(noise, trials)
     known = known_coefficients(law)
     problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
     state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))

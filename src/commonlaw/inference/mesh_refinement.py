@@ -58,6 +58,6 @@ def _change(
     for model, one, other in zip(problem.models, coarse, fine, strict=True):
         for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
             indices = np.concatenate([[0], np.cumsum(np.where(mesh.contiguous, stride, 1))])
-            change = (finest[indices] - states)[:, : len(problem.noise)] / problem.noise
+            change = (finest[indices] - states)[:, : len(problem.noise)] / problem.noise_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
     return total

@@ -45,7 +45,8 @@ def refine(
     trials
         Of objects of the law.
     noise
-        Standard deviation of each state's measurement noise by name. Default: it is estimated.
+        Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
+        measurements have standard deviations of their own (``noise_columns`` of the trials).
     errors
         Those beside white noise, see `TrajectoryLikelihood`.
     huber_threshold
@@ -86,7 +87,7 @@ def refine(
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
     known = known_coefficients(law)
-    levels = None if noise is None else known_noise(noise, law.states)
+    levels = known_noise(noise, trials)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing")
     problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)

@@ -23,8 +23,9 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
-from commonlaw.trials import Trial, Trials
+from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.trial import with_typical
 
 FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
@@ -123,17 +124,22 @@ class SearchProblem:
 
         That estimate counts as so many measurements as `_PRIOR` says (an inverse gamma distribution of the variance).
         """
-        scales = [np.broadcast_to(mesh.scale, mesh.measured.shape) for each in self.models for mesh in each.meshes]
+        pairs = ((mesh, self.noise_of(mesh) / self.noise) for each in self.models for mesh in each.meshes)
+        scales = [np.broadcast_to(mesh.scale / given, mesh.measured.shape) for mesh, given in pairs]
         ratio = (self.noise / self.first_noise) ** 2 * np.mean(np.concatenate(scales) ** 2, axis=0)
         return float(_PRIOR * np.sum(np.log(ratio) + 1 / ratio - 1))
 
-    def _scale(self, mesh: Mesh, states: Floats, noise: Floats, errors: ErrorModel) -> Floats | float:
+    def noise_of(self, mesh: Mesh) -> Floats:
+        """Return the white noise of each measurement where states are zero, as given or that of its state."""
+        return with_typical(mesh.noise, self.noise)
+
+    def _scale(self, mesh: Mesh, states: Floats, noise: Floats, errors: ErrorModel) -> Floats:
         """Return the standard deviations of measurements relative to the noise, shape (n, d).
 
         States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
         """
-        scale = errors.scale(states, noise)
-        return np.where(mesh.still, self.first_noise / noise, scale) if mesh.still.any() else scale
+        std = errors.white_std(states, with_typical(mesh.noise, noise))
+        return np.where(mesh.still, with_typical(mesh.noise, self.first_noise), std) / noise
 
     def with_errors_of(self, other: "SearchProblem") -> "SearchProblem":
         """Return the same problem with the errors of another, and on as fine a mesh."""
@@ -188,7 +194,7 @@ def prepare(
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     noise
-        Standard deviation of each state, shape (d,), if it is known; by default it is estimated.
+        Standard deviation of each state, shape (d,), if it is known, see `known_noise`; by default it is estimated.
     huber_threshold
         Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
 
@@ -198,12 +204,13 @@ def prepare(
         If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
         is not above zero.
     """
+    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
     groups = [trials.of_object(name) for name in trials.objects]
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
     refuse_constant_states(extremes, trials.schema)
     curves = [[_curves(trial, order) for trial in group] for group in groups]
-    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
     given = noise is not None
     noise, reason = _noise(trials) if noise is None else (noise, "as given")
     levels = np.maximum(noise, FLOOR * scale)
@@ -218,7 +225,10 @@ def prepare(
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
-    return SearchProblem(trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels, given)
+    problem = SearchProblem(
+        trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels, given
+    )
+    return problem.with_errors(levels, NO_ERRORS, reason + _by_columns(trials.schema))
 
 
 def spread(count: int, most: int) -> list[int]:
@@ -226,22 +236,38 @@ def spread(count: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def known_noise(noise: Mapping[str, float], states: Sequence[str]) -> Floats:
+def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
     """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
+
+    Of states whose measurements have standard deviations of their own it is the median of these; None if nothing is
+    known of any state.
 
     Raises
     ------
     CommonlawError
-        If a state has none, a name is not a state, or a value is not positive.
+        If a state has none while others have, or two; a name is not a state, or a value is not positive.
     """
-    noise = {find_name(name, states, "state"): level for name, level in noise.items()}
+    states, columns = trials.schema.states, trials.schema.noise_columns
+    if noise is None and not columns:
+        return None
+    noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
     for name, level in noise.items():
         if not (np.isfinite(level) and level > 0):
             raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
+        if name in columns:
+            raise CommonlawError(f"the noise of {name!r} is given twice, and in column {columns[name]!r}: give it once")
+    each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
+    noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
     missing = [name for name in states if name not in noise]
     if missing:
         raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
     return np.array([noise[name] for name in states], dtype=np.float64)
+
+
+def _by_columns(schema: Schema) -> str:
+    """Return what columns noise is given by, if by any, as the end of a sentence."""
+    columns = ", ".join(f"{state} by {column}" for state, column in schema.noise_columns.items())
+    return f" for each measurement, {columns}; their median" if columns else ""
 
 
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:

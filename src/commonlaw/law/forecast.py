@@ -13,6 +13,7 @@ from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
+from commonlaw.trials.trial import with_typical
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +33,8 @@ class Forecast:
         For each trial the standard deviation of every state of its trajectory, due to the coefficients and the initial
         state, of the shape of ``trajectory.states``; None if it was not asked for.
     noise
-        Standard deviation of the measurement noise of each state, shape (states,); None if it is not known.
+        Standard deviation of the measurement noise of each state, shape (states,), for samples without one of their
+        own; None if it is not known.
     from_time
         When forecasts begin, if that is not at the first sample. What was measured before told the initial states, and
         is not in tables, errors and scores.
@@ -138,8 +140,13 @@ class Forecast:
         width, factor = len(self.trials.schema.states), normal_quantile(level) * self.error_model.widening
         if not measured or self.noise is None:
             return tuple(factor * each[:, :width] for each in self.std)
-        pairs, noise = zip(self.std, self._states(), strict=True), self.noise
-        return tuple(factor * np.hypot(std[:, :width], self.error_model.measurement_std(x, noise)) for std, x in pairs)
+        of_measurements = [
+            self.error_model.measurement_std(forecast, with_typical(trial.noise, self.noise))
+            for trial, forecast in zip(self.trials, self._states(), strict=True)
+        ]
+        return tuple(
+            factor * np.hypot(std[:, :width], noise) for std, noise in zip(self.std, of_measurements, strict=True)
+        )
 
     def errors(self) -> "pd.DataFrame":
         """Return a table of errors, one row for each trial and state.

@@ -56,14 +56,14 @@ class ErrorModel:
         """Whether the law itself errs, and not the measurements alone."""
         return self.force is not None or self.walk is not None
 
-    def scale(self, states: Floats, noise: Floats) -> Floats | float:
-        """Return the white noise at states, shape (n, d), relative to that at zero, which has shape (d,)."""
-        return 1.0 if self.proportional is None else np.hypot(1.0, self.proportional / noise * states)
+    def white_std(self, states: Floats, noise: Floats) -> Floats:
+        """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
+        return noise if self.proportional is None else noise * np.hypot(1.0, self.proportional / noise * states)
 
     def measurement_std(self, states: Floats, noise: Floats) -> Floats:
-        """Return the standard deviation of a measurement about states, shape (n, d), with white noise of shape (d,)."""
+        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`."""
         correlated = 0.0 if self.correlated is None else self.correlated
-        return np.hypot(noise * self.scale(states, noise), correlated) + np.zeros_like(states)
+        return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
 
 
 NO_ERRORS = ErrorModel()

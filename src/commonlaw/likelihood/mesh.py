@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class Mesh:
         Whether a point and the next one belong to one segment, shape (n - 1,).
     scale
         Standard deviations of the measurements relative to the noise of their states, shape (n, d).
+    noise
+        Standard deviations that were given of single measurements, shape (n, d), NaN for others.
     """
 
     times: Floats
@@ -37,6 +40,7 @@ class Mesh:
     inputs: Floats
     contiguous: Bools
     scale: Floats | float = 1.0
+    noise: Floats | float = np.nan
 
     @property
     def still(self) -> Bools:
@@ -109,15 +113,21 @@ def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice
 
 def _mesh(group: Sequence[tuple[Trial, slice]], points: int) -> Mesh:
     times = [_between(trial.times[segment, np.newaxis], points)[:, 0] for trial, segment in group]
-    measured = []
-    for (trial, segment), grid in zip(group, times, strict=True):
-        values = np.full((len(grid), trial.states.shape[1]), np.nan)
-        values[::points] = trial.states[segment]
-        measured.append(values)
+    measured, noise = (
+        np.concatenate([_spaced(values_of(trial)[segment], points) for trial, segment in group])
+        for values_of in (attrgetter("states"), attrgetter("noise"))
+    )
     inputs = [_between(trial.inputs[segment], points) for trial, segment in group]
     contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
     contiguous[np.cumsum([len(each) for each in times])[:-1] - 1] = False
-    return Mesh(np.concatenate(times), np.concatenate(measured), np.concatenate(inputs), contiguous)
+    return Mesh(np.concatenate(times), measured, np.concatenate(inputs), contiguous, noise=noise)
+
+
+def _spaced(values: Floats, points: int) -> Floats:
+    """Return values, shape (n, columns), with `points` - 1 rows of NaN between any two."""
+    spaced = np.full(((len(values) - 1) * points + 1, values.shape[1]), np.nan)
+    spaced[::points] = values
+    return spaced
 
 
 def _between(values: Floats, points: int) -> Floats:

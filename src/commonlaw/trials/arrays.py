@@ -17,10 +17,10 @@ from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_n
 def trials_from_arrays(
     times: Sequence[Any] | NDArray[Any],
     states: ArrayLike,
-    *,
     object: object,
     trial: object,
     inputs: ArrayLike | None,
+    noise: ArrayLike | None,
     names: Sequence[str] | None,
     units: Mapping[str, str] | None,
     properties: str | os.PathLike[str] | PropertyTable | Any,
@@ -33,17 +33,19 @@ def trials_from_arrays(
     labels = _counted(objects) if trial is None else _per_trial("trial labels", trial, count)
     all_states = _per_trial("arrays of states", [states] if single else states, count)
     all_inputs = _per_trial("arrays of inputs", [inputs] if single else inputs, count)
-    parts = list(zip(objects, labels, runs, all_states, all_inputs, strict=True))
+    all_noise = _per_trial("arrays of standard deviations", [noise] if single else noise, count)
+    parts = list(zip(objects, labels, runs, all_states, all_inputs, all_noise, strict=True))
     if not parts:
         raise CommonlawError("there is no trial: the list of times is empty")
-    empty = [_empty(at, values) for _, _, at, values, _ in parts]
-    made = tuple(_trial(*part, gaps) for part, gaps in zip(parts, empty, strict=True))
+    empty = [_empty(at, values) for _, _, at, values, *_ in parts]
+    made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
     columns = _columns(made[0], names)
     for each in made:
         check_measured(each, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
-    schema = Schema(*columns, units=joined_units(known.units, units, used, used))
+    noisy = {} if noise is None else {name: f"{name} noise" for name in columns[0]}
+    schema = Schema(*columns, units=joined_units(known.units, units, used, used), noise_columns=noisy)
     gaps = [
         f"{each.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
         for each, here in zip(made, empty, strict=True)
@@ -65,13 +67,13 @@ def _empty(times: Any, states: Any) -> NDArray[np.int64]:
     return np.setdiff1d(np.arange(measured[-1]), measured) if len(measured) else measured
 
 
-def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, empty: NDArray[np.int64]) -> Trial:
+def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:
     """Return a trial without its samples that are empty."""
-    inputs = np.empty((0, 0)) if inputs is None else inputs
+    others = [np.empty((0, 0)) if each is None else each for each in (inputs, noise)]
     if len(empty):
         times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
-        inputs = np.delete(inputs, empty, axis=0) if np.size(inputs) else inputs
-    return Trial(name, run, times, states, inputs)
+        others = [np.delete(each, empty, axis=0) if np.size(each) else each for each in others]
+    return Trial(name, run, times, states, *others)
 
 
 def _is_one(times: Any) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
@@ -209,6 +210,21 @@ def _without_unit(schema: Schema) -> list[str]:
     if not bare:
         return []
     return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."]
+
+
+def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:
+    """Return the trials, each clipped at its last irregular frame, and what was done, see `Trials.clip_irregular`."""
+    if tolerance is not None and not tolerance > 0:
+        raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
+    kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in trials]
+    shorter = [
+        f"{before.label} from {len(before)} to {len(after)} samples"
+        for before, after in zip(trials, kept, strict=True)
+        if len(after) < len(before)
+    ]
+    off = "7.5 %" if tolerance is None else f"{tolerance:g}"
+    reason = f"irregular frame, a step more than {off} off the trial's median step"
+    return kept, f"clipped {'; '.join(shorter)}: {reason}" if shorter else ""
 
 
 def regular_length(times: Floats, tolerance: float | None) -> int:

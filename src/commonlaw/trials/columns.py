@@ -44,7 +44,7 @@ class Table:
     loose: frozenset[str] = frozenset()
     """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
     decimal_comma: bool = False
-    roles: Mapping[str, str | list[str]] = field(default_factory=dict)
+    roles: Mapping[str, str | list[str] | dict[str, str]] = field(default_factory=dict)
     """Names of columns by role, where the file says so itself."""
     notes: tuple[str, ...] = ()
     parsed: dict[str, Floats | None] = field(default_factory=dict)
@@ -86,6 +86,19 @@ class Table:
             what = "is infinite" if np.isinf(values[row]) else "is missing"
             count = "" if len(bad) == 1 else f" ({len(bad)} values of the column are missing or infinite)"
             raise CommonlawError(f"{self._where(name, row)}: the value {what}{count}; repair the rows or remove them")
+        return values
+
+    def deviations(self, name: str, needed: Bools) -> Floats:
+        """Return a column of standard deviations, shape (n,), NaN where a cell is empty; some are `needed`."""
+        values = self.numbers(name, missing=True)
+        bad = np.flatnonzero((values <= 0) | (np.isnan(values) & needed))
+        if len(bad):
+            row = int(bad[0])
+            what = "missing" if np.isnan(values[row]) else f"{values[row]:g}"
+            raise CommonlawError(
+                f"{self._where(name, row)}: the standard deviation is {what}; give one above zero, or leave the "
+                "measurement's cell empty too"
+            )
         return values
 
     def encoded(self, name: str, read: Callable[[object], object] = _stripped) -> tuple[Codes, list[object]]:

@@ -41,6 +41,7 @@ def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
         "time": schema.time,
         "states": schema.states,
         "inputs": schema.inputs,
+        "noise_columns": schema.noise_columns,
         "properties": property_names(data.properties),
     }
     write_parquet(path, _with_units(data), roles, data.notes)
@@ -62,6 +63,8 @@ def _columns(data: TrialData) -> dict[str, Column]:
     }
     values = np.concatenate([np.hstack([trial.states, trial.inputs]) for trial in trials])
     columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
+    noise = np.concatenate([trial.noise for trial in trials])
+    columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
     for name in property_names(data.properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns

@@ -34,6 +34,7 @@ class _Roles(TypedDict, total=False):
     time: str
     states: list[str]
     inputs: list[str]
+    noise_columns: dict[str, str]
     properties: list[str]
 
 

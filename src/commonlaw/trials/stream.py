@@ -82,7 +82,7 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
                 f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, time"
             )
         done.add(key)
-        arrays = zip(*((each.times, each.states, each.inputs) for each in parts), strict=True)
+        arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
         trial = Trial(*key, *map(np.concatenate, arrays))
         check_measured(trial, states[0])
         yield trial

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Unpack, cast
@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.dates import with_dates_as_times
-from commonlaw.trials.headers import joined_units
+from commonlaw.trials.headers import find_name, joined_units
 from commonlaw.trials.properties import (
     column_properties,
     constant_columns,
@@ -22,6 +22,7 @@ from commonlaw.trials.properties import (
 )
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
+from commonlaw.trials.units import known_unit
 
 _CLOCKS = (
     *("sec", "second", "seconds", "minute", "minutes", "hour", "hours", "day", "days", "year", "years", "age"),
@@ -64,7 +65,9 @@ def _checked(roles: Roles) -> Roles:
         if name not in Roles.__annotations__:
             raise unknown("keyword", name, [*Roles.__annotations__, "sheet"])
     said = {name: value for name, value in roles.items() if value is not None}
-    for name in ("states", "inputs"):
+    if not isinstance(said.get("noise_columns", {}), Mapping):
+        raise CommonlawError(f"noise_columns are {said['noise_columns']!r}: name them by state, such as {{'x': 'sx'}}")
+    for name in ("states", "inputs", "noise_columns"):
         if name in said and not said[name]:
             del said[name]
     return cast(Roles, said)
@@ -89,16 +92,19 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
         known = given_properties(roles["properties"], objects_in or "object", objects)
     else:
         known = column_properties(table, columns.properties, owners, objects)
-    names = [time, *columns.states, *columns.inputs]
+    noise_columns = _noise_columns(table, roles, columns.states)
+    names = [time, *columns.states, *columns.inputs, *noise_columns.values()]
     units = joined_units(
         {**table.units, **known.units}, roles.get("units"), [*table.columns, *known.names], [*names, *known.names]
     )
-    schema = Schema(columns.states, columns.inputs, objects_in or "object", trials_in or "trial", time, units)
+    _check_units(table, noise_columns, units)
+    labels_in = objects_in or "object", trials_in or "trial"
+    schema = Schema(columns.states, columns.inputs, *labels_in, time, units, noise_columns)
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
-    values = np.column_stack([located.numbers(name, missing=name in columns.states) for name in names])
-    made, empty, notes = _cut(table, values, owners * len(labels) + runs, objects, labels, len(columns.states))
+    cells = _cells(located, schema)
+    made, empty, notes = _cut(table, cells, owners * len(labels) + runs, objects, labels)
     remarks = (*table.notes, *columns.notes, *known.notes, *notes)
     nameless = objects_in is None and "object_name" not in roles
     return Rows(TrialData(made, schema, known.values, remarks, nameless), empty)
@@ -139,7 +145,8 @@ def _columns(table: Table, roles: Roles, taken: list[str], owners: Codes) -> _Co
     states = _found(table, roles.get("states", ()))
     given = roles.get("properties")
     properties = _found(table, given) if _names_columns(table, given) else []
-    roles_of = Counter([*taken, *inputs, *states, *properties])
+    noise = dict.fromkeys(_found(table, [*(roles.get("noise_columns") or {}).values()]))
+    roles_of = Counter([*taken, *inputs, *states, *properties, *noise])
     name, count = roles_of.most_common(1)[0]
     if count > 1:
         raise CommonlawError(f"{table.source}: column {name!r} is given two roles: give it one")
@@ -168,6 +175,25 @@ def _found(table: Table, names: Any) -> tuple[str, ...]:
     return tuple(table.find(name) for name in ([names] if isinstance(names, str) else names))
 
 
+def _noise_columns(table: Table, roles: Roles, states: Sequence[str]) -> dict[str, str]:
+    """Return the columns of standard deviations by state."""
+    given = roles.get("noise_columns") or {}
+    try:
+        return {find_name(state, states, "state"): table.find(name) for state, name in given.items()}
+    except CommonlawError as error:
+        raise CommonlawError(f"{table.source}: noise_columns=...: {error}") from None
+
+
+def _check_units(table: Table, noise_columns: Mapping[str, str], units: Mapping[str, str]) -> None:
+    """Refuse standard deviations in another unit than their state."""
+    for state, name in noise_columns.items():
+        if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
+            raise CommonlawError(
+                f"{table.source}: column {name!r} is in {units[name]}, and {state}, whose standard deviations it "
+                f"holds, in {units[state]}: give both in one unit"
+            )
+
+
 def _names_columns(table: Table, given: Any) -> bool:
     """Say whether properties are given as names of columns and not as a second table."""
     if isinstance(given, str):
@@ -175,10 +201,24 @@ def _names_columns(table: Table, given: Any) -> bool:
     return isinstance(given, Sequence)
 
 
+_Cells = tuple[Floats, Floats, Floats, Floats]
+"""Of all rows: times, shape (n,), states, inputs, and standard deviations of the states, each of shape (n, columns)."""
+
+
+def _cells(table: Table, schema: Schema) -> _Cells:
+    times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
+    states = np.column_stack([table.numbers(name, missing=True) for name in schema.states])
+    inputs = np.column_stack([np.empty((len(table), 0)), *(table.numbers(name) for name in schema.inputs)])
+    for state, name in schema.noise_columns.items():
+        j = schema.states.index(state)
+        noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
+    return times, states, inputs, noise
+
+
 def _cut(
-    table: Table, values: Floats, group: Codes, objects: Sequence[str], labels: Sequence[str], states: int
+    table: Table, cells: _Cells, group: Codes, objects: Sequence[str], labels: Sequence[str]
 ) -> tuple[tuple[Trial, ...], tuple[str, ...], list[str]]:
-    """Cut rows of time, states and inputs into trials, in order of first appearance and sorted by time.
+    """Cut rows into trials, in order of first appearance and sorted by time.
 
     Rows before a measured state that have none are left out; labels of trials without any row come second, notes third.
     """
@@ -187,22 +227,21 @@ def _cut(
     rank = np.argsort(in_order)[which]
     bounds = np.cumsum(np.bincount(rank))[:-1]
     made, empty, late, gaps = [], [], [], []
-    measured = np.asarray(np.isfinite(values[:, 1 : states + 1]).any(axis=1))
+    measured = np.asarray(np.isfinite(cells[1]).any(axis=1))
     for code, rows in zip(codes[in_order], np.split(np.argsort(rank, kind="stable"), bounds), strict=True):
         name, run = objects[code // len(labels)], labels[code % len(labels)]
         where = f"{name}, trial {run}"
-        times = values[rows, 0]
+        times = cells[0][rows]
         if np.any(times[1:] < times[:-1]):
             rows = rows[np.argsort(times, kind="stable")]
             late.append(where)
-        _refuse_twice(table, values[rows, 0], rows, where)
+        _refuse_twice(table, cells[0][rows], rows, where)
         ahead = np.logical_and.accumulate(~measured[rows][::-1])[::-1]
         kept = (measured[rows] | ahead) & ~ahead[0]
         if not kept.all():
             gaps.append(f"{where}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
-        cells = values[rows[kept]]
-        if len(cells):
-            made.append(Trial(name, run, cells[:, 0], cells[:, 1 : states + 1], cells[:, states + 1 :]))
+        if kept.any():
+            made.append(Trial(name, run, *(each[rows[kept]] for each in cells)))
         else:
             empty.append(where)
     notes = [f"sorted by time: {'; '.join(late)}"] if late else []

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice
 
 Property = float | str
 PropertyTable = Mapping[Any, Mapping[str, Property]]
@@ -41,6 +41,8 @@ class Roles(TypedDict, total=False):
         for each object.
     inputs
         Columns of the measured inputs. Default: none.
+    noise_columns
+        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: none.
     properties
         Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
         mapping from object to property values by name. Default: the columns without another role that are constant
@@ -55,6 +57,7 @@ class Roles(TypedDict, total=False):
     time: str | None
     states: str | Sequence[str] | None
     inputs: str | Sequence[str]
+    noise_columns: Mapping[str, str]
     properties: str | os.PathLike[str] | Sequence[str] | PropertyTable | Any
     units: Mapping[str, str] | None
 
@@ -74,11 +77,13 @@ class Schema:
     units
         Unit of a column by its name, in any form that pint reads (``"m"``, ``"m/s^2"``); columns without one
         are left out.
+    noise_columns
+        Names of the columns that hold the standard deviation of each measurement, by state, if there are any.
 
     Raises
     ------
     CommonlawError
-        If there is no state, or a name stands for two columns.
+        If there is no state, a name stands for two columns, or a column of standard deviations is of no state.
     """
 
     states: tuple[str, ...]
@@ -87,14 +92,17 @@ class Schema:
     trial: str = "trial"
     time: str = "t"
     units: Mapping[str, str] = field(default_factory=dict)
+    noise_columns: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        names = [self.object, self.trial, self.time, *self.states, *self.inputs]
+        names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
         if not self.states:
             raise CommonlawError("no state variable is named: say which columns were measured")
+        for name in self.noise_columns:
+            check_choice("state", name, self.states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +121,15 @@ class Trial:
         Measured states, shape (n, number of states); NaN where a state was not measured, or is to be forecast.
     inputs
         Measured inputs, shape (n, number of inputs).
+    noise
+        Standard deviation of each measured state, shape (n, number of states), NaN where it is not known: nowhere, or
+        everywhere where a state was measured. Default: not known.
 
     Raises
     ------
     CommonlawError
         If there is no sample or no label, shapes disagree, a value is not finite, the first sample has no measured
-        state, or the times do not increase; the message names the sample.
+        state, a measurement lacks its standard deviation, or the times do not increase; the message names the sample.
     """
 
     object: str
@@ -126,17 +137,21 @@ class Trial:
     times: Floats
     states: Floats
     inputs: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    noise: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
             object.__setattr__(self, name, label(getattr(self, name)))
         try:
-            times, states, inputs = _frozen(self.times, 1), _frozen(self.states, 2), _frozen(self.inputs, 2)
+            times, states = _frozen(self.times, 1), _frozen(self.states, 2)
+            inputs, noise = _frozen(self.inputs, 2), _frozen(self.noise, 2)
         except CommonlawError as error:
             raise CommonlawError(f"{self.label}: {error}") from None
         if inputs.size == 0:
             inputs = _frozen(np.empty((len(times), 0)), 2)
-        for name, values in (("times", times), ("states", states), ("inputs", inputs)):
+        if np.isnan(noise).all():
+            noise = _frozen(np.full(states.shape, np.nan), 2)
+        for name, values in (("times", times), ("states", states), ("inputs", inputs), ("noise", noise)):
             object.__setattr__(self, name, values)
         self._check()
 
@@ -155,12 +170,16 @@ class Trial:
 
     def cut(self, stop: int) -> "Trial":
         """Return the trial's first `stop` samples."""
-        return Trial(self.object, self.name, self.times[:stop], self.states[:stop], self.inputs[:stop])
+        return self.rows(slice(stop))
 
     def measured(self) -> "Trial":
         """Return the trial without samples in which no state was measured."""
-        kept = ~np.isnan(self.states).all(axis=1)
-        return replace(self, times=self.times[kept], states=self.states[kept], inputs=self.inputs[kept])
+        return self.rows(np.asarray(np.isfinite(self.states).any(axis=1)))
+
+    def rows(self, chosen: slice | Bools) -> "Trial":
+        """Return the chosen samples of the trial."""
+        parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise")}
+        return replace(self, **parts)
 
     def _check(self) -> None:
         if not self.object or not self.name:
@@ -180,6 +199,7 @@ class Trial:
                 raise CommonlawError(
                     f"{self.label}: {what} is {values[tuple(bad[0])]} in {where}; remove or repair the sample"
                 )
+        self._check_noise()
         if self.states.shape[1] and np.isnan(self.states[0]).all():
             raise CommonlawError(f"{self.label}: no state was measured in sample 1; leave the sample out")
         late = np.flatnonzero(self.times[1:] <= self.times[:-1])
@@ -188,6 +208,21 @@ class Trial:
             raise CommonlawError(
                 f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
                 "sort the samples and keep one for each time"
+            )
+
+    def _check_noise(self) -> None:
+        if self.noise.shape != self.states.shape:
+            raise CommonlawError(
+                f"{self.label}: standard deviations of shape {self.noise.shape} for states of shape "
+                f"{self.states.shape}; give one for each measurement"
+            )
+        known = np.isfinite(self.noise).any(axis=0)
+        lacking = np.isnan(self.noise) & np.isfinite(self.states) & known
+        bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
+        if len(bad):
+            raise CommonlawError(
+                f"{self.label}: the standard deviation of state {bad[0][1] + 1} is {self.noise[tuple(bad[0])]} in "
+                f"sample {bad[0][0] + 1}; give one above zero for each of its measurements, or leave the sample out"
             )
 
 
@@ -199,6 +234,11 @@ class TrialData(NamedTuple):
     properties: Mapping[str, Mapping[str, Property]]
     notes: tuple[str, ...]
     nameless: bool = False
+
+
+def with_typical(noise: Floats | float, typical: Floats) -> Floats:
+    """Return the standard deviation of each measurement, shape (n, d), a typical one, shape (d,), where it is NaN."""
+    return np.where(np.isnan(noise), typical, noise)
 
 
 def shown(locations: Sequence[str]) -> str:
@@ -237,6 +277,21 @@ def check_measured(trial: Trial, states: Sequence[str]) -> None:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {count} of {len(trial)} samples, and a state with gaps needs "
                 f"{least}; leave the trial or the column out"
+            )
+
+
+def check_noise_columns(trial: Trial, schema: Schema) -> None:
+    """Refuse a trial with standard deviations of a state for which the schema names no column, or without others."""
+    for j, name in enumerate(schema.states):
+        named, known = name in schema.noise_columns, bool(np.isfinite(trial.noise[:, j]).any())
+        if known and not named:
+            raise CommonlawError(
+                f"{trial.label} has standard deviations of {name}: name their column in the schema, noise_columns="
+            )
+        if named and not known and np.isfinite(trial.states[:, j]).any():
+            raise CommonlawError(
+                f"{trial.label} lacks standard deviations of {name}, column {schema.noise_columns[name]}: give them "
+                "for every trial or for none"
             )
 
 

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.arrays import trials_from_arrays
-from commonlaw.trials.check import Report, check, regular_length
+from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
 from commonlaw.trials.tables import read_trials, trials_from_frame
 from commonlaw.trials.trial import (
@@ -22,6 +22,7 @@ from commonlaw.trials.trial import (
     Schema,
     Trial,
     TrialData,
+    check_noise_columns,
     label,
     normalized,
     property_names,
@@ -80,6 +81,7 @@ class Trials:
             ):
                 if values.shape[1] != len(names):
                     raise CommonlawError(f"{trial.label} has {values.shape[1]} {kind}, expected {', '.join(names)}")
+            check_noise_columns(trial, self.schema)
         object.__setattr__(self, "properties", normalized(self.properties))
         self._check_properties()
 
@@ -139,6 +141,7 @@ class Trials:
         object: object = "object",
         trial: object = None,
         inputs: ArrayLike | None = None,
+        noise: ArrayLike | None = None,
         names: Sequence[str] | None = None,
         units: Mapping[str, str] | None = None,
         properties: str | os.PathLike[str] | PropertyTable | Any = None,
@@ -158,6 +161,8 @@ class Trials:
             The trial's label, or a list of them. Default: the trials of each object are counted from 1.
         inputs
             Measured inputs, shaped as the states.
+        noise
+            Standard deviations of the measured states, of the same shape; their columns are ``x noise``.
         names
             Names of the states and then of the inputs. Default: ``x`` or ``x1``, ``x2``, ..., and ``u`` or ``u1``, ...
         units
@@ -178,10 +183,7 @@ class Trials:
         >>> trials, trials.schema.units
         (<Trials: 1 trials of 1 objects, 2 samples of height>, {'height': 'm'})
         """
-        data = trials_from_arrays(
-            times, states, object=object, trial=trial, inputs=inputs, names=names, units=units, properties=properties
-        )
-        return cls(*data)
+        return cls(*trials_from_arrays(times, states, object, trial, inputs, noise, names, units, properties))
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -262,17 +264,13 @@ class Trials:
         discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle
         takes everything behind it along.
         """
-        if tolerance is not None and not tolerance > 0:
-            raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
-        kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
-        clipped = [
-            f"{before.label} from {len(before)} to {len(after)} samples"
-            for before, after in zip(self.trials, kept, strict=True)
-            if len(after) < len(before)
-        ]
-        off = "7.5 %" if tolerance is None else f"{tolerance:g}"
-        reason = f"irregular frame, a step more than {off} off the trial's median step"
-        return self.with_trials(kept, f"clipped {'; '.join(clipped)}: {reason}") if clipped else self
+        kept, note = clipped(self.trials, tolerance)
+        return self.with_trials(kept, note) if note else self
+
+    def without_noise(self) -> "Trials":
+        """Return the trials without the standard deviations of their measurements."""
+        bare = tuple(replace(trial, noise=np.empty((0, 0))) for trial in self.trials)
+        return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
     def check(self, tolerance: float | None = None) -> Report:
         """Return figures of every trial and what is odd about them.

@@ -1,0 +1,62 @@
+"""A column of standard deviations on the command line."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+
+TIMES = np.linspace(0, 10, 60)
+LEVELS = np.where(np.arange(60) % 3 == 0, 0.02, 0.3)
+
+
+@pytest.fixture
+def cups(tmp_path):
+    """A table of a cup that cools, written as cups.csv."""
+    states = 2 + 5 * np.exp(-0.3 * TIMES) + LEVELS * np.random.default_rng(0).standard_normal(60)
+    frame = pd.DataFrame({"t": TIMES, "T": states, "s": LEVELS})
+    frame.to_csv(tmp_path / "cups.csv", index=False)
+    return frame
+
+
+def test_deviations_are_heeded_by_every_command(run, cups):
+    code, out, err = run("discover", "cups.csv", "--noise-column", "T=s", "--save", "law.json", "--history")
+    assert (code, err) == (0, "")
+    assert "T' = a + b T" in out
+    assert "as given for each measurement, T by s; their median" in out
+    assert cl.Law.load("law.json").schema.noise_columns == {"T": "s"}
+
+    # The column is found by the name that it had
+    run("predict", "law.json", "cups.csv", "--save", "forecast.csv")
+    widths = pd.read_csv("forecast.csv").eval("`T measured high` - `T measured low`")
+    assert widths[30] < 0.3 * widths[31]
+    code, out, _ = run("refine", "law.json", "cups.csv", "--history")
+    assert (code, "T by s" in out) == (0, True)
+    code, out, _ = run("fit", "T' = a + b T", "cups.csv", "--noise-column", "T=s", "--against", "law.json")
+    assert (code, "0.5" in out) == (0, True)
+    assert run("data", "check", "cups.csv", "--noise-column", "T=s")[0] == 0
+
+    # A table that has none is forecast with a typical one
+    cups[["t", "T"]].to_csv("bare.csv", index=False)
+    run("predict", "law.json", "bare.csv", "--save", "forecast.csv")
+    widths = pd.read_csv("forecast.csv").eval("`T measured high` - `T measured low`")
+    assert widths[30] == pytest.approx(widths[31], rel=0.05)
+
+
+@pytest.mark.usefixtures("cups")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--noise-column", "x=s"], "cups.csv: --noise-column ...: unknown state 'x'"),
+        (["--noise-column", "s"], "--noise-column 's' is not of the form NAME=VALUE"),
+        (["--noise-column", "T=s", "--noise", "T=1"], "the noise of 'T' is given twice, and in column 's'"),
+        (
+            ["--noise-column", "T=s", "--solver", "stlsq"],
+            "leave --noise-column ... out, or use --method trajectory-likelihood\n",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_words_of_the_command(run, options, message):
+    code, _, err = run("discover", "cups.csv", *options)
+    assert code != 0
+    assert message in err

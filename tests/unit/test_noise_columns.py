@@ -1,0 +1,181 @@
+"""Standard deviations of single measurements: read with them, heeded by the likelihood, carried by forecasts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.likelihood import meshes
+
+TIMES = np.linspace(0, 10, 60)
+LEVELS = np.where(np.arange(60) % 3 == 0, 0.02, 0.3)
+STARTS = (5.0, -1.5)
+
+
+def cooling(times, start, rest, rate):
+    return rest / rate + (start - rest / rate) * np.exp(-rate * times)
+
+
+def cups(noise=LEVELS, seed=0):
+    """Two cups that cool to 2 at a rate of 0.3; each sample has the noise that it says."""
+    draws = np.random.default_rng(seed).standard_normal((2, len(TIMES)))
+    states = [cooling(TIMES, 2 + start, 0.6, 0.3) + noise * own for start, own in zip(STARTS, draws, strict=True)]
+    return cl.Trials.from_arrays([TIMES] * 2, states, object=["cup"] * 2, noise=[noise + 0 * TIMES] * 2, names=["T"])
+
+
+def cells(noise="0.1", state="5"):
+    return f"t,T,s [K]\n0,9,0.1\n1,{state},{noise}\n2,3,0.1\n3,2,0.2\n4,1.5,0.1\n5,1.2,0.1\n6,1,0.2\n"
+
+
+def test_a_constant_column_is_the_noise_of_the_state():
+    trials = cups(0.1)
+    by_column, given = (
+        cl.discover(trials),
+        cl.discover(trials.without_noise(), method=cl.TrajectoryLikelihood(noise={"T": 0.1})),
+    )
+    np.testing.assert_array_equal(by_column.coefficients, given.coefficients)
+    np.testing.assert_array_equal(by_column.covariance, given.covariance)
+    assert by_column.candidates().equals(given.candidates())
+    assert by_column.noise.tolist() == given.noise.tolist() == [0.1]
+    starts = [{"start": 1}, {"start": 20}, {"from_time": 4.0}]
+    for start in starts:
+        both = [
+            law.predict(own, return_std=True, **start).interval(measured=True)
+            for law, own in ((by_column, trials), (given, trials.without_noise()))
+        ]
+        assert both[0].equals(both[1])
+
+
+def test_coefficients_and_errors_are_those_of_weighted_least_squares_on_the_solution():
+    trials = cups()
+    both = np.repeat([0, 1], len(TIMES))
+
+    def solution(times, first, second, rest, rate):
+        return np.where(both, cooling(times, second, rest, rate), cooling(times, first, rest, rate))
+
+    measured = np.concatenate([trial.states[:, 0] for trial in trials])
+    found, covariance = curve_fit(
+        solution, np.tile(TIMES, 2), measured, (7, 0.5, 0.6, 0.3), np.tile(LEVELS, 2), absolute_sigma=True
+    )
+    law = cl.fit("T' = rest - rate T", trials, huber_threshold=np.inf)
+    np.testing.assert_allclose(law.coefficients[0, 0] * [1, -1], found[2:], rtol=1e-4)
+    np.testing.assert_allclose(law.standard_errors[0, 0], np.sqrt(np.diag(covariance))[2:], rtol=2e-3)
+    assert law.noise == [0.3]
+    assert law.history[1].reason == "as given for each measurement, T by T noise; their median"
+
+
+def test_the_law_is_found_and_its_intervals_hold_the_truth():
+    missed = []
+    for seed in range(12):
+        law = cl.discover(cups(seed=seed), library="poly:2")
+        assert law.structure() == ("T' = a + b T",)
+        missed.append((law.coefficients[0, 0, :2] - [0.6, -0.3]) / law.standard_errors[0, 0, :2])
+    assert np.mean(np.abs(missed) < 1.96) >= 20 / 24
+    assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(1, abs=0.35)
+
+
+def test_noise_that_grows_is_found_beside_what_was_given():
+    generator, paths = np.random.default_rng(1), [cooling(TIMES, start, 0.6, 0.3) for start in (40.0, 25.0, 60.0)]
+    states = [x + np.hypot(LEVELS, 0.1 * x) * generator.standard_normal(len(x)) for x in paths]
+    trials = cl.Trials.from_arrays([TIMES] * 3, states, object=["cup"] * 3, noise=[LEVELS] * 3)
+    law = cl.fit("x' = a - b x", trials, errors="proportional")
+    assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.25)
+    assert law.noise == [0.3]
+
+
+def test_bands_of_measurements_have_the_noise_of_their_samples_or_a_typical_one():
+    trials = cups()
+    law = cl.fit("T' = a + b T", trials)
+    forecast = law.predict(trials, times=[11.0, 12.0], return_std=True, start=60)
+    states, measured = forecast.margins()[0], forecast.margins(measured=True)[0]
+    levels = np.append(LEVELS, [0.3, 0.3])
+    np.testing.assert_allclose(np.sqrt(measured**2 - states**2)[:, 0] / 1.959964, levels, rtol=1e-6)
+    between = law.predict(trials, times=[(TIMES[3] + TIMES[4]) / 2], return_std=True).trials[0]
+    assert between.noise[4, 0] == pytest.approx(0.16)
+
+
+def test_a_start_is_fitted_to_samples_as_far_as_they_are_exact():
+    trials = cups()
+    law = cl.fit("T' = a + b T", trials)
+    exact = replace(law, uncertainty=replace(law.uncertainty, covariance=0 * law.covariance))
+    std = exact.predict(trials, start=30, return_std=True).std[0][0, 0]
+    decay = np.exp(law.coefficients[0, 0, 1] * TIMES[:30])
+    assert std == pytest.approx(1 / np.sqrt(np.sum((decay / LEVELS[:30]) ** 2)), rel=1e-3)
+
+
+def test_deviations_come_back_from_files_and_stay_with_their_samples(tmp_path):
+    trials = cups()
+    trials = trials.with_trials([trials[0], trials[1].cut(20)])
+    trials.to_csv(tmp_path / "cups.csv")
+    trials.to_parquet(tmp_path / "cups.parquet")
+    roles = {"noise_columns": {"T": "T noise"}}
+    for read in (
+        cl.Trials.read(tmp_path / "cups.csv", **roles),
+        cl.Trials.read(tmp_path / "cups.parquet"),
+        cl.Trials.from_frame(trials.to_frame(), **roles),
+        cl.TrialStream.from_parquet(tmp_path / "cups.parquet"),
+    ):
+        assert read.schema == trials.schema
+        for one, other in zip(read, trials, strict=True):
+            np.testing.assert_array_equal(one.noise, other.noise)
+    late = trials.until(5.0)[0]
+    np.testing.assert_array_equal(late.noise[:, 0], LEVELS[: len(late)])
+    bare = trials.without_noise()
+    assert np.isnan(bare[0].noise).all()
+    assert bare.schema.noise_columns == {}
+
+
+def test_points_between_samples_have_no_deviation():
+    (mesh,) = meshes(cups()[:2], points=2)
+    np.testing.assert_array_equal(mesh.noise[: 2 * 60 - 1 : 2, 0], LEVELS)
+    assert np.isnan(mesh.noise[1 : 2 * 60 - 1 : 2]).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "roles", "message"),
+    [
+        (cells("0"), {}, "cups.csv: column 's', row 2 .line 3., cups, trial 1: the standard deviation is 0; give one"),
+        (cells("-1"), {}, "row 2 .*the standard deviation is -1; give one above zero"),
+        (cells(""), {}, "row 2 .*the standard deviation is missing; give one above zero"),
+        (cells("inf"), {}, "row 2 .*the value is infinite"),
+        (cells("few"), {}, "row 2 .*'few' is not a number"),
+        (cells(), {"noise_columns": {"x": "s"}}, "cups.csv: noise_columns=...: unknown state 'x'"),
+        (cells(), {"noise_columns": {"T": "sd"}}, "cups.csv: unknown column 'sd'"),
+        (cells(), {"noise_columns": "s"}, "noise_columns are 's': name them by state"),
+        (cells(), {"states": ["T", "s"]}, "column 's' is given two roles"),
+        (cells(), {"units": {"T": "mK"}}, "column 's' is in K, and T, whose standard deviations it holds, in mK"),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused(tmp_path, content, roles, message):
+    (tmp_path / "cups.csv").write_text(content)
+    with pytest.raises(CommonlawError, match=message):
+        cl.Trials.read(tmp_path / "cups.csv", **({"noise_columns": {"T": "s"}} | roles))
+
+
+def test_a_sample_that_was_not_measured_needs_no_deviation(tmp_path):
+    for noise in ("", "0.5"):
+        rows = [f"{row},{'1' if i else 'x'}" for i, row in enumerate(cells(noise, state="").splitlines())]
+        (tmp_path / "cups.csv").write_text("\n".join(rows))
+        trial = cl.Trials.read(tmp_path / "cups.csv", noise_columns={"T": "s"}, states=["T", "x"])[0]
+        assert np.isnan(trial.states[1, 0])
+        np.testing.assert_array_equal(trial.noise[1], [float(noise or "nan"), np.nan])
+
+
+def test_what_does_not_go_together_is_refused():
+    trials, bare = cups(), cups().without_noise()
+    cases = [
+        (lambda: replace(trials[0], noise=0 * trials[0].noise), "cup, trial 1: the standard deviation of state 1 is 0"),
+        (lambda: replace(trials[0], noise=[0.1]), "standard deviations of shape"),
+        (lambda: bare.with_trials(trials.trials), "cup, trial 1 has standard deviations of T: name their column"),
+        (lambda: trials.with_trials(bare.trials), "cup, trial 1 lacks standard deviations of T, column T noise"),
+        (lambda: cl.Schema(("x",), noise_columns={"y": "s"}), "unknown state 'y'"),
+        (lambda: cl.Schema(("x",), noise_columns={"x": "x"}), "the name 'x' stands for two columns"),
+        (lambda: cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"T": 1.0})), "'T' is given twice"),
+        (lambda: cl.discover(trials, method=cl.DerivativeRegression()), "do not go with DerivativeRegression: leave"),
+    ]
+    for case, message in cases:
+        with pytest.raises(CommonlawError, match=message):
+            case()
