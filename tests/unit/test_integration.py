@@ -56,6 +56,21 @@ def test_exponential_growth_is_followed_until_it_has_run_away():
     np.testing.assert_allclose(found.states[:10, 0], np.exp(np.arange(10.0)), rtol=1e-6)
 
 
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_a_point_that_the_law_does_not_lead_out_of_ends_the_trajectory_soon(start):
+    calls = []
+
+    def falling_to_zero(t, y):
+        calls.append(t)
+        return -1 / y
+
+    found = integrate(falling_to_zero, np.ones(1), start + np.linspace(0, 1, 11))
+    assert found.outcome.kind == "diverged"
+    assert found.ended == pytest.approx(start + 0.5, rel=1e-6)
+    assert len(calls) < 30_000
+    np.testing.assert_allclose(found.states[:5, 0], np.sqrt(1 - 2 * np.linspace(0, 0.4, 5)), rtol=1e-5)
+
+
 def test_initial_states_and_times_are_checked():
     field = lorenz_field()
     with pytest.raises(CommonlawError, match=r"pendulum: the initial state .* is not finite"):

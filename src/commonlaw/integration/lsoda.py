@@ -20,6 +20,8 @@ _EVERY = 4
 """Steps of the states between which those of their derivatives begin anew."""
 _LOOKS = 8
 """How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
+_MANY, _NOWHERE = 5000, 1e-6
+"""So many steps that together pass less than this share of the time are where the law does not lead out of."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,14 @@ def solve(
         stops = times[-1:] if stops is None else stops
         steps = _steps(rhs, start, times[0], stops, tolerance, 1e-3 * tolerance * size)
         reached, stop, why = 1, None, f"{most_steps(stops)} steps were not enough"
-        for solver in islice(steps, most_steps(stops)):
+        least, mark = _NOWHERE * (times[-1] - times[0]), -np.inf
+        for count, solver in enumerate(islice(steps, most_steps(stops))):
+            if count % _MANY == 0:
+                if solver.t - mark < least:
+                    why = f"{_MANY} steps lead nowhere"
+                    break
+                mark = solver.t
+            before = solver.t
             with quiet(UserWarning):
                 bad = solver.step() or _runaway(solver.y, size)
             if bad:
@@ -143,7 +152,7 @@ def solve(
                 if until > reached:
                     states[reached:until] = interpolant(times[reached:until]).T
                     reached = until
-                if track is not None:
+                if track is not None and solver.t > before:
                     track.interpolants.append(interpolant)
                     track.knots.append(float(solver.t))
             if stop is not None:
