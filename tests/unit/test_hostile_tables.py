@@ -2,6 +2,7 @@
 
 import json
 import os
+from decimal import Decimal
 
 import numpy as np
 import openpyxl
@@ -12,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import commonlaw as cl
-from commonlaw.trials import parquet
+from commonlaw.trials import parquet, stream
 
 FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0, 4.0], "x": [0.0, 1.0, 4.0, 9.0, 16.0]})
 
@@ -74,13 +75,40 @@ def test_what_a_parquet_file_says_of_its_columns_are_names_of_them(tmp_path, mon
             read(path)
 
 
+def test_a_text_that_is_in_every_row_of_a_parquet_file_is_in_memory_once(tmp_path):
+    path, rows = tmp_path / "repeated.parquet", np.arange(20_000.0)
+    text = pa.DictionaryArray.from_arrays(np.zeros(len(rows), dtype=np.int32), ["y" * 100_000])
+    lists = pa.ListArray.from_arrays(np.arange(len(rows) + 1) * 10, pa.array(["a"]).take([0] * 10 * len(rows)))
+    named = {"object": ["ball"] * len(rows), "trial": ["1"] * len(rows), "t": rows, "x": rows}
+    pq.write_table(pa.table(named | {"text": text, "lists": lists}), path, store_schema=False)
+    assert path.stat().st_size < 500_000
+    streamed = cl.TrialStream.from_parquet(path, object="object", trial="trial", time="t", states=["x"])
+    assert [len(trial) for trials in (cl.Trials.read(path), streamed) for trial in trials] == 2 * [len(rows)]
+    assert pa.default_memory_pool().max_memory() < 2**30
+
+
 def test_a_parquet_file_that_unpacks_to_more_than_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(parquet, "LARGEST_FILE", 2**26)
-    path, rows = tmp_path / "repeated.parquet", 20_000
-    text = pa.DictionaryArray.from_arrays(np.zeros(rows, dtype=np.int32), ["y" * 100_000])
-    pq.write_table(pa.table({"t": range(rows), "x": text}), path, store_schema=False)
-    assert path.stat().st_size < 200_000
-    with pytest.raises(cl.CommonlawError, match=r"repeated.parquet holds more than 67108864 bytes once it is unpacked"):
+    monkeypatch.setattr(parquet, "LARGEST_FILE", 2**16)
+    texts = [f"{i:0100}" for i in range(1000)]
+    pq.write_table(pa.table({"t": range(1000), "x": texts}), tmp_path / "texts.parquet")
+    with pytest.raises(cl.CommonlawError, match=r"texts.parquet holds more than 65536 bytes once it is unpacked"):
+        cl.Trials.read(tmp_path / "texts.parquet")
+
+
+def test_a_trial_of_a_stream_that_memory_does_not_hold_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(stream, "MOST_CELLS", 50)
+    cl.datasets.linear_drag(drag=-0.1, trials=1).to_parquet(tmp_path / "long.parquet")
+    with pytest.raises(cl.CommonlawError, match=r"Ball 1, trial 1 has more than 50 values, .*: divide it"):
+        list(cl.TrialStream.from_parquet(tmp_path / "long.parquet"))
+
+
+def test_a_parquet_file_whose_columns_are_not_what_it_says_does_not_end_the_process(tmp_path):
+    path = parquet_file(tmp_path / "drops.parquet", b"{}")
+    optional, required = b"\x25\x02\x18\x01x", b"\x25\x00\x18\x01x"
+    content = path.read_bytes()
+    assert content.count(optional) == 1
+    path.write_bytes(content.replace(optional, required))
+    with pytest.raises(cl.CommonlawError, match=r"drops.parquet"):
         cl.Trials.read(path)
 
 
@@ -126,6 +154,15 @@ def test_numbers_of_every_kind_are_read(kind):
 
 def test_integers_above_two_to_the_63_are_read():
     assert cl.Trials.from_frame(FRAME.assign(x=[2**63, 2**64, 2**65, 0, 1]))[0].states[1, 0] == 2.0**64
+
+
+@pytest.mark.parametrize("name", ["sNaN", "-sNaN7", "NaN"])
+def test_a_decimal_that_is_no_number_is_missing(name):
+    values = [Decimal(-1), Decimal(name), *map(Decimal, range(4))]
+    frame = pd.DataFrame({"t": range(6), "x": values})
+    assert cl.Trials.from_frame(frame)[0].times.tolist() == [0.0, 2.0, 3.0, 4.0, 5.0]
+    with pytest.raises(cl.CommonlawError, match=r"column 't', row 2, .*: the value is missing"):
+        cl.Trials.from_frame(frame.assign(t=values, x=range(6)))
 
 
 ARRAYS = {

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -178,7 +178,10 @@ def filled_table(
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
     """Return cells as a column, and whether they were of several kinds and became text."""
     column = np.fromiter(cells, dtype=object, count=len(cells))
-    empty = _missing(column)
+    try:
+        empty = _missing(column)
+    except InvalidOperation:  # A signalling NaN may not even be compared
+        return column_of([None if isinstance(cell, Decimal) and cell.is_snan() else cell for cell in cells])
     present = column[~empty]
     kinds = {_family(type(cell)) for cell in present}
     if len(kinds) > 1:
@@ -223,7 +226,18 @@ def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
         values = series.to_numpy()
         if values.dtype.kind in "iuf":
             return values, False
+    if series.dtype == nw.Categorical and series.implementation.is_pyarrow():
+        return column_of(_shared(series.to_native()))
     return column_of(series.to_list())
+
+
+def _shared(column: Any) -> list[object]:
+    """Return the cells of a dictionary of Arrow, those that are the same as one object."""
+    cells: list[object] = []
+    for chunk in column.chunks:
+        values = [*chunk.dictionary.to_pylist(), None]
+        cells += map(values.__getitem__, chunk.indices.fill_null(len(values) - 1).to_pylist())
+    return cells
 
 
 def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
@@ -261,5 +275,5 @@ def _parsed(column: Column) -> Floats | None:
     except (TypeError, ValueError):
         return None
     # Python reads 1_000 and digits of every script
-    text = "".join(map(str, column.tolist()))
-    return values if text.isascii() and "_" not in text else None
+    texts = list(map(str, column.tolist()))
+    return values if all(map(str.isascii, texts)) and not any("_" in text for text in texts) else None

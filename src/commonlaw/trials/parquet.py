@@ -13,7 +13,7 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.files import write_whole
-from commonlaw.foreign import LARGEST_FILE, check_size, checked_file, read_json
+from commonlaw.foreign import LARGEST_FILE, MOST_CELLS, check_size, checked_file, read_json
 from commonlaw.trials.columns import Column, Table, frame_table
 
 if TYPE_CHECKING:
@@ -46,31 +46,33 @@ class _Kept(TypedDict, total=False):
 
 
 def parquet_table(source: str, content: bytes) -> Table:
-    """Return the table in a Parquet file."""
-    arrow, parquet = _arrow("reading Parquet files")
+    """Return the table in a Parquet file, without columns of lists and bytes."""
+    arrow, _ = _arrow("reading Parquet files")
     with _whole(source):
-        file = parquet.ParquetFile(arrow.BufferReader(content))
+        file = _file(arrow.BufferReader(content))
         check_size(source, file.metadata.num_rows, file.metadata.num_columns)
-        data = arrow.Table.from_batches(_unpacked(source, file), file.schema_arrow)
-    kept = _kept(source, data.schema.metadata)
-    return replace(frame_table(data, source), roles=_roles(kept), notes=kept.get("notes", ()))
+        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        kept = _kept(source, file.schema_arrow.metadata)
+        return replace(frame_table(data, source), roles=_roles(kept), notes=kept.get("notes", ()))
 
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
     """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
-    arrow, parquet = _arrow("streaming Parquet files")
+    arrow, _ = _arrow("streaming Parquet files")
     try:
-        file = parquet.ParquetFile(checked_file(path, np.inf))
-    except (arrow.ArrowException, OSError) as error:
+        file = _file(checked_file(path, np.inf))
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise CommonlawError(f"{path} is no Parquet file ({error}): only Parquet can be streamed") from None
+    check_size(str(path), 1, file.metadata.num_columns)
     return file, _roles(_kept(str(path), file.schema_arrow.metadata))
 
 
 def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
-    """Yield the tables in so many rows of a Parquet file after the other."""
+    """Yield the tables in so many rows of a Parquet file after the other, or in fewer, as memory allows."""
     arrow, _ = _arrow("streaming Parquet files")
     with _whole(str(path)):
-        for batch in opened(path)[0].iter_batches(batch_size=rows):
+        file, _ = opened(path)
+        for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
             yield frame_table(arrow.Table.from_batches([batch]))
 
 
@@ -96,20 +98,36 @@ def _whole(source: str) -> Iterator[None]:
     arrow, _ = _arrow("reading Parquet files")
     try:
         yield
-    except (arrow.ArrowException, OSError) as error:
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise CommonlawError(f"{source} is a damaged Parquet file ({error}): write it again") from error
 
 
-def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:
-    """Yield the rows of a file in batches; a few bytes of a file can stand for a text that is in every row."""
-    metadata, size = file.metadata, 0
-    chunks = [
-        metadata.row_group(i).column(j) for i in range(metadata.num_row_groups) for j in range(metadata.num_columns)
+def _file(where: Any) -> "pq.ParquetFile":
+    """Return a Parquet file whose texts are read as dictionaries: a few bytes can stand for a text in every row."""
+    _, parquet = _arrow("reading Parquet files")
+    file = parquet.ParquetFile(where)
+    columns = map(file.schema.column, range(len(file.schema)))
+    texts = [each.path for each in columns if each.physical_type == "BYTE_ARRAY"]
+    return parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts)
+
+
+def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
+    """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
+    types = _arrow("reading Parquet files")[0].types
+    return [
+        each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
     ]
-    texts = (each.total_uncompressed_size for each in chunks if each.physical_type == "BYTE_ARRAY")
-    # No text is longer than all that are stored
-    rows = LARGEST_FILE // max(1, *texts, LARGEST_FILE // _BATCH)
-    for batch in file.iter_batches(batch_size=max(1, rows)):
+
+
+def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
+    """Yield so many rows after the other."""
+    yield from file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)])
+
+
+def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:
+    """Yield the rows of a file in batches, as far as memory holds them."""
+    size = 0
+    for batch in _batches(file, _BATCH):
         size += batch.nbytes
         if size > LARGEST_FILE:
             raise CommonlawError(

@@ -1,7 +1,7 @@
 """Trials that come one after the other from a file that may be larger than memory."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Unpack, cast
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.foreign import MOST_CELLS
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
 from commonlaw.trials.tables import read_rows
@@ -76,7 +77,7 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
     batches = (read_rows(each, "object", roles) for each in batch_tables(path, _ROWS))
     trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
     for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
-        parts, states = zip(*group, strict=True)
+        parts, states = zip(*_held(path, group), strict=True)
         if key in done:
             raise CommonlawError(
                 f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, time"
@@ -86,3 +87,16 @@ def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
         trial = Trial(*key, *map(np.concatenate, arrays))
         check_measured(trial, states[0])
         yield trial
+
+
+def _held(path: Path, group: Iterable[tuple[Trial, tuple[str, ...]]]) -> Iterator[tuple[Trial, tuple[str, ...]]]:
+    """Yield the parts of a trial, as far as memory holds them."""
+    cells = 0
+    for part, states in group:
+        cells += len(part) * (1 + part.states.shape[1] + part.inputs.shape[1])
+        if cells > MOST_CELLS:
+            raise CommonlawError(
+                f"{path}: {part.label} has more than {MOST_CELLS} values, and no trial may have more: divide it into "
+                "several trials"
+            )
+        yield part, states
