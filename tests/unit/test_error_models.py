@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.search_problem import noise_floor
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
 
@@ -129,6 +130,13 @@ def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell():
     assert np.all(loose.std[0][120:, 0] > exact.std[0][120:, 0])
     assert loose.std[0][119, 0] < law.noise[0]
     assert loose.std[0][-1, 0] > 5 * loose.std[0][119, 0]
+
+
+def test_noise_is_no_less_than_that_of_rounded_values():
+    slow = np.round(np.exp(-0.01 * TIMES), 2)[:, np.newaxis]
+    law = cl.discover(cl.Trials.from_arrays([TIMES], [slow], names=["x"]))
+    assert law.noise == pytest.approx([0.01 / np.sqrt(12)])
+    assert noise_floor(cl.Trials.from_arrays([TIMES], [slow + 1e-3 * slow**2], names=["x"]))[0] < 1e-4
 
 
 def test_a_kind_of_errors_that_there_is_not_is_refused():

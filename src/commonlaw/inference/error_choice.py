@@ -54,9 +54,8 @@ def candidates(
     solver: AbstractSolver,
 ) -> list[Candidate]:
     """Return all supports that were found under any kind of errors, under each: those of largest evidence, forecast."""
-    pool = {each.tobytes(): each for own in found for each in own.pool(solver)} | {
-        each.tobytes(): each for each in others
-    }
+    listed = [*(each for own in found for each in own.pool(solver)), *others]
+    pool = {each.tobytes(): each for each in listed if each.sum(axis=1).max() <= problem.most_terms}
     first = _first_parts(frame, problem)
     compared = []
     for hypothesis in found:

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference.evidence import minus_twice_log_evidence
 from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
-from commonlaw.inference.search_problem import FLOOR, SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem, noise_floor, spread
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
@@ -91,12 +91,12 @@ class _Levels:
     def bounds(self) -> tuple[Floats, Floats]:
         """The least and the largest values, each of shape (levels and times,)."""
         states, rates, step, duration = self._scales
-        noise = self.before.first_noise
-        found = [(noise, noise) if self.before.noise_given else (FLOOR * states, states)]
+        noise, floor = self.before.first_noise, noise_floor(self.before.trials)
+        found = [(noise, noise) if self.before.noise_given else (floor, np.maximum(states, floor))]
         if self.kind == "proportional":
             found.append((np.full(len(states), _SMALLEST), np.ones(len(states))))
         elif self.kind == "correlated":
-            found += [(FLOOR * states, states), (np.array([step]), np.array([3 * duration]))]
+            found += [(_SMALLEST * states, states), (np.array([step]), np.array([3 * duration]))]
         elif self.kind == "force":
             found += [(_SMALLEST * rates, rates), (np.array([2 * step]), np.array([duration]))]
         elif self.kind == "walk":

@@ -4,7 +4,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference.search import SearchState
-from commonlaw.inference.search_problem import FLOOR, SearchProblem
+from commonlaw.inference.search_problem import SearchProblem, noise_floor
 
 _GAIN = 10.0
 """What another error must gain in twice the log-likelihood, beside its price: very strong evidence (Kass and Raftery
@@ -28,10 +28,10 @@ def unexplained(problem: SearchProblem, state: SearchState) -> str:
     """
     if state.has_model_error:
         return "the measurements depart from every law of this library by more than their noise"
-    scales = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in problem.trials], axis=0))
+    floor = noise_floor(problem.trials)
     found = []
     for j, name in enumerate(problem.trials.schema.states):
-        if problem.noise[j] > 1.001 * FLOOR * scales[j]:  # Below, what is left is not of the measurements
+        if problem.noise[j] > 1.001 * floor[j]:  # Below, what is left is not of the measurements
             found += [f"residuals of {name} {what}" for what in _of_state(problem, state, j)]
     return "; ".join(found)
 

@@ -31,6 +31,9 @@ FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
 
+_MULTIPLE = 1e-3
+"""Differences that are so near to multiples of a step are multiples."""
+
 _PRIOR = 2.0
 """Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
@@ -213,7 +216,7 @@ def prepare(
     curves = [[_curves(trial, order) for trial in group] for group in groups]
     given = noise is not None
     noise, reason = _noise(trials) if noise is None else (noise, "as given")
-    levels = np.maximum(noise, FLOOR * scale)
+    levels = np.maximum(noise, FLOOR * scale if given else noise_floor(trials))
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
@@ -229,6 +232,27 @@ def prepare(
         trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels, given
     )
     return problem.with_errors(levels, NO_ERRORS, reason + _by_columns(trials.schema))
+
+
+def noise_floor(trials: Trials) -> Floats:
+    """Return what the noise of each state is at least, shape (d,): a small share of it, or that of rounded values.
+
+    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
+    """
+    columns = np.concatenate([trial.states for trial in trials]).T
+    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    steps = [_step(column[np.isfinite(column)]) for column in columns]
+    return np.asarray(np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12)))
+
+
+def _step(values: Floats) -> float:
+    """Return the step of which all differences of values are multiples, 0 if there is none."""
+    different = np.unique(values)
+    if len(different) < 3:
+        return 0.0
+    step = float(np.diff(different).min())
+    multiples = (different - different[0]) / step
+    return step if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE) else 0.0
 
 
 def spread(count: int, most: int) -> list[int]:
