@@ -17,8 +17,11 @@ ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
 """White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
 random walk, or with a smooth force."""
 
-_OBJECTS = 12
-"""Levels are found on so many objects, evenly spread: they are those of all, and what they are is soon told."""
+_MEASURED = 300
+"""Levels are found on objects with so many measurements together, evenly spread: what they are is soon told."""
+
+_FEWEST, _MOST = 3, 12
+"""How many objects these are."""
 
 _ACCURACY = 0.02
 """Of twice the log-evidence, to which levels are found."""
@@ -45,7 +48,8 @@ def with_errors_of_kind(
     from scipy.optimize import Bounds, minimize
 
     levels = _Levels(problem, kind)
-    few = spread(len(problem.models), _OBJECTS)
+    count = int(np.clip(np.ceil(_MEASURED / np.mean(problem.measured)), _FEWEST, _MOST))
+    few = spread(len(problem.models), count)
     some, about = problem.of_objects(few), replace(state, estimates=tuple(state.estimates[i] for i in few))
 
     def value(logs: Floats) -> float:
