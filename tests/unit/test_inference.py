@@ -254,7 +254,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     table = without.candidates()
     scored = table[table["forecast error"].notna()]
     assert scored["chosen"].sum() == 1
-    assert "simplest that forecasts as well" in next(s for s in without.history if s.stage == "terms of x''").reason
+    assert "forecasts as well as the best" in next(s for s in without.history if s.stage == "terms of x''").reason
     assert "single trial" not in progress.text
     assert "a smooth force on x" in steps[without].choice
     # Sine waves of amplitude 3, of which some is in the coefficients

@@ -80,9 +80,9 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     """Return the candidate that is chosen, and whether it passes its own check.
 
     Of those whose 95 % intervals hold the measurements that they forecast, the one of largest evidence passes, if
-    errors of the measurements explain what it leaves. If none does, no law of the library is exact, and the shortest
-    description is taken of those whose score is within one standard error of the best. Where nothing could be forecast,
-    or too little to tell, evidence decides alone.
+    errors of the measurements explain what it leaves. If none does, no law of the library is exact, and one is taken
+    whose score is within one standard error of the best: if intervals of some hold, of these that of largest evidence,
+    else the shortest description. Where nothing could be forecast, or too little to tell, evidence decides alone.
     """
     by_evidence = sorted(compared, key=lambda each: each.state.value)
     forecasts = {id(each): each.forecast for each in by_evidence if each.forecast is not None}
@@ -93,6 +93,8 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
         return holding[0], True
     best = min(forecasts.values(), key=lambda each: each.score)
     good = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].as_good_as(best)]
+    if held := [each for each in good if each in holding]:
+        return held[0], False
     return min(good, key=lambda each: (_description(each), forecasts[id(each)].score)), False
 
 

@@ -58,7 +58,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
                 OutcomeKind.MODEL_ERROR,
                 "",
                 "the measurements depart from every law of this library by more than errors of measurement; the law "
-                f"is the simplest of those that forecast held-out stretches as well as the best{error}",
+                f"is one of those that forecast held-out stretches as well as the best{error}",
                 "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
                 "summary",
             )
@@ -104,7 +104,7 @@ def history(
         chosen = next(each.support for each in listed if each.chosen)
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
         least = min((score for score, _ in state.forecasts), default=np.nan)
-        forecast = f"the simplest that forecasts as well as the best, which scores {least:.3g} standard deviations"
+        forecast = f"forecasts as well as the best, which scores {least:.3g} standard deviations"
         reason = _why(law, listed) if state.by_evidence else forecast
         steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
     return (*steps, *fit_steps(problem, state))
