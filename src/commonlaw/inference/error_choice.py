@@ -76,6 +76,11 @@ def _forecast_supports(hypothesis: Hypothesis, pool: Sequence[Bools]) -> list[Bo
     return [each for i, each in enumerate(listed) if i < _FORECAST or i in first]
 
 
+def holds(candidate: Candidate) -> bool:
+    """Whether 95 % intervals of the candidate's forecasts hold the measurements."""
+    return candidate.forecast is not None and candidate.forecast.inside >= _HELD
+
+
 def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     """Return the candidate that is chosen, and whether it passes its own check.
 
@@ -88,7 +93,7 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     forecasts = {id(each): each.forecast for each in by_evidence if each.forecast is not None}
     if not forecasts or not can_forecast(by_evidence[0].problem):
         return by_evidence[0], True
-    holding = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].inside >= _HELD]
+    holding = [each for each in by_evidence if holds(each)]
     if holding and holding[0].hypothesis.kind in OF_MEASUREMENTS:
         return holding[0], True
     best = min(forecasts.values(), key=lambda each: each.score)
@@ -101,9 +106,10 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
 def with_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Candidate]:
     """Return supports under each kind of errors, with levels of their own, and forecast."""
     first, compared = _first_parts(frame, problem), []
+    start = fit_solutions(problem, supports)[1]
     for kind in kinds:
         with suppress(CommonlawError, NotPositiveError):
-            own, state = with_errors_of_kind(problem, fit_solutions(problem, supports)[1], kind)
+            own, state = with_errors_of_kind(problem, start, kind)
             hypothesis = Hypothesis(kind, own, state, ())
             candidate = Candidate(hypothesis, *hypothesis.fit(own, supports))
             if not runs_away(candidate.problem, candidate.state):

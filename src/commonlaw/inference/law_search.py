@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
-from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, runs_away, with_errors
+from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, holds, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.hypotheses import OF_LAWS, OF_MEASUREMENTS, Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
@@ -133,7 +133,7 @@ def with_error_models(
     if not compared:
         return found
     best, exact = chosen(compared)
-    if not exact:
+    if not holds(best) and can_forecast(found.problem):
         progress("comparing errors of the law that is chosen")
         own = with_errors(found.frame, found.problem, best.state.supports, kinds)
         best = chosen(own)[0] if own else best

@@ -81,7 +81,7 @@ def search(
     for number, model_errors in enumerate(schedules, start=1):
         progress(f"choosing terms, way {number} of {len(schedules)}")
         found += _anneal(problem, solver, model_errors)
-    return _with_rivals(problem, _sorted(found))
+    return _with_rivals(problem, _sorted(found)) if schedules is SCHEDULES else _sorted(found)
 
 
 def polish(
