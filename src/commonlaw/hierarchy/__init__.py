@@ -1,5 +1,17 @@
 """Coefficients over objects: how alike they are, what that says for a law, and what the objects learn from it."""
 
+from commonlaw.hierarchy.explain import Explained, explain
 from commonlaw.hierarchy.random_effects import RandomEffects, Shrinkage, marginal_deviance, shrink
+from commonlaw.hierarchy.relation import PropertyTable, Relation, RelationKind
 
-__all__ = ["RandomEffects", "Shrinkage", "marginal_deviance", "shrink"]
+__all__ = [
+    "Explained",
+    "PropertyTable",
+    "RandomEffects",
+    "Relation",
+    "RelationKind",
+    "Shrinkage",
+    "explain",
+    "marginal_deviance",
+    "shrink",
+]

@@ -1,0 +1,188 @@
+"""What decides the coefficients of objects: nothing but the law, the objects' properties, or each object for itself."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from commonlaw.array_types import Floats
+from commonlaw.hierarchy.exponents import simple_fraction
+from commonlaw.hierarchy.joint_model import CoefficientModel, JointModel, Measured
+from commonlaw.hierarchy.relation import PropertyTable, Relation
+from commonlaw.hierarchy.relation_choice import RelationChoice, RelationComparison
+
+_SWEEPS = 5
+"""How often relations are chosen again, given those of the other coefficients."""
+
+_FREE = 1e2
+"""Variance of a coefficient of which nothing is known yet, in units of its mean square."""
+
+_JITTER = 1e-12
+"""Of unit variances, for covariances that are singular to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """The relations of all coefficients, and what the objects' coefficients are by them.
+
+    Parameters
+    ----------
+    relations
+        One for each coefficient.
+    factor_covariance
+        Of the factors of all relations together, in their order, shape (factors, factors).
+    estimates, covariances
+        Of the objects' coefficients, shapes (objects, k) and (objects, k, k).
+    shared_factors
+        What errors have in common through the factors: the covariance of the estimates of two objects is the product of
+        one's matrix with the other's transposed. Shape (objects, k, factors).
+    """
+
+    relations: tuple[Relation, ...]
+    factor_covariance: Floats
+    estimates: Floats
+    covariances: Floats
+    shared_factors: Floats
+
+
+def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -> Explained:
+    """Find the relations of coefficients to their objects by evidence, and what follows from them.
+
+    Each object's coefficients are ``C f(properties)``, the same function for all, times e to a scatter that is normal
+    over objects (or plus a scatter, where signs are not sure); they were estimated with normal errors of known
+    covariance. Factors are integrated out in closed form, scatters on a grid; what remains, times the prior, compares
+    relations, see `RelationComparison`. Those of different coefficients depend on each other through the errors of the
+    estimates: the one that is surest is chosen first, then the others, and all again until none changes.
+
+    Parameters
+    ----------
+    estimates
+        Each object's own, shape (objects, k), without regard to the others.
+    covariances
+        Of their errors, shape (objects, k, k).
+    properties
+        Numbers that the objects carry.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If a covariance is singular.
+
+    Examples
+    --------
+    >>> mass = np.array([[1.0], [2.0], [3.0], [5.0], [8.0]])
+    >>> drag = 0.3 / mass * [[1.01], [0.995], [1.0], [1.005], [0.99]]
+    >>> (found,) = explain(drag, 1e-4 * drag[..., np.newaxis] ** 2, PropertyTable(("mass",), mass)).relations
+    >>> str(found.kind), found.exponents, round(found.factors[0], 2)
+    ('power law', (Fraction(-1, 1),), 0.3)
+    """
+    units = np.sqrt(np.mean(estimates**2, axis=0))
+    errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
+    lifted = covariances + _JITTER * np.diag(errors**2)
+    own = Measured(estimates / units, lifted / np.outer(units, units), estimates / units)
+    choices = _settled(own, properties.varying)
+    return _explained(own, choices, properties.varying, units)
+
+
+def _settled(own: Measured, properties: PropertyTable) -> list[RelationChoice]:
+    """Return the relations of all coefficients that fit each other."""
+    objects, size = own.estimates.shape
+    models = [CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)] * size
+    chosen: dict[int, RelationChoice] = {}
+
+    def choose(index: int) -> RelationChoice:
+        measured, deviations = _pointed(own, models)
+        return RelationComparison(measured, deviations[:, index], models, index, properties).choice()
+
+    while len(chosen) < size:
+        found = {k: choose(k) for k in range(size) if k not in chosen}
+        best = max(found, key=lambda k: found[k].gain)
+        chosen[best], models[best] = found[best], found[best].model
+    for _ in range(_SWEEPS if size > 1 else 0):
+        before = [_form(chosen[k]) for k in range(size)]
+        for k in range(size):
+            chosen[k] = choose(k)
+            models[k] = chosen[k].model
+        if before == [_form(chosen[k]) for k in range(size)]:
+            break
+    return [chosen[k] for k in range(size)]
+
+
+def _form(choice: RelationChoice) -> tuple[object, ...]:
+    return choice.kind, choice.properties, choice.exponents
+
+
+def _pointed(own: Measured, models: Sequence[CoefficientModel]) -> tuple[Measured, Floats]:
+    """Return the estimates with logarithms about what they and the models of the other coefficients say of each.
+
+    Beside them the standard errors of those points, shape (objects, k).
+    """
+    objects, size = own.estimates.shape
+    points, variances = np.empty((2, objects, size))
+    for k in range(size):
+        others = [CoefficientModel.left_out(objects) if j == k else each for j, each in enumerate(models)]
+        points[:, k], variances[:, k] = JointModel.of(own, others).without(k)
+    return replace(own, points=points), np.sqrt(variances)
+
+
+def _explained(own: Measured, choices: Sequence[RelationChoice], properties: PropertyTable, units: Floats) -> Explained:
+    """Return what follows from the relations of all coefficients, in units of the estimates."""
+    models = [each.model for each in choices]
+    measured, _ = _pointed(own, models)
+    joint = JointModel.of(measured, models)
+    factors, covariance = joint.factors(np.concatenate([each.precision for each in models]))
+    # What scatter leaves of the model, T - T P T, is nothing to the last digit where there is none
+    drawn = joint.variances[:, :, np.newaxis] * joint.precisions
+    estimates = joint.design @ factors + np.einsum("okl,ol->ok", drawn, joint.residuals - joint.design @ factors)
+    estimates += np.array([each.offsets for each in models]).T
+    given = np.eye(len(units)) * joint.variances[:, np.newaxis] - drawn * joint.variances[:, np.newaxis]
+    shared = (joint.design - drawn @ joint.design) @ np.linalg.cholesky(covariance)
+    logs = np.array([each.in_logs for each in models])
+    signs = np.sign(measured.points)
+    values = np.where(logs, signs * np.exp(np.where(logs, estimates, 0.0)), estimates)
+    slopes = units * np.where(logs, values, 1.0)
+    total = (given + shared @ shared.swapaxes(1, 2)) * slopes[:, :, np.newaxis] * slopes[:, np.newaxis]
+    relations, turns, first = [], [], 0
+    for k, (choice, unit) in enumerate(zip(choices, units.tolist(), strict=True)):
+        part = slice(first, first + choice.model.columns.shape[1])
+        found, turn = _in_given_units(choice, properties, factors[part], unit, signs[0, k])
+        relations.append(
+            replace(found, errors=tuple(np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T)).tolist()))
+        )
+        turns.append(turn)
+        first = part.stop
+    whole = block_diag(*turns)
+    return Explained(
+        tuple(relations),
+        whole @ covariance @ whole.T,
+        values * units,
+        (total + total.swapaxes(1, 2)) / 2,
+        slopes[:, :, np.newaxis] * shared,
+    )
+
+
+def _in_given_units(
+    choice: RelationChoice, properties: PropertyTable, factors: Floats, unit: float, sign: float
+) -> tuple[Relation, Floats]:
+    """Return a relation in terms of the properties as they were given, and the derivatives of its factors."""
+    used, model = properties.choose(choice.properties), choice.model
+    relation = Relation(
+        choice.kind,
+        tuple(factors.tolist()),
+        (),
+        used.names,
+        tuple(map(simple_fraction, choice.exponents)),
+        choice.scatter * (1.0 if model.in_logs else unit),
+        choice.scatter_error * (1.0 if model.in_logs else unit),
+        model.in_logs,
+        choice.probability,
+    )
+    given = relation.columns(used.values)
+    inner = np.exp(model.offsets)[:, np.newaxis] if model.in_logs else model.columns
+    turn: Floats = float(unit) * np.asarray(np.linalg.lstsq(given, inner, rcond=None)[0], dtype=np.float64)
+    if model.in_logs:
+        turn = sign * np.exp(factors) * turn
+    known = turn[0] if model.in_logs else turn @ factors
+    typical = float(given[0, 0] / inner[0, 0])
+    return replace(relation, factors=tuple(known.tolist()), typical=typical), turn

@@ -1,0 +1,209 @@
+"""Coefficients of all objects as one linear Gaussian model: factors that objects share, scatter, errors of estimates.
+
+Each coefficient is ``columns @ factors`` plus scatter, or in logarithms ``offsets + log(factor)`` plus scatter. The
+errors of an object's coefficients depend on each other, so that what is found of one sharpens what is known of the
+others: where gravity is universal, drag is known better.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+
+_LOG_TWO_PI = float(np.log(2 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientModel:
+    """How one coefficient of all objects comes about; or how it does in each of several models, along a first axis.
+
+    Parameters
+    ----------
+    columns
+        What its factors are multiplied with, shape (objects, factors).
+    offsets
+        What is added, shape (objects,).
+    variances
+        Of the scatter, shape (objects,).
+    in_logs
+        Whether this is the logarithm of the coefficient.
+    precision
+        Of the factors before anything is measured, shape (factors,); zero where any value is as probable.
+    """
+
+    columns: Floats
+    offsets: Floats
+    variances: Floats
+    in_logs: bool
+    precision: Floats
+
+    @classmethod
+    def powers(cls, logs: Floats, variances: Floats, in_logs: bool) -> "CoefficientModel":
+        """Return that of a factor times what these are the logarithms of, shape (models, objects), with scatter.
+
+        The variances, of logarithms or in proportion to the power law, broadcast to that shape.
+        """
+        if in_logs:
+            return cls(np.ones((1, logs.shape[1], 1)), logs, np.asarray(variances), True, np.zeros(1))
+        powers = np.exp(logs)
+        return cls(powers[..., np.newaxis], np.zeros((1, logs.shape[1])), variances * powers**2, False, np.zeros(1))
+
+    @classmethod
+    def left_out(cls, objects: int, in_logs: bool = False) -> "CoefficientModel":
+        """Return that of a coefficient without factors and scatter."""
+        return cls(np.empty((objects, 0)), np.zeros(objects), np.zeros(objects), in_logs, np.empty(0))
+
+    def some(self, index: int | slice) -> "CoefficientModel":
+        """Return one of several models, or some of them."""
+
+        def chosen(values: Floats) -> Floats:
+            every = slice(None) if isinstance(index, slice) else 0
+            return np.asarray(values[index if len(values) > 1 else every])
+
+        return replace(
+            self, columns=chosen(self.columns), offsets=chosen(self.offsets), variances=chosen(self.variances)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Estimates of all coefficients, shape (objects, k), and their errors' covariances, shape (objects, k, k).
+
+    Logarithms are linear about `points`, shape (objects, k).
+    """
+
+    estimates: Floats
+    covariances: Floats
+    points: Floats
+
+    def in_logs(self, chosen: Sequence[bool]) -> "Measured":
+        """Return the same with the logarithms of some coefficients' sizes in place of these."""
+        logs = np.asarray(chosen)
+        points = np.where(logs, self.points, 1.0)
+        moved = np.log(abs(points)) + (self.estimates - points) / points
+        estimates = np.where(logs, moved, self.estimates)
+        covariances = self.covariances / (points[:, :, np.newaxis] * points[:, np.newaxis])
+        return Measured(estimates, covariances, self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class JointModel:
+    """The model of all coefficients, or of all but one, which then has no factor and no scatter here.
+
+    Parameters
+    ----------
+    residuals
+        Estimates less offsets, shape (objects, k).
+    errors
+        Covariances of the estimates' errors, shape (objects, k, k).
+    variances
+        Of the scatter, shape (objects, k).
+    design
+        Derivatives of the coefficients by the factors, shape (objects, k, factors).
+    """
+
+    residuals: Floats
+    errors: Floats
+    variances: Floats
+    design: Floats
+
+    @classmethod
+    def of(cls, measured: Measured, models: Sequence[CoefficientModel]) -> "JointModel":
+        """Return the model of coefficients that each have a model."""
+        own = measured.in_logs([each.in_logs for each in models])
+        count, size = own.estimates.shape
+        offsets, variances, parts = np.zeros((count, size)), np.zeros((count, size)), [np.empty((count, size, 0))]
+        for k, model in enumerate(models):
+            offsets[:, k], variances[:, k] = model.offsets, model.variances
+            part = np.zeros((count, size, model.columns.shape[1]))
+            part[:, k] = model.columns
+            parts.append(part)
+        return cls(own.estimates - offsets, own.covariances, variances, np.concatenate(parts, axis=2))
+
+    @property
+    def precisions(self) -> Floats:
+        """Inverse covariances of the estimates about the model, shape (objects, k, k)."""
+        size = self.residuals.shape[1]
+        return np.asarray(np.linalg.inv(self.errors + self.variances[:, np.newaxis] * np.eye(size)))
+
+    def factors(self, precision: Floats) -> tuple[Floats, Floats]:
+        """Return the best factors, shape (factors,), and their covariance, given their precision beforehand."""
+        weighted = np.matmul(self.design.swapaxes(1, 2), self.precisions)
+        covariance = np.linalg.inv((weighted @ self.design).sum(axis=0) + np.diag(precision))
+        found = covariance @ np.einsum("oqk,ok->q", weighted, self.residuals)
+        return found, (covariance + covariance.T) / 2
+
+    def without(self, index: int) -> tuple[Floats, Floats]:
+        """Return what estimates and other coefficients' models say of one that is left out, and its variances.
+
+        Both have the shape (objects,).
+        """
+        others = [k for k in range(self.residuals.shape[1]) if k != index]
+        total = self.errors + self.variances[:, np.newaxis] * np.eye(self.residuals.shape[1])
+        if not others:
+            return self.residuals[:, index], total[:, index, index]
+        part = JointModel(
+            self.residuals[:, others],
+            self.errors[:, others][:, :, others],
+            self.variances[:, others],
+            self.design[:, others],
+        )
+        found, covariance = part.factors(np.zeros(self.design.shape[2]))
+        gain = np.einsum("ok,okl->ol", total[:, index, others], part.precisions)
+        moved = np.einsum("ok,okq->oq", gain, part.design)
+        mean = self.residuals[:, index] - np.einsum("ok,ok->o", gain, part.residuals - part.design @ found)
+        spread = total[:, index, index] - np.einsum("ok,ok->o", gain, total[:, index, others])
+        return mean, spread + np.einsum("oq,qr,or->o", moved, covariance, moved)
+
+
+def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tuple[Floats, Floats]:
+    """Return the logarithm of the evidence of several models of one coefficient, but for what all have in common.
+
+    The factors are integrated out. Beside it their best values, shape (models, factors).
+
+    Parameters
+    ----------
+    others
+        The model of all other coefficients.
+    index
+        The one that is left out there.
+    tried
+        Its models, along a first axis that may be of length 1 where they are alike.
+    """
+    precisions, design = others.precisions, others.design
+    own, known = precisions[:, :, index], others.residuals.copy()
+    known[:, index] = 0.0
+    information = own[:, index]
+    gaps = others.residuals[:, index] - tried.offsets
+    # The scatter of one coefficient changes the precision by a product of two vectors (Sherman and Morrison 1950)
+    less = 1 / (1 + tried.variances * information)
+    lost = tried.variances * less
+    told = np.einsum("ok,ok->o", own, known)
+    pull = told + information * gaps
+    squares = np.einsum("ok,okl,ol->", known, precisions, known)
+    squares = squares + np.sum(2 * gaps * told + information * gaps**2 - lost * pull**2, axis=1)
+
+    shared = np.einsum("okq,ok->oq", design, own)
+    count, width = design.shape[2], tried.columns.shape[2]
+    weighted = less[..., np.newaxis] * tried.columns
+    total = np.empty((len(weighted), count + width, count + width))
+    pairs = shared[:, :, np.newaxis] * shared[:, np.newaxis]
+    total[:, :count, :count] = np.einsum("okq,okl,olr->qr", design, precisions, design)
+    total[:, :count, :count] -= np.tensordot(lost, pairs, axes=1)
+    total[:, :count, count:] = np.matmul(shared.T, weighted)
+    total[:, count:, :count] = total[:, :count, count:].swapaxes(1, 2)
+    total[:, count:, count:] = np.matmul(weighted.swapaxes(1, 2), tried.columns * information[:, np.newaxis])
+    total[:, count:, count:] += np.diag(tried.precision)
+
+    models = max(len(pull), len(weighted))
+    sides = np.empty((models, count + width))
+    sides[:, :count] = np.einsum("okq,okl,ol->q", design, precisions, known) + (gaps - lost * pull) @ shared
+    sides[:, count:] = np.sum(weighted * pull[..., np.newaxis], axis=1)
+    found = np.matmul(np.linalg.inv(total), sides[..., np.newaxis])[..., 0]
+    deviance = squares - np.sum(found * sides, axis=1) + np.linalg.slogdet(total)[1]
+    deviance = deviance + np.sum(np.log1p(tried.variances * information), axis=1)
+    proper = tried.precision[tried.precision > 0]
+    constant = (width - len(proper)) * _LOG_TWO_PI + np.log(proper).sum()
+    return (constant - deviance) / 2, found[:, count:]
