@@ -68,8 +68,7 @@ class RandomEffects:
         added = np.eye(size) + self.information * variances[:, np.newaxis, np.newaxis, :]
         precisions = np.linalg.solve(added, self.information)
         weighted = np.matmul(precisions, self.estimates[..., np.newaxis])
-        total = precisions.sum(axis=1)
-        total = (total + total.swapaxes(-1, -2)) / 2
+        total = _symmetric(precisions.sum(axis=1))
         total[:, range(size), range(size)] *= 1 + _RIDGE
         means = np.linalg.solve(total, weighted.sum(axis=1))[..., 0]
         gaps = self.estimates - means[:, np.newaxis]
@@ -146,10 +145,9 @@ class Shrinkage:
 
     def mixed(self, turn: Floats) -> "Shrinkage":
         """Return the same for mixtures of the coefficients, `turn` times them, shape (parameters, parameters)."""
-        covariances = turn @ self.covariances @ turn.T
         return Shrinkage(
             self.estimates @ turn.T,
-            (covariances + covariances.swapaxes(1, 2)) / 2,
+            _symmetric(turn @ self.covariances @ turn.T),
             turn @ self.shared_factors,
             self.shrinkage,
         )
@@ -201,7 +199,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     final = _Posterior.of(effects, likely[np.newaxis])
     return Shrinkage(
         final.estimates[0] * units,
-        (final.covariances[0] + sum(between, np.zeros_like(errors))) * np.outer(units, units),
+        _symmetric(final.covariances[0] + sum(between, np.zeros_like(errors))) * np.outer(units, units),
         final.shared_factors[0] * units[:, np.newaxis],
         final.shrinkage[0],
     )
@@ -247,6 +245,11 @@ class _Posterior:
         prior = abs(np.gradient(self.shrinkage[:, parameter]))
         weights = prior * np.exp((self.deviance.min() - self.deviance) / 2)
         return np.asarray(weights / weights.sum())
+
+
+def _symmetric(matrices: Floats) -> Floats:
+    """Return matrices, shape (..., k, k), without what rounding has made their halves differ by."""
+    return (matrices + matrices.swapaxes(-1, -2)) / 2
 
 
 def _grid(low: float, high: float) -> Floats:
