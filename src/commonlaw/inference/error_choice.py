@@ -16,7 +16,7 @@ from commonlaw.inference.search import SearchState, evidence_of, fit_solutions
 from commonlaw.inference.search_problem import SearchProblem, prepare, spread
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.law import Law
-from commonlaw.likelihood import NotPositiveError
+from commonlaw.likelihood import Estimate, NotPositiveError
 from commonlaw.selection import ENOUGH, FreeForecast, free_forecast
 from commonlaw.solvers import AbstractSolver
 
@@ -161,9 +161,21 @@ def _first_parts(frame: Law, problem: SearchProblem) -> SearchProblem | None:
 def _with_forecast(frame: Law, candidate: Candidate, first: SearchProblem) -> Candidate:
     """Return a candidate with the forecasts by the law that is fitted to the first parts of all trials."""
     with suppress(CommonlawError, NotPositiveError):
-        part = first.with_errors_of(candidate.problem)
+        part, supports = first.with_errors_of(candidate.problem), candidate.state.supports
         frame = replace(frame, objects=part.trials.objects, coefficients=np.nan_to_num(part.known))
-        law = fitted_law(frame, *candidate.hypothesis.fit(part, candidate.state.supports))
+        law = fitted_law(frame, *candidate.hypothesis.fit(part, supports, _first_states(candidate, part)))
         whole = [each for each in candidate.problem.trials if each.object in part.trials.objects]
         return replace(candidate, forecast=free_forecast(law, part.trials.with_trials(whole), part.trials))
     return candidate
+
+
+def _first_states(candidate: Candidate, part: SearchProblem) -> list[Estimate]:
+    """Return the estimates of all trials, cut to those of a part of the problem."""
+    estimates = dict(zip(candidate.problem.trials.objects, candidate.state.estimates, strict=True))
+    return [
+        replace(
+            estimates[name],
+            states=tuple(own[: len(mesh)] for own, mesh in zip(estimates[name].states, model.meshes, strict=True)),
+        )
+        for name, model in zip(part.trials.objects, part.models, strict=True)
+    ]

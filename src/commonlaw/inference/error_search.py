@@ -26,6 +26,9 @@ _FEWEST, _MOST = 3, 12
 _ACCURACY = 0.02
 """Of twice the log-evidence, to which levels are found."""
 
+_STEP = 1e-4
+"""Of the logarithms of levels in differences of the evidence, of which only the first ten digits are exact."""
+
 _SMALLEST = 1e-4
 """Shares, and forces relative to the rates of the states, that count as none."""
 
@@ -62,7 +65,7 @@ def with_errors_of_kind(
         levels.starts[index],
         method="L-BFGS-B",
         bounds=Bounds(*levels.bounds),
-        options={"ftol": _ACCURACY / max(abs(best), 1.0), "maxiter": 30},
+        options={"ftol": _ACCURACY / max(abs(best), 1.0), "maxiter": 30, "eps": _STEP},
     ).x
     changed = levels.problem(found, problem)
     return changed, fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))[0]

@@ -10,8 +10,6 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.search import (
-    FINAL,
-    MODEL_ERRORS,
     SCHEDULES,
     SearchState,
     fit_solutions,
@@ -23,7 +21,7 @@ from commonlaw.inference.search import (
     search,
 )
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.likelihood import NotPositiveError
+from commonlaw.likelihood import Estimate, NotPositiveError
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
 
@@ -46,10 +44,12 @@ class Hypothesis:
     state: SearchState
     found: Sequence[SearchState]
 
-    def fit(self, problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
+    def fit(
+        self, problem: SearchProblem, supports: Bools, start: Sequence[Estimate] | None = None
+    ) -> tuple[SearchProblem, SearchState]:
         """Fit supports, shape (equations, terms), under these errors to a problem that has them.
 
-        White noise is enlarged until it explains what the supports leave.
+        White noise is enlarged until it explains what the supports leave. The start is that of `fit_with`.
 
         Raises
         ------
@@ -57,11 +57,8 @@ class Hypothesis:
             If the likelihood cannot be computed.
         """
         if self.kind == "white":
-            return fit_solutions(problem, supports)
-        if self.kind == "walk":
-            larger = [each for each in MODEL_ERRORS if each > self.state.model_error]
-            return problem, fit_with(problem, supports, (*larger, self.state.model_error))
-        return problem, fit_with(problem, supports, (*MODEL_ERRORS, *FINAL))
+            return fit_solutions(problem, supports, start)
+        return problem, fit_with(problem, supports, self.state.fitted_model_error, start)
 
     def pool(self, solver: AbstractSolver) -> Iterator[Bools]:
         """Yield the supports of large evidence under these errors, and those on the solver's path from few terms."""

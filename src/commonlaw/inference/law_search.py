@@ -97,8 +97,12 @@ def search_supports(
 
 
 def objection(found: LawSearch) -> str:
-    """Return what speaks against the law that was found, with white noise, in words; nothing if nothing does."""
-    odd = unexplained(found.problem, found.state)
+    """Return what speaks against the law that was found, with white noise, in words; nothing if nothing does.
+
+    Trials that are too short to tell their noise without a law do not speak against what is assumed of it.
+    """
+    told = found.state.has_model_error or found.problem.tells_noise
+    odd = unexplained(found.problem, found.state) if told else ""
     if not odd and runs_away(found.problem, found.state):
         odd = "forecasts of the trials that the law was learned from diverge"
     return odd

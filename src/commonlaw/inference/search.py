@@ -115,19 +115,37 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     return _sorted(_anneal(problem, supports, model_errors))[0]
 
 
-def fit_with(problem: SearchProblem, supports: Bools, model_errors: Sequence[float]) -> SearchState:
-    """Return the estimates with these supports at the last of several model errors, from large to small.
+def fit_with(
+    problem: SearchProblem, supports: Bools, model_error: float, start: Sequence[Estimate] | None = None
+) -> SearchState:
+    """Return the estimates with these supports at one model error.
+
+    Parameters
+    ----------
+    problem, supports, model_error
+        See `fit_supports`.
+    start
+        Estimates that are near; without them larger model errors lead there from the smoothed measurements.
 
     Raises
     ------
-    CommonlawError
+    NotPositiveError
         If the likelihood cannot be computed there.
     """
-    return _sorted(_anneal(problem, supports, model_errors)[len(model_errors) - 1 :])[0]
+    if start is None:
+        start = problem.starts
+        for larger in [each for each in MODEL_ERRORS if each > model_error]:
+            start = _restricted(problem, _evidence(problem, start, larger), start, supports)
+            pairs = zip(problem.models, start, strict=True)
+            start = tuple(fit(model, estimate, supports, (larger,)) for model, estimate in pairs)
+    start = _restricted(problem, _evidence(problem, start, model_error), start, supports)
+    return fitted(problem, start, supports, model_error)[0]
 
 
-def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
-    """Return the estimates with these supports and no model error, see `fit_supports`, and the noise that this takes.
+def fit_solutions(
+    problem: SearchProblem, supports: Bools, start: Sequence[Estimate] | None = None
+) -> tuple[SearchProblem, SearchState]:
+    """Return the estimates with these supports and no model error, see `fit_with`, and the noise that this takes.
 
     It is enlarged until the deviance of each measurement is one, step by step, as less of it goes with outliers then;
     noise that was given stays.
@@ -135,11 +153,12 @@ def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProble
     factor = 1.0
     for _ in range(_ROUNDS):
         enlarged = problem.noisier(factor) if factor > 1 else problem
-        state = _sorted(_anneal(enlarged, supports, (*MODEL_ERRORS, NEGLIGIBLE))[len(MODEL_ERRORS) :])[0]
+        state = fit_with(enlarged, supports, NEGLIGIBLE, start)
         excess = np.sqrt(sum(each.deviance for each in state.estimates) / sum(problem.measured))
         if problem.noise_given or not _LARGER <= excess < np.inf:
             break
         factor *= float(excess)
+        start = state.estimates
     return enlarged, state
 
 

@@ -84,6 +84,11 @@ class SearchProblem:
         shared = sum(self.measured) // SAMPLES_FOR_A_TERM
         return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
+    @property
+    def tells_noise(self) -> bool:
+        """Whether some trial is so long that differences of its samples tell the noise of a state."""
+        return any(np.isfinite(trial.states).sum(axis=0).max() >= _WAYS[0][0] for trial in self.trials)
+
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
         """Return the problem of some of the objects alone, with the same errors."""
         names = [self.trials.objects[i] for i in indices]
@@ -126,10 +131,15 @@ class SearchProblem:
         """Return minus twice the logarithm of the prior of the noise, which is one at that estimated first.
 
         That estimate counts as so many measurements as `_PRIOR` says (an inverse gamma distribution of the variance).
+        It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
         """
         pairs = ((mesh, self.noise_of(mesh) / self.noise) for each in self.models for mesh in each.meshes)
         scales = [np.broadcast_to(mesh.scale / given, mesh.measured.shape) for mesh, given in pairs]
-        ratio = (self.noise / self.first_noise) ** 2 * np.mean(np.concatenate(scales) ** 2, axis=0)
+        variance = self.noise**2 * np.mean(np.concatenate(scales) ** 2, axis=0)
+        if self.errors.correlated is not None:
+            step = np.median(np.concatenate([np.diff(trial.times) for trial in self.trials]))
+            variance = variance + self.errors.correlated**2 * np.tanh(step / (2 * self.errors.memory))
+        ratio = variance / self.first_noise**2
         return float(_PRIOR * np.sum(np.log(ratio) + 1 / ratio - 1))
 
     def noise_of(self, mesh: Mesh) -> Floats:
