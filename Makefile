@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers fuzz test lint types contracts unit bench bench-discovery bench-bound bench-coverage bench-errors bench-cost clean
+.PHONY: help demo study layers fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -50,7 +50,10 @@ fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less
 	KILLS=20 $(BIN)/pytest -q tests/hostile/test_kills.py
 
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow"
+
+slow: $(STAMP) ## Tests that take minutes each
+	$(BIN)/pytest -m slow
 
 bench: $(BENCH_STAMP) ## Measure commonlaw beside PySINDy: about ten minutes
 	$(BIN)/python -m benchmarks

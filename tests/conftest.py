@@ -4,6 +4,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -76,6 +78,24 @@ def ball_drops_folder() -> Path:
     except cl.CommonlawError as error:
         pytest.fail(str(error))
     return Path(named or pooch.os_cache("commonlaw"))
+
+
+@pytest.fixture(scope="session")
+def run_study() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Runs the study of the falling balls, as `make study` does, with these options."""
+
+    def run(out: Path, *options: object, check: bool = True) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "studies.falling_balls", "--out", out, *options]
+        return subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1], check=check)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def finished_study(tmp_path_factory, ball_drops_folder, run_study) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder of the whole study, and how it ran: what tests it shares a worker, so that it runs once."""
+    folder = tmp_path_factory.mktemp("study")
+    return folder, run_study(folder / "report", "--data", ball_drops_folder, "--json", folder / "all.json")
 
 
 @pytest.fixture(scope="session")

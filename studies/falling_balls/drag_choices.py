@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.discovery import discover
-from commonlaw.inference import fit_supports, prepare
 from commonlaw.law import Law
 from commonlaw.report import Section, Table, Text
 from commonlaw.trials import Trials
@@ -19,24 +18,9 @@ from studies.falling_balls.settings import ALL_BALLS, BALL_GROUPS, DRAG_FORMS, E
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What the default method chooses for a group of balls.
-
-    Parameters
-    ----------
-    law
-        The law that it found.
-    values
-        Minus twice the log-evidence of each form of drag, but for a constant: each fitted with an error of its own.
-    errors
-        Of the law of each form, in each step, relative to the noise.
-    noise
-        Of the heights, by which these were found (m).
-    """
+    """What the default method chooses for a group of balls: the law, with the list of what it was chosen from."""
 
     law: Law
-    values: Mapping[str, float]
-    errors: Mapping[str, float]
-    noise: float
 
     @cached_property
     def form(self) -> str:
@@ -44,31 +28,39 @@ class Choice:
         return form_of(self.law)
 
     @cached_property
-    def against(self) -> dict[str, float]:
-        """Twice the log Bayes factor of the best form against each, from the best, which has 0, to the worst."""
-        least = min(self.values.values())
-        return {form: self.values[form] - least for form in sorted(self.values, key=lambda each: self.values[each])}
+    def listed(self) -> dict[str, Mapping[str, float | None]]:
+        """What the law's list says of each form of drag, the largest evidence first."""
+        measures = {each.terms: each.measures for each in self.law.alternatives}
+        found = {form: measures[terms] for form, terms in DRAG_FORMS.items() if terms in measures}
+        return dict(sorted(found.items(), key=lambda each: _number(each[1]["2 log B"])))
 
     @cached_property
-    def listed(self) -> dict[str, tuple[float, float]]:
-        """What the law's own list says of each form in it: 2 log B, and the probability."""
-        measures = {each.terms: each.measures for each in self.law.alternatives}
-        factors = {terms: float(own["2 log B"] or 0.0) for terms, own in measures.items()}
-        return {
-            form: (factors[terms], float(measures[terms]["probability"] or 0.0))
-            for form, terms in DRAG_FORMS.items()
-            if terms in factors
-        }
+    def against(self) -> dict[str, float]:
+        """Twice the log Bayes factor of the best form against each, from the best, which has 0, to the worst."""
+        values = {form: _number(measures["2 log B"]) for form, measures in self.listed.items()}
+        least = min(values.values())
+        return {form: value - least for form, value in values.items()}
 
     @property
-    def error(self) -> str:
-        """The model error, in the words of the law's history."""
-        return next(step.choice for step in self.law.history if step.stage == "model error")
+    def noise(self) -> float:
+        """Of the heights (m)."""
+        return float("nan") if self.law.noise is None else float(self.law.noise[0])
+
+    @property
+    def errors(self) -> str:
+        """What beside white noise explains the heights, in the words of the law's history."""
+        steps = {step.stage: step.choice for step in self.law.history}
+        memory = steps.get("errors with a memory")
+        return steps["model error"] if memory is None else f"an error of the heights with a memory, {memory}"
+
+
+def _number(measure: float | None) -> float:
+    return float("nan") if measure is None else float(measure)
 
 
 def drag_choices(drops: Trials) -> tuple[Section, Mapping[str, Choice]]:
     """Return blocks and results for the part on the default method, and the choices by group of balls."""
-    choices = {group: _choose(drops.select(object=balls)) for group, balls in BALL_GROUPS.items()}
+    choices = {group: Choice(_discovered(drops.select(object=balls))) for group, balls in BALL_GROUPS.items()}
     blocks = (
         Text(_ASKED),
         Table("default-choices", _CHOICES, _choices_frame(choices), 3),
@@ -86,15 +78,8 @@ def form_of(law: Law) -> str:
     return next((form for form, own in DRAG_FORMS.items() if own == terms), ", ".join(terms) or "no force")
 
 
-def _choose(trials: Trials) -> Choice:
-    law = discover(trials, order=2, library=OFFERED, progress=lambda _: None)
-    unknown = np.full(law.coefficients.shape, np.nan)
-    problem = prepare(trials, law.terms, law.order, unknown)
-    found = {
-        form: fit_supports(problem, np.isin(law.terms.names, terms)[np.newaxis]) for form, terms in DRAG_FORMS.items()
-    }
-    values = {form: each.value for form, each in found.items()}
-    return Choice(law, values, {form: each.model_error for form, each in found.items()}, float(problem.noise[0]))
+def _discovered(trials: Trials) -> Law:
+    return discover(trials, order=2, library=OFFERED, progress=lambda _: None)
 
 
 def agreed(choices: Mapping[str, Choice]) -> list[str]:
@@ -108,9 +93,9 @@ def _choices_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
             "balls": group,
             "chosen": choice.form,
             "largest evidence": next(iter(choice.against)),
-            **{form.split()[0]: choice.against[form] for form in DRAG_FORMS},
+            **{form.split()[0]: choice.against.get(form) for form in DRAG_FORMS},
             "noise (m)": choice.noise,
-            "model error (noise)": choice.errors.get(choice.form),
+            "what else": choice.errors,
         }
         for group, choice in choices.items()
     ]
@@ -124,27 +109,25 @@ def _evidence_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
             "law": form,
             "chosen": form == choice.form,
             "2 log B": choice.against[form],
-            "its model error, in units of the noise": choice.errors[form],
-            "2 log B at the model error of the chosen law": choice.listed.get(form, (None, None))[0],
-            "probability then": choice.listed.get(form, (None, None))[1],
+            "probability": measures["probability"],
+            "forecast error": measures["forecast error"],
         }
         for group, choice in choices.items()
-        for form in DRAG_FORMS
+        for form, measures in choice.listed.items()
     ]
     return pd.DataFrame(rows)
 
 
 def _results(choice: Choice) -> dict[str, Any]:
-    laws = {}
-    for form in DRAG_FORMS:
-        at_chosen, probability = choice.listed.get(form, (None, None))
-        laws[form] = {
+    laws = {
+        form: {
             "two_log_bayes_factor": choice.against[form],
-            "error": choice.errors[form],
-            "two_log_bayes_factor_at_error_of_chosen": at_chosen,
-            "probability": probability,
+            "probability": measures["probability"],
+            "forecast_error": measures["forecast error"],
         }
-    return {"chosen": choice.form, "noise": choice.noise, "error": choice.error, "laws": laws}
+        for form, measures in choice.listed.items()
+    }
+    return {"chosen": choice.form, "noise": choice.noise, "errors": choice.errors, "laws": laws}
 
 
 def _found(choices: Mapping[str, Choice]) -> str:
@@ -164,10 +147,8 @@ def _found(choices: Mapping[str, Choice]) -> str:
         + "\n".join(lines)
         + f"\n\nIf there is one kind of drag only, the evidence of {_favoured(choices, 'linear')} is for linear drag, "
         f"and that of {_favoured(choices, 'quadratic')} for quadratic drag. Where choice and evidence disagree, the "
-        "choice is the more cautious: it asks whether another term helps to forecast the later part of the drops from "
-        "the earlier, and by more than a tenth. The evidence asks under which law the drops themselves are most "
-        "probable, and takes the steps of the error for independent of each other, which those of a camera in "
-        "somebody's hands are not."
+        "choice asked which law forecasts the later part of the drops from the earlier, with intervals that hold them; "
+        "the evidence asks under which law the drops themselves are most probable."
     )
 
 
@@ -210,23 +191,22 @@ drops: all ten balls; the four whiffle balls, whose openings add drag; the six b
 pairs: the basketballs, which are nearly the same; the golf ball and the baseball, which are the densest; and the tennis
 ball and the volleyball, which remain.
 
-The measured heights depart from each of these laws by more than their noise, as one may expect of a camera held by
-hand, of wind, and of balls that spin. Each law is therefore given a model error, a random walk whose steps are a
-multiple of the noise, and the multiple is found from the drops. In this case the default does not trust the
-evidence. It forecasts the later part of each drop by laws that were fitted to the earlier, with such an error or with a
-larger noise instead, and takes the fewest terms within a tenth of the least error of these forecasts. Here the evidence
-stands beside the choice, and they need not agree.
+The measured heights depart from each of these laws by more than white noise explains, as one may expect of a camera
+held by hand, of wind, and of balls that spin. The default therefore also tries noise that grows with the height, errors
+of the heights that have a memory, a random walk and a smooth force beside the law, each with levels of its own. It
+forecasts the last 35 % of each drop by laws that were fitted to what is before, and takes the largest evidence of those
+whose forecasts are as good as the best and whose intervals hold. Here the evidence stands beside the choice, and they
+need not agree.
 """
 _CHOICES = (
     "What the default method chooses for each group of balls, and the law of largest evidence. The four columns after "
-    "these are 2 log B, twice the log Bayes factor of the best of the four against each, each with a model error of "
-    "its own: below 2 is hardly worth a mention, up to 6 is positive, up to 10 strong, above it very strong evidence "
-    "for the best (Kass and Raftery 1995). Then the noise of the heights, and the model error of the chosen law in "
-    "each step, in units of the noise."
+    "these are 2 log B, twice the log Bayes factor of the best of the four against each, with the errors of the chosen "
+    "law: below 2 is hardly worth a mention, up to 6 is positive, up to 10 strong, above it very strong evidence "
+    "for the best (Kass and Raftery 1995). Then the noise of the heights, and what explains the rest: the standard "
+    "deviation of a force is in m/s², that of an error of the heights in m."
 )
 _EVIDENCE = (
-    "The same evidence, with the model error that suits each law. The last two columns are the list that the default "
-    "method keeps with its law (`law.candidates()`), relative to the best in it: there all laws are compared with the "
-    "model error of the chosen one, which hides part of what others gain if the chosen one needs a larger one. An "
-    "empty cell is a law that differs from the chosen one by more than one term, and was not compared."
+    "The list that the default method keeps with its law (`law.candidates()`). The last column is the score of "
+    "forecasts of the last 35 % of each drop by the law fitted to what is before: the continuous ranked probability "
+    "score, in standard deviations of the heights, with the kind of errors that suits the law best."
 )

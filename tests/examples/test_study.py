@@ -2,58 +2,41 @@
 
 import csv
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
 
 # One worker does it all, so that the study runs no more often than it must
 pytestmark = pytest.mark.xdist_group("study")
 
 
-def study(out, *options, check=True):
-    command = [sys.executable, "-m", "studies.falling_balls", "--out", out, *options]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=check)
-
-
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory, ball_drops_folder):
-    folder = tmp_path_factory.mktemp("study")
-    run = study(folder / "report", "--data", ball_drops_folder, "--json", folder / "all.json")
-    return folder, run
+def results(finished_study):
+    return json.loads((finished_study[0] / "report" / "results.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def results(finished):
-    return json.loads((finished[0] / "report" / "results.json").read_text())
-
-
-def test_it_says_how_far_it_is_and_what_came_out(finished):
-    folder, run = finished
+def test_it_says_how_far_it_is_and_what_came_out(finished_study):
+    folder, run = finished_study
     assert "Part 12 of 12: Findings" in run.stderr
     assert "Learned terms: reproduced" in run.stdout
     assert f"Wrote {folder / 'report' / 'report.html'}" in run.stdout
     assert (folder / "all.json").read_bytes() == (folder / "report" / "results.json").read_bytes()
 
 
-def test_the_page_opens_in_a_browser_without_a_fault(finished, check_page):
-    check_page(finished[0] / "report" / "report.html")
+def test_the_page_opens_in_a_browser_without_a_fault(finished_study, check_page):
+    check_page(finished_study[0] / "report" / "report.html")
 
 
-def test_every_part_has_a_verdict(finished):
-    page = (finished[0] / "report" / "report.html").read_text()
+def test_every_part_has_a_verdict(finished_study):
+    page = (finished_study[0] / "report" / "report.html").read_text()
     sections = page.split("<section")[1:]
     assert len(sections) == 12
     assert all('class="verdict"' in section for section in sections)
     assert 'class="left-out"' not in page
 
 
-def test_no_printed_number_moves(finished):
+def test_no_printed_number_moves(finished_study):
     # The verdicts that are not "reproduced" are known; a number that moves changes one of these counts
-    stdout = finished[1].stdout
+    stdout = finished_study[1].stdout
     assert stdout.count(": differs") == 3
     assert stdout.count(": reproduced with correction") == 9
     assert stdout.count(": reproduced\n") == 15
@@ -69,8 +52,8 @@ def test_there_are_eighty_prediction_errors_and_model_four_has_one_for_each_ball
     assert len(set(errors["4"]["1"].values())) == 10
 
 
-def test_figures_come_as_svg_and_png_and_tables_with_all_digits(finished):
-    folder = finished[0] / "report"
+def test_figures_come_as_svg_and_png_and_tables_with_all_digits(finished_study):
+    folder = finished_study[0] / "report"
     vectors = sorted(path.stem for path in (folder / "figures").glob("*.svg"))
     assert vectors == sorted(path.stem for path in (folder / "figures").glob("*.png"))
     assert len(vectors) > 20
@@ -80,17 +63,18 @@ def test_figures_come_as_svg_and_png_and_tables_with_all_digits(finished):
     assert {row["agrees"] for row in rows} == {"True"}
 
 
-def test_the_same_seed_gives_the_same_bytes(finished, ball_drops_folder, tmp_path):
-    study(tmp_path / "report", "--data", ball_drops_folder)
-    first = finished[0] / "report"
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_bytes(finished_study, ball_drops_folder, run_study, tmp_path):
+    run_study(tmp_path / "report", "--data", ball_drops_folder)
+    first = finished_study[0] / "report"
     names = sorted(path.relative_to(first) for path in first.rglob("*.*"))
     assert names == sorted(path.relative_to(tmp_path / "report") for path in (tmp_path / "report").rglob("*.*"))
     different = [name for name in names if (first / name).read_bytes() != (tmp_path / "report" / name).read_bytes()]
     assert different == []
 
 
-def test_without_the_measured_drops_the_simulated_parts_are_done(tmp_path, check_page):
-    run = study(tmp_path / "report", "--only", "simulated")
+def test_without_the_measured_drops_the_simulated_parts_are_done(run_study, tmp_path, check_page):
+    run = run_study(tmp_path / "report", "--only", "simulated")
     assert run.stdout.count("left out") >= 6
     assert "Simulated drops with linear drag: reproduced" in run.stdout
     page = (tmp_path / "report" / "report.html").read_text()
@@ -101,8 +85,8 @@ def test_without_the_measured_drops_the_simulated_parts_are_done(tmp_path, check
     check_page(tmp_path / "report" / "report.html")
 
 
-def test_a_folder_without_the_drops_is_an_error(tmp_path):
-    run = study(tmp_path / "out", "--data", tmp_path, check=False)
+def test_a_folder_without_the_drops_is_an_error(run_study, tmp_path):
+    run = run_study(tmp_path / "out", "--data", tmp_path, check=False)
     assert run.returncode == 1
     assert "Ball_drops_data.xls" in run.stderr
     assert not (tmp_path / "out").exists()
