@@ -81,7 +81,7 @@ class RelationComparison:
 
     def choice(self) -> RelationChoice:
         """Return the most probable relation, of the most probable kind; `gain` compares it with each object's own."""
-        found = [*self._power_laws(), *([] if self._sure else self._affine())]
+        found = [*self._power_laws(), *self._affine()]
         totals = {kind: _total([each for each in found if each.kind is kind]) for kind in {each.kind for each in found}}
         best = max(totals, key=lambda kind: totals[kind])
         relations: dict[object, list[RelationChoice]] = {}
@@ -148,10 +148,11 @@ class RelationComparison:
             yield RelationChoice(kinds[1], columns, powers, scatter, error, own, score)
 
     def _affine(self) -> Iterator[RelationChoice]:
-        """Yield affine functions of properties, with scatter and without."""
-        kind, (objects, count) = RelationKind.AFFINE, self.properties.values.shape
-        for size in range(1, min(_MOST_SLOPES, count, objects - _MORE_OBJECTS) + 1):
-            chosen = list(combinations(range(count), size))
+        """Yield affine functions, with scatter and without, where coefficient or properties are not of one sign."""
+        kind, objects = RelationKind.AFFINE, len(self._points)
+        usable = [i for i, values in enumerate(self.properties.values.T) if not (self._sure and (values > 0).all())]
+        for size in range(1, min(_MOST_SLOPES, len(usable), objects - _MORE_OBJECTS) + 1):
+            chosen = list(combinations(usable, size))
             log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(_NEXT)
             exact = self._affine_models(chosen, 0.0)
             plain = self._scores(exact) + log_prior

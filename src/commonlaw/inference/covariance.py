@@ -35,11 +35,14 @@ def fitted_law(
         errors = replace(errors, walk=state.model_error * problem.models[0].unit / np.sqrt(step))
     return replace(
         law,
+        properties=problem.trials.properties or law.properties,
+        explanation=None,
         coefficients=np.array([each.coefficients for each in state.estimates]),
         uncertainty=replace(
             law.uncertainty,
             covariance=covariances(problem, state, covariance, seed),
             shared_factor=None,
+            unpooled=None,
             noise=problem.noise,
             error_model=errors,
         ),

@@ -1,6 +1,7 @@
 """Equations that objects share: what they hold, what they give, and how they are written."""
 
 from abc import ABC
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,9 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
+from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import text
+from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remark
 from commonlaw.law.from_text import Coefficient, read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
@@ -33,6 +36,7 @@ class AbstractEquations(ABC):
     coefficients: Floats
     uncertainty: Uncertainty
     provenance: Provenance
+    explanation: Explanation | None
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -144,7 +148,8 @@ class AbstractEquations(ABC):
         Parameters
         ----------
         name
-            The object; may be left out when there is only one.
+            The object; may be left out when there is only one. Of a law that `Law.explain` gave, nothing gives the
+            equations that hold for all objects: ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
         digits
             Significant digits of the coefficients that have no error.
         errors
@@ -155,6 +160,11 @@ class AbstractEquations(ABC):
         CommonlawError
             If the object is not named and there are several, or errors are asked for that are not known.
         """
+        if name is None and self._is_explained:
+            related = zip(
+                self.left_hand_sides, self._related(PLAIN, self.terms.factors, digits, errors is not False), strict=True
+            )
+            return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
         name = self._only(name)
         rows = zip(self.left_hand_sides, self.coefficients_of(name), self._shown_errors(name, errors), strict=True)
         return tuple(text.equation(*row, self.terms.factors, digits) for row in rows)
@@ -167,9 +177,11 @@ class AbstractEquations(ABC):
         CommonlawError
             If the object is not named and there are several, or errors are asked for that are not known.
         """
-        name = self._only(name)
         left = text.latex_left_hand_sides(self.states, self.order)
         terms = [text.latex_factor(term, self.terms.variables.names) for term in self.terms.terms]
+        if name is None and self._is_explained:
+            return text.aligned(zip(left, self._related(LATEX, terms, digits, errors is not False), strict=True))
+        name = self._only(name)
         return text.latex(left, self.coefficients_of(name), self._shown_errors(name, errors), terms, digits)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
@@ -263,6 +275,75 @@ class AbstractEquations(ABC):
         ]
         pairs = zip(found, self.named_coefficients, strict=True)
         return tuple(unit and f"{parse_unit(unit) ** each.power:~P}" for unit, each in pairs)
+
+    @property
+    def _is_explained(self) -> bool:
+        return self.explanation is not None and len(self.objects) > 1
+
+    def _explained(self) -> Explanation:
+        if self.explanation is None:
+            raise CommonlawError("nothing is known of what decides this law's coefficients: ask law.explain()")
+        return self.explanation
+
+    def relations(self) -> "pd.DataFrame":
+        """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
+
+        Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability
+        of the relation; scatter is relative where all objects have the same sign, and factors of affine functions are
+        their constants.
+
+        Raises
+        ------
+        CommonlawError
+            If `Law.explain` was not asked.
+        """
+        explanation, places = self._explained(), np.argwhere(self.support)
+        equations = [self.left_hand_sides[j] for j, _ in places]
+        terms = [self.terms.names[k] for _, k in places]
+        units = [self._factor_unit(*each) for each in zip(equations, terms, explanation.relations, strict=True)]
+        return explanation.to_frame(equations, terms, units)
+
+    def _factor_unit(self, equation: str, term: str, relation: Relation | None) -> str | None:
+        """Return the unit of a relation's factor, as far as units are known."""
+        unit, units = self.coefficient_units().get((equation, term)), self.schema.units
+        if unit is None or relation is None or not {*relation.properties} <= units.keys():
+            return None
+        powers = zip(relation.properties, relation.exponents, strict=False)
+        whole = parse_unit(unit)
+        for name, power in powers:
+            whole = whole / parse_unit(units[name]) ** power
+        return f"{whole:~P}"
+
+    def _own_letters(self) -> tuple[str | None, ...]:
+        """Return a letter for each coefficient in the law that is each object's own."""
+        kinds = [each and each.kind for each in self._explained().relations]
+        taken = (*self.terms.variables.names, *self._explained().properties)
+        letters = iter(text.free_letters(len(kinds), taken))
+        return tuple(next(letters) if kind is RelationKind.OWN else None for kind in kinds)
+
+    def _related(self, notation: Notation, names: Sequence[str], digits: int, errors: bool) -> list[list[text.Addend]]:
+        """Return each equation's terms with what decides their coefficients."""
+        rows: list[list[text.Addend]] = [[] for _ in self.states]
+        places = zip(np.argwhere(self.support).tolist(), self._explained().relations, self._own_letters(), strict=True)
+        for (j, k), relation, letter in places:
+            if relation is None:
+                value = float(self.coefficients[0, j, k])
+                rows[j].append(text.Addend(value < 0, notation.number(abs(value), 0.0, digits), names[k]))
+            else:
+                rows[j].append(notation.addend(relation, letter or "", names[k], digits, errors, not rows[j]))
+        return rows
+
+    def _explained_body(self) -> list[str]:
+        """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""
+        letters = self._own_letters()
+        names = [self.terms.names[k] for _, k in np.argwhere(self.support)]
+        relations = zip(self._explained().relations, letters, names, strict=True)
+        remarks = [words for each, letter, name in relations if each and (words := remark(each, letter or "", name))]
+        lines, own = [*self.equations(), *([""] if remarks else []), *remarks], [each is not None for each in letters]
+        if any(own):
+            values, errors = self.coefficients[:, self.support][:, own], self.standard_errors[:, self.support][:, own]
+            lines += ["", *text.coefficient_table(self.objects, [each for each in letters if each], values, errors)]
+        return lines
 
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from fractions import Fraction
 from typing import Any, Literal, cast
 
 import msgspec
@@ -11,18 +12,22 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
+from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.earlier_versions import compared_with_the_best, renamed
+from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Alternative, Provenance, Step
-from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.likelihood import ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
+from commonlaw.trials.trial import Property
 
 VERSION = 3
 
-Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance]
-"""What a law is made of: terms, schema, order, objects, coefficients, uncertainty, provenance."""
+Properties = Mapping[str, Mapping[str, Property]]
+Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, Properties, Explanation | None]
+"""What a law is made of: its fields, in order."""
 
 
 class _Header(msgspec.Struct):
@@ -42,7 +47,14 @@ class _Errors(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_def
     widening: float | None = None
 
 
-class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class _OwnEstimates(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """See `OwnEstimates`; by object."""
+
+    coefficients: dict[str, list[float]]
+    covariance: dict[str, list[float]]
+
+
+class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
     covariance: dict[str, list[float]] | None = None
@@ -50,6 +62,27 @@ class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     noise: list[float] | None = None
     inclusion_probabilities: list[list[float]] | None = None
     error_model: _Errors | None = None
+    unpooled: _OwnEstimates | None = None
+
+
+class _Relation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """See `Relation`; exponents are fractions as text."""
+
+    kind: RelationKind
+    factors: tuple[float, ...]
+    errors: tuple[float, ...]
+    properties: tuple[str, ...] = ()
+    exponents: tuple[str, ...] = ()
+    scatter: float = 0.0
+    scatter_error: float = 0.0
+    relative: bool = True
+    probability: float = 1.0
+    typical: float = 1.0
+
+
+class _Explanation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    relations: list[_Relation | None]
+    covariance: list[list[float]]
 
 
 class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -70,11 +103,13 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     coefficients: dict[str, list[list[float]]]
     uncertainty: _Uncertainty
     provenance: _Provenance
+    properties: dict[str, dict[str, float | str]] = {}
+    explanation: _Explanation | None = None
 
 
 def encode(parts: Fields) -> bytes:
     """Return what a law is made of as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
-    terms, schema, order, objects, coefficients, uncertainty, provenance = parts
+    terms, schema, order, objects, coefficients, uncertainty, provenance, properties, explanation = parts
     method = provenance.differentiation
     document = _Law(
         order=cast(Literal[0, 1, 2], order),
@@ -90,24 +125,58 @@ def encode(parts: Fields) -> bytes:
             history=provenance.history,
             equations=provenance.equations,
         ),
+        properties={name: {**values} for name, values in properties.items()},
+        explanation=None if explanation is None else _saved_explanation(explanation),
     )
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
-    covariance = uncertainty.covariance
-    triangles = None if covariance is None else covariance[:, *np.tril_indices(covariance.shape[1])]
-    triangles, factors, noise, inclusion = (
+    covariance, own = uncertainty.covariance, uncertainty.unpooled
+    factors, noise, inclusion = (
         None if each is None else each.tolist()
-        for each in (triangles, uncertainty.shared_factor, uncertainty.noise, uncertainty.inclusion_probabilities)
+        for each in (uncertainty.shared_factor, uncertainty.noise, uncertainty.inclusion_probabilities)
     )
     return _Uncertainty(
-        covariance=None if triangles is None else dict(zip(objects, triangles, strict=True)),
+        covariance=None if covariance is None else _triangles(objects, covariance),
         shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
         noise=noise,
         inclusion_probabilities=inclusion,
         error_model=_saved_errors(uncertainty.error_model),
+        unpooled=None
+        if own is None
+        else _OwnEstimates(
+            coefficients=dict(zip(objects, own.coefficients.tolist(), strict=True)),
+            covariance=_triangles(objects, own.covariance),
+        ),
     )
+
+
+def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[float]]:
+    return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
+
+
+def _saved_explanation(explanation: Explanation) -> _Explanation:
+    saved = [None if each is None else _saved_relation(each) for each in explanation.relations]
+    return _Explanation(relations=saved, covariance=explanation.covariance.tolist())
+
+
+def _saved_relation(relation: Relation) -> _Relation:
+    return _Relation(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))})
+
+
+def _read_explanation(saved: _Explanation) -> Explanation:
+    """Return the relations; `Explanation.checked` says whether they fit the law."""
+    relations = tuple(None if each is None else _read_relation(each) for each in saved.relations)
+    return Explanation(relations, np.array(saved.covariance))
+
+
+def _read_relation(saved: _Relation) -> Relation:
+    try:
+        exponents = tuple(map(Fraction, saved.exponents))
+    except (ValueError, ZeroDivisionError):
+        raise CommonlawError(f"the law is damaged: exponents {', '.join(saved.exponents)} are no fractions") from None
+    return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
 
 
 def _saved_errors(errors: ErrorModel) -> _Errors | None:
@@ -158,7 +227,9 @@ def decode(content: bytes) -> Fields:
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
     provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history, saved.equations)
-    return terms, schema, document.order, objects, coefficients, uncertainty, provenance
+    explanation = None if document.explanation is None else _read_explanation(document.explanation)
+    found = terms, schema, document.order, objects, coefficients, uncertainty, provenance
+    return *found, document.properties, explanation
 
 
 def _read_uncertainty(
@@ -171,7 +242,14 @@ def _read_uncertainty(
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
         _read_errors(saved.error_model),
+        None if saved.unpooled is None else _read_own_estimates(saved.unpooled, objects, parameters),
     )
+
+
+def _read_own_estimates(saved: _OwnEstimates, objects: tuple[str, ...], parameters: int) -> OwnEstimates:
+    rows = [saved.coefficients.get(name, []) for name in objects]
+    values = _matrix(rows, "its own estimates are", (len(objects), parameters))
+    return OwnEstimates(values, _covariance(saved.covariance, objects, parameters))
 
 
 def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], parameters: int) -> Floats:
@@ -188,7 +266,8 @@ def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], para
 
 def _shared_factor(saved: Mapping[str, list[list[float]]], objects: tuple[str, ...], parameters: int) -> Floats:
     """Return what the errors of objects have in common, in the order of the coefficients."""
-    shape = (parameters, parameters)
+    columns = max((len(row) for rows in saved.values() for row in rows), default=parameters)
+    shape = (parameters, columns)
     found = [_matrix(saved.get(name, []), f"the shared factor of {name!r} is", shape) for name in objects]
     return np.array(found).reshape(len(objects), *shape)
 

@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
 from commonlaw.law import text
+from commonlaw.law.explanation import Explanation
 from commonlaw.law.from_text import Names, read_equations, stated_law
 from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Alternative, History, Provenance
@@ -21,6 +22,7 @@ from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
+from commonlaw.trials.trial import Property, normalized
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,6 +48,10 @@ class Law(AbstractPredictions):
         How accurate coefficients and measurements are.
     provenance
         How the law was found.
+    properties
+        What is known of the objects, by object and name; the units stand in ``schema.units``.
+    explanation
+        What decides the coefficients, if `explain` was asked.
 
     Raises
     ------
@@ -61,6 +67,8 @@ class Law(AbstractPredictions):
     coefficients: Floats
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     provenance: Provenance = field(default_factory=Provenance)
+    properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
+    explanation: Explanation | None = None
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -68,6 +76,12 @@ class Law(AbstractPredictions):
         values = checked(self.coefficients, "array of coefficients", "objects, equations, terms", shape)
         object.__setattr__(self, "coefficients", values)
         object.__setattr__(self, "uncertainty", self.uncertainty.checked(self.objects, self.support))
+        object.__setattr__(self, "properties", normalized(self.properties))
+        others = [name for name in self.properties if name not in self.objects]
+        if others:
+            raise CommonlawError(f"properties are given for {', '.join(others)}, which the law does not have")
+        if self.explanation is not None:
+            object.__setattr__(self, "explanation", self.explanation.checked(int(self.support.sum())))
 
     def _check_names(self) -> None:
         if not self.objects or not len(self.terms):
@@ -99,7 +113,8 @@ class Law(AbstractPredictions):
         Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
         """
         mean = self.coefficients.mean(axis=0, keepdims=True)
-        return self._of_others(("average",), mean, self.uncertainty.average())
+        found = self._of_others(("average",), mean, self.uncertainty.average())
+        return replace(found, explanation=None)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only.
@@ -114,8 +129,15 @@ class Law(AbstractPredictions):
 
     def _of_others(self, objects: tuple[str, ...], coefficients: Floats, uncertainty: Uncertainty) -> "Law":
         """Return a law of other objects, their uncertainty still that of all terms in this law."""
-        uncertainty = uncertainty.restrict(np.any(coefficients != 0, axis=0)[self.support])
-        return replace(self, objects=objects, coefficients=coefficients, uncertainty=uncertainty)
+        kept = np.any(coefficients != 0, axis=0)[self.support]
+        return replace(
+            self,
+            objects=objects,
+            coefficients=coefficients,
+            uncertainty=uncertainty.restrict(kept),
+            properties={name: self.properties[name] for name in objects if name in self.properties},
+            explanation=self.explanation if kept.all() else None,
+        )
 
     def partial_pooling(self, universal: Bools | None = None, others: bool = True) -> "Law":
         """Return the law with each coefficient drawn to its mean over objects, as far as the objects are alike in it.
@@ -145,6 +167,59 @@ class Law(AbstractPredictions):
         step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
         provenance = replace(self.provenance, history=(*self.history, step))
         return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
+
+    def explain(self, properties: Any = None) -> "Law":
+        """Return the law with fewer numbers: what in it is universal, follows the objects' properties, or is their own.
+
+        Each coefficient is the same for all objects, a factor times powers of properties with small rational exponents
+        (``0.25 diameter^2/mass``), an affine function of properties where signs differ, or each object's own; objects
+        may scatter about it. The evidence decides, with odds against properties: where these say nothing, they are
+        taken in few of a hundred cases. The coefficients become what their relations say, and more precise.
+
+        Parameters
+        ----------
+        properties
+            Names of properties that the law knows of its objects; or the properties, a mapping from object to values
+            by name, or a table (a file, a frame) with a row for each object. Default: all numbers that it knows of
+            every object. Without any, ``[]``, coefficients are universal or each object's own.
+
+        Raises
+        ------
+        CommonlawError
+            If a property is not known or no number, objects have terms of their own, there is only one, or the law
+            does not know how accurate its coefficients are.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> masses = zip(drops.objects, [0.3, 0.1, 0.1, 0.06, 0.043], strict=True)
+        >>> law = cl.fit("x'' = -g - c v", drops)
+        >>> print(law.explain({name: {"mass": mass} for name, mass in masses}))
+        x'' = -9.806 ± 0.015 - (0.03009 ± 0.00011)/mass v
+        <BLANKLINE>
+        with v = x'
+        """
+        from commonlaw.law.explaining import explained, explaining_step, offered, table_of
+
+        if not self.shared:
+            raise CommonlawError("the objects of this law have terms of their own: only shared ones can be explained")
+        found, names = offered(properties, self.properties, self.objects, self.schema.object)
+        table = table_of(found, names, self.objects)
+        values, uncertainty, explanation = explained(
+            self.coefficients, self.uncertainty, self.support, self.objects, table
+        )
+        labels = [f"{self.terms.names[k]} in {self.left_hand_sides[j]}" for j, k in np.argwhere(self.support)]
+        step = explaining_step(explanation, labels, names)
+        return replace(
+            self,
+            coefficients=values,
+            uncertainty=uncertainty,
+            provenance=replace(self.provenance, history=(*self.history, step)),
+            schema=replace(self.schema, units={**self.schema.units, **found.units}),
+            properties=found.values,
+            explanation=explanation,
+        )
 
     # What is known of it
 
@@ -224,6 +299,8 @@ class Law(AbstractPredictions):
         """Return the lines that hold the coefficients of all objects."""
         if len(self.objects) == 1:
             return [*self.equations()]
+        if self.explanation is not None:
+            return self._explained_body()
         if self.shared:
             return [*self.structure(), "", *text.coefficient_table(self.objects, self.letters, *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
@@ -268,7 +345,7 @@ class Law(AbstractPredictions):
         from commonlaw.law.json import encode
 
         made_of = self.terms, self.schema, self.order, self.objects, self.coefficients, self.uncertainty
-        return encode((*made_of, self.provenance)).decode()
+        return encode((*made_of, self.provenance, self.properties, self.explanation)).decode()
 
     @classmethod
     def from_json(cls, content: str | bytes) -> "Law":

@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import shrink
 from commonlaw.law.provenance import Step
-from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
@@ -39,7 +39,8 @@ def partially_pooled(
     pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
-    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor), shrinkage
+    own = OwnEstimates(coefficients[:, support], covariance)
+    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor, unpooled=own), shrinkage
 
 
 def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools, shrinkage: Floats) -> Step:

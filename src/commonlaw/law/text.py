@@ -1,7 +1,8 @@
 """Equations and coefficients as people write them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from string import ascii_lowercase
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,14 @@ from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
 
 
+class Addend(NamedTuple):
+    """A term with its coefficient: whether it is subtracted, the coefficient's size as text, the term's name."""
+
+    negative: bool
+    number: str
+    name: str
+
+
 def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int) -> str:
     """Return ``left = sum of coefficients times names``, terms with coefficient zero left out.
 
@@ -21,16 +30,19 @@ def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[st
     >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.array([0.12, np.nan, 0.0051]), ["1", "x", "v"], 4)
     "x'' = -9.34 ± 0.12 + (0.0466 ± 0.0051) v"
     """
-    return f"{left} = {_right_hand_side(coefficients, errors, names, digits, with_error, ' ')}"
+    return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error), ' ')}"
 
 
 def latex(lefts: Sequence[str], coefficients: Floats, errors: Floats, terms: Sequence[str], digits: int) -> str:
     """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms)."""
+    rows = zip(lefts, coefficients, errors, strict=True)
+    return aligned((left, _addends(row, own, terms, digits, latex_with_error)) for left, row, own in rows)
+
+
+def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
+    """Return equations, left-hand sides and addends in LaTeX, as an ``aligned`` block."""
     times = r"\, "
-    lines = [
-        f"{left} &= {_right_hand_side(row, row_errors, terms, digits, latex_with_error, times)}"
-        for left, row, row_errors in zip(lefts, coefficients, errors, strict=True)
-    ]
+    lines = [f"{left} &= {summed(addends, times)}" for left, addends in rows]
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
@@ -101,14 +113,21 @@ def printed(
     return "\n".join(map(in_line, lines))
 
 
-def _right_hand_side(
-    coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, write: Callable[..., str], times: str
-) -> str:
-    """Return a sum of coefficients times names, with a function that writes a number and its error."""
+def summed(addends: Iterable[Addend], times: str) -> str:
+    """Return the sum of these: their signs, numbers and names."""
     text = ""
+    for negative, number, name in addends:
+        sign = (" - " if negative else " + ") if text else ("-" if negative else "")
+        text += sign + (number if name == "1" else f"{number}{times}{name}")
+    return text or "0"
+
+
+def _addends(
+    coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, write: Callable[..., str]
+) -> Iterator[Addend]:
+    """Yield coefficients and their names, with a function that writes a number and its error; zeros are left out."""
+    first = True
     for c, error, name in zip(coefficients, errors, names, strict=True):
         if c:
-            number = write(abs(c), error, digits, bracket=bool(text) or name != "1")
-            sign = (" - " if c < 0 else " + ") if text else ("-" if c < 0 else "")
-            text += sign + (number if name == "1" else f"{number}{times}{name}")
-    return text or "0"
+            yield Addend(c < 0, write(abs(c), error, digits, bracket=not first or name != "1"), name)
+            first = False

@@ -17,6 +17,27 @@ _ASYMMETRY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class OwnEstimates:
+    """Each object's parameters as its own trials alone tell them, before they learned from other objects.
+
+    Parameters
+    ----------
+    coefficients
+        Shape (objects, parameters).
+    covariance
+        Of their errors, shape (objects, parameters, parameters).
+    """
+
+    coefficients: Floats
+    covariance: Floats
+
+    def checked(self, objects: tuple[str, ...], size: int) -> "OwnEstimates":
+        """Return the same as read-only arrays, for a law of these objects with so many parameters."""
+        values = checked(self.coefficients, "array of own estimates", "objects, parameters", (len(objects), size))
+        return OwnEstimates(values, checked_covariance(self.covariance, objects, size))
+
+
+@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """What is known of the accuracy of a law; None stands for "not known".
 
@@ -29,7 +50,7 @@ class Uncertainty:
         object does not have.
     shared_factor
         What the errors of different objects have in common after partial pooling: the covariance of two objects'
-        parameters is the product of one's matrix with the other's transposed, shape (objects, parameters, parameters).
+        parameters is the product of one's matrix with the other's transposed, shape (objects, parameters, columns).
         None if objects do not depend on each other.
     noise
         Standard deviation of the measurement noise of each state, shape (states,).
@@ -37,6 +58,8 @@ class Uncertainty:
         Probability that a term is in the law, shape (equations, terms).
     error_model
         Errors beside white noise, of the measurements and of the law itself.
+    unpooled
+        Each object's own estimates, where partial pooling or `Law.explain` has drawn them to others.
     """
 
     covariance: Floats | None = None
@@ -44,6 +67,7 @@ class Uncertainty:
     noise: Floats | None = None
     inclusion_probabilities: Floats | None = None
     error_model: ErrorModel = NO_ERRORS
+    unpooled: OwnEstimates | None = None
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -58,14 +82,16 @@ class Uncertainty:
         if covariance is not None:
             covariance = checked_covariance(covariance, objects, size)
         if factor is not None:
-            axes = "objects, coefficients in the law, the same"
-            factor = checked(factor, "shared factor of errors", axes, (len(objects), size, size))
+            columns = np.shape(factor)[2] if np.ndim(factor) == 3 else size
+            axes = "objects, coefficients in the law, columns"
+            factor = checked(factor, "shared factor of errors", axes, (len(objects), size, columns))
         if noise is not None:
             noise = checked(noise, "noise", "states", support.shape[:1], low=0)
         if inclusion is not None:
             what = "array of inclusion probabilities"
             inclusion = checked(inclusion, what, "equations, terms", support.shape, 0, 1)
-        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(self.error_model, len(support)))
+        own, errors = self.unpooled and self.unpooled.checked(objects, size), self.error_model
+        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(errors, len(support)), own)
 
     def known_covariance(self) -> Floats:
         """Return the covariance, shape (objects, parameters, parameters).
@@ -82,30 +108,51 @@ class Uncertainty:
             )
         return self.covariance
 
+    def own_estimates(self, coefficients: Floats) -> OwnEstimates:
+        """Return each object's own estimates, where the law has these parameters, shape (objects, parameters).
+
+        Raises
+        ------
+        CommonlawError
+            If they, or their covariance, are not known.
+        """
+        if self.unpooled is not None:
+            return self.unpooled
+        if self.shared_factor is not None:
+            raise CommonlawError(
+                "this law's coefficients were drawn to their means, and what each object's own were is not on record: "
+                "discover or refine it again"
+            )
+        return OwnEstimates(coefficients, self.known_covariance())
+
     def select(self, indices: Sequence[int]) -> "Uncertainty":
         """Return that of some objects, given by their indices."""
-        return self._changed(lambda matrices: matrices[list(indices)])
+        return self._changed(lambda values: values[list(indices)], lambda matrices: matrices[list(indices)])
 
     def average(self) -> "Uncertainty":
         """Return that of the mean over objects, which are independent but for the shared factor."""
         if self.covariance is None:
-            return replace(self, shared_factor=None)
+            return replace(self, shared_factor=None, unpooled=None)
         own, shared = self.covariance.sum(axis=0), 0.0
         if self.shared_factor is not None:
             factor = self.shared_factor
             own = own - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
             shared = factor.sum(axis=0) @ factor.sum(axis=0).T
         covariance = (own + shared)[np.newaxis] / len(self.covariance) ** 2
-        return replace(self, covariance=covariance, shared_factor=None)
+        return replace(self, covariance=covariance, shared_factor=None, unpooled=None)
 
     def restrict(self, parameters: Bools) -> "Uncertainty":
         """Return that of some parameters, shape (parameters,), when the others have left the law."""
-        return self._changed(lambda matrices: matrices[:, parameters][:, :, parameters])
+        return self._changed(
+            lambda values: values[:, parameters], lambda matrices: matrices[:, parameters][:, :, parameters]
+        )
 
-    def _changed(self, change: Callable[[Floats], Floats]) -> "Uncertainty":
-        """Return that whose covariance and shared factor, where they are known, are changed alike."""
-        covariance, factor = (None if each is None else change(each) for each in (self.covariance, self.shared_factor))
-        return replace(self, covariance=covariance, shared_factor=factor)
+    def _changed(self, rows: Callable[[Floats], Floats], matrices: Callable[[Floats], Floats]) -> "Uncertainty":
+        """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""
+        covariance = None if self.covariance is None else matrices(self.covariance)
+        factor = None if self.shared_factor is None else rows(self.shared_factor)
+        own = self.unpooled and OwnEstimates(rows(self.unpooled.coefficients), matrices(self.unpooled.covariance))
+        return replace(self, covariance=covariance, shared_factor=factor, unpooled=own)
 
 
 def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:

@@ -1,0 +1,158 @@
+"""What decides the coefficients of a law: its relations to the objects' properties, and how these are written."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.numbers import latex_with_error, with_error
+from commonlaw.law.text import Addend, summed
+from commonlaw.law.uncertainty import checked
+from commonlaw.library.naming import latex_name, powered
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The relations of a law's coefficients to its objects, see `Law.explain`; ``print(law)`` shows them.
+
+    Parameters
+    ----------
+    relations
+        One for each of the law's parameters, in the order of ``numpy.argwhere(law.support)``; None for coefficients
+        that are known.
+    covariance
+        Of the factors of all relations together, in their order, shape (factors, factors).
+    """
+
+    relations: tuple[Relation | None, ...]
+    covariance: Floats
+
+    def checked(self, size: int) -> "Explanation":
+        """Return the same with a read-only array, for a law with so many parameters.
+
+        Raises
+        ------
+        CommonlawError
+            If it does not fit the law.
+        """
+        if len(self.relations) != size:
+            raise CommonlawError(f"a law has {len(self.relations)} relations, expected {size}")
+        count = sum(len(each.factors) for each in self.relations if each)
+        return Explanation(
+            self.relations, checked(self.covariance, "covariance of factors", "factors, the same", (count, count))
+        )
+
+    @property
+    def properties(self) -> tuple[str, ...]:
+        """Names of the properties that coefficients follow."""
+        return tuple(dict.fromkeys(name for each in self.relations if each for name in each.properties))
+
+    def to_frame(self, equations: Sequence[str], terms: Sequence[str], units: Sequence[str | None]) -> "pd.DataFrame":
+        """Return a table with a row for each relation, given equation, term and unit of each coefficient's factor."""
+        import pandas as pd
+
+        rows = [
+            {
+                "equation": equation,
+                "term": term,
+                "kind": str(each.kind),
+                "follows": dependence(each),
+                "factor": each.factors[0],
+                "standard error": each.errors[0],
+                "unit": unit,
+                "scatter": each.scatter,
+                "scatter error": each.scatter_error,
+                "probability": each.probability,
+            }
+            for equation, term, unit, each in zip(equations, terms, units, self.relations, strict=True)
+            if each is not None
+        ]
+        return pd.DataFrame(rows)
+
+
+def dependence(relation: Relation) -> str:
+    """Return the properties that a coefficient follows, as text: ``diameter^2/mass``; nothing without any.
+
+    >>> powers = Fraction(2), Fraction(-1), Fraction(-1, 2)
+    >>> dependence(Relation(RelationKind.POWER_LAW, (0.25,), (0.01,), ("diameter", "mass", "charge"), powers))
+    'diameter^2/(mass charge^(1/2))'
+    """
+    if relation.kind is RelationKind.AFFINE:
+        return " + ".join(relation.properties)
+    above, below = (
+        [_powered(name, abs(each)) for name, each in _powers(relation) if (each > 0) == wanted]
+        for wanted in (True, False)
+    )
+    under = f"({' '.join(below)})" if len(below) > 1 else " ".join(below)
+    return (" ".join(above) or ("1" if below else "")) + (f"/{under}" if below else "")
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How relations are written: numbers with errors, names, what stands between factors, and powers of properties."""
+
+    number: Callable[..., str]
+    name: Callable[[str], str]
+    times: str
+    powers: Callable[[Relation], str]
+
+    def addend(self, relation: Relation, letter: str, name: str, digits: int, errors: bool, first: bool) -> Addend:
+        """Return a coefficient and its term in an equation; each object's own coefficient is a letter."""
+        if relation.kind is RelationKind.OWN:
+            return Addend(False, self.name(letter), name)
+        known = relation.errors if errors else [0.0] * len(relation.errors)
+        pairs = list(zip(relation.factors, known, strict=True))
+        alone = relation.kind is RelationKind.UNIVERSAL and first and name == "1"
+        numbers = [self.number(abs(value), error, digits, bracket=not alone) for value, error in pairs]
+        negative = [value < 0 for value in relation.factors]
+        if relation.kind is RelationKind.AFFINE:
+            names = ["1", *map(self.name, relation.properties)]
+            return Addend(False, f"({summed(map(Addend, negative, numbers, names), self.times)})", name)
+        return Addend(negative[0], numbers[0] + self.powers(relation), name)
+
+
+def remark(relation: Relation, letter: str, name: str) -> str:
+    """Return what an equation does not say of a relation; nothing if it says all."""
+    each = with_error(relation.scatter, relation.scatter_error)
+    amount = f"their logarithms scatter by {each}" if relation.relative else f"they scatter by {each}"
+    if relation.kind is RelationKind.OWN:
+        return (
+            f"{letter} is each object's own: typically {with_error(relation.factors[0], relation.errors[0])}, {amount}"
+        )
+    return f"coefficients of {name} stray from that: {amount}" if relation.scatter else ""
+
+
+def _powers(relation: Relation) -> list[tuple[str, Fraction]]:
+    return list(zip(relation.properties, relation.exponents, strict=True))
+
+
+def _powered(name: str, power: Fraction) -> str:
+    return powered(name, int(power)) if power.denominator == 1 else f"{powered(name, 1)}^({power})"
+
+
+def _plain_powers(relation: Relation) -> str:
+    follows = dependence(relation)
+    return follows[1:] if follows.startswith("1/") else follows and f" {follows}"
+
+
+def _latex_powers(relation: Relation) -> str:
+    above, below = (
+        r"\, ".join(
+            latex_name(name) + (f"^{{{abs(power)}}}" if abs(power) != 1 else "")
+            for name, power in _powers(relation)
+            if (power > 0) == wanted
+        )
+        for wanted in (True, False)
+    )
+    fraction = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
+    return fraction and rf"\, {fraction}"
+
+
+PLAIN = Notation(with_error, lambda name: powered(name, 1), " ", _plain_powers)
+LATEX = Notation(latex_with_error, latex_name, r"\, ", _latex_powers)

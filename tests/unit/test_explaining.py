@@ -1,0 +1,152 @@
+"""Laws that say what decides their coefficients: from what they know of their objects to text, tables and files."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.library import Variables
+
+OBJECTS = tuple(f"ball {i}" for i in range(1, 9))
+UNITS = {"x": "m", "t": "s", "diameter": "m", "mass": "kg"}
+
+
+def falling(scatter=0.0, pooled=True, units=UNITS):
+    """Gravity and drag of eight balls with errors that hang together, and the balls' properties."""
+    generator = np.random.default_rng(5)
+    diameter, mass = np.exp(generator.uniform(*np.log([[0.04, 0.03], [0.25, 0.8]]), (8, 2))).T
+    drag = 0.25 * diameter**2 / mass * np.exp(scatter * generator.standard_normal(8))
+    terms = cl.PolynomialLibrary(2).bind(Variables(("x", "v")))
+    truth = np.zeros((8, 1, len(terms)))
+    truth[:, 0, 0], truth[:, 0, terms.names.index("v^2")] = -9.8, drag
+    free = truth[:, 0][:, truth[0, 0] != 0]
+    errors = 0.02 * abs(free)
+    covariance = errors[:, :, np.newaxis] * errors[:, np.newaxis] * np.array([[1.0, -0.9], [-0.9, 1.0]])
+    noise = np.matmul(np.linalg.cholesky(covariance), generator.standard_normal((8, 2, 1)))[..., 0]
+    measured = truth.copy()
+    measured[:, 0, truth[0, 0] != 0] += noise
+    properties = {
+        name: {"diameter": d, "mass": m, "colour": "red"} for name, d, m in zip(OBJECTS, diameter, mass, strict=True)
+    }
+    law = cl.Law(
+        terms, cl.Schema(("x",), units=units), 2, OBJECTS, measured, cl.Uncertainty(covariance, noise=[0.01]),
+        properties=properties,
+    )  # fmt: skip
+    return law.partial_pooling() if pooled else law
+
+
+def test_a_law_says_what_is_universal_and_what_follows_properties():
+    law = falling().explain()
+    assert law.equations(errors=False) == ("x'' = -9.934 + 0.2523 diameter^2/mass v^2",)
+    assert str(law).splitlines()[0] == "x'' = -9.934 ± 0.069 + (0.2523 ± 0.0018) diameter^2/mass v^2"
+    assert r"0.2523\, \frac{\mathrm{diameter}^{2}}{\mathrm{mass}}\, v^{2}" in law.to_latex(errors=False)
+    table = law.relations().set_index("term")
+    assert table["kind"].to_dict() == {"1": "universal", "v^2": "power law"}
+    assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}
+    assert "v^2 in x'': power law of diameter^2/mass" in law.history[-1].choice
+    assert "offered were diameter, mass" in law.history[-1].reason
+
+
+def test_coefficients_become_what_relations_say_and_more_precise():
+    before = falling(pooled=False)
+    law = before.explain()
+    (place,) = np.flatnonzero(law.support[0])[1:]
+    values = [each["diameter"] ** 2 / each["mass"] for each in law.properties.values()]
+    factor = law.explanation.relations[1].factors[0]
+    np.testing.assert_allclose(law.coefficients[:, 0, place], factor * np.array(values))
+    assert np.all(law.standard_errors[:, law.support] < before.standard_errors[:, before.support])
+    np.testing.assert_allclose(law.average().covariance[0, 0, 0], law.explanation.covariance[0, 0])
+    assert law.select(OBJECTS[:2]).explanation.relations == law.explanation.relations
+    assert law.average().explanation is None
+
+
+def test_pooling_and_earlier_explanations_do_not_matter():
+    law = falling(pooled=False).explain()
+    for other in (falling().explain(), law.explain(), law.explain([]).explain()):
+        np.testing.assert_allclose(other.coefficients, law.coefficients)
+
+
+def test_without_properties_coefficients_are_universal_or_each_objects_own():
+    law = falling().explain([])
+    assert [str(each.kind) for each in law.explanation.relations] == ["universal", "own"]
+    lines = str(law).splitlines()
+    assert lines[0] == "x'' = -9.934 ± 0.069 + a v^2"
+    assert lines[2].startswith("a is each object's own: typically 0.0")
+    assert [line.split()[:2] for line in lines[5:13]] == [name.split() for name in OBJECTS]
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.3])
+def test_an_explained_law_comes_back_from_its_file(scatter):
+    law = falling(scatter).explain()
+    again = cl.Law.from_json(law.to_json())
+    assert str(again) == str(law)
+    assert again.explanation.relations == law.explanation.relations
+    np.testing.assert_array_equal(again.explanation.covariance, law.explanation.covariance)
+    np.testing.assert_array_equal(again.uncertainty.unpooled.covariance, law.uncertainty.unpooled.covariance)
+    np.testing.assert_array_equal(again.uncertainty.shared_factor, law.uncertainty.shared_factor)
+    assert again.properties == law.properties
+
+
+def test_a_file_whose_relations_are_damaged_is_refused():
+    document = json.loads(falling().explain().to_json())
+    document["explanation"]["relations"][1]["exponents"] = ["1/0", "2"]
+    with pytest.raises(cl.CommonlawError, match="the law is damaged: exponents 1/0, 2 are no fractions"):
+        cl.Law.from_json(json.dumps(document))
+    document["explanation"]["relations"].pop()
+    with pytest.raises(cl.CommonlawError, match="a law has 1 relations, expected 2"):
+        cl.Law.from_json(json.dumps(document))
+
+
+def test_properties_can_be_given_when_the_law_knows_none(tmp_path):
+    known = falling()
+    bare = replace(known, properties={})
+    with pytest.raises(cl.CommonlawError, match="does not know any property of its objects: give them"):
+        bare.explain()
+    table = tmp_path / "balls.csv"
+    rows = [f"{name},{values['diameter']},{values['mass']}" for name, values in known.properties.items()]
+    table.write_text("\n".join(["object,diameter [cm],mass", *rows]))
+    for given in (known.properties, table):
+        np.testing.assert_allclose(bare.explain(given).coefficients, known.explain().coefficients)
+    assert bare.explain(table).schema.units["diameter"] == "cm"
+
+
+@pytest.mark.parametrize(
+    ("change", "names", "message"),
+    [
+        ({}, ["weight"], "property 'weight'"),
+        ({}, ["colour"], "property 'colour' is not a number for every object: ball 1 has 'red'"),
+        ({"uncertainty": cl.Uncertainty()}, ["mass"], "does not know how accurate its coefficients are"),
+        (
+            {"uncertainty": replace(falling().uncertainty, unpooled=None)},
+            ["mass"],
+            "is not on record: discover or refine",
+        ),
+    ],
+)
+def test_what_cannot_be_explained_is_refused(change, names, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        replace(falling(), **change).explain(names)
+
+
+def test_one_object_and_terms_of_their_own_are_refused():
+    law = falling(pooled=False)
+    with pytest.raises(cl.CommonlawError, match="explain a law of two or more"):
+        law.select(OBJECTS[:1]).explain()
+    coefficients = law.coefficients.copy()
+    coefficients[0, 0, 0] = 0
+    with pytest.raises(cl.CommonlawError, match="have terms of their own"):
+        replace(law, coefficients=coefficients).explain()
+    with pytest.raises(cl.CommonlawError, match="nothing is known of what decides"):
+        law.relations()
+
+
+def test_a_fitted_law_knows_the_properties_of_its_objects():
+    drops = cl.datasets.linear_drag(noise=0.05)
+    law = cl.fit("x'' = -g - c v", drops)
+    assert law.properties == drops.properties
+    explained = law.explain()
+    assert [str(each.kind) for each in explained.explanation.relations] == ["universal", "affine"]
+    assert explained.explanation.relations[1].factors == pytest.approx((0.0, 1.0), abs=0.02)
+    assert cl.refine(explained, drops).explanation is None
