@@ -343,6 +343,15 @@ def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
     assert run("data", "check", *named)[1].endswith("or give it with --unit ...\n")
 
 
+def test_of_a_table_of_thousands_the_first_rows_are_printed(run, tmp_path):
+    rows = [f"{trial},{time},{trial + time}" for trial in range(1200) for time in range(3)]
+    (tmp_path / "short.csv").write_text("\n".join(["trial,t,x", *rows]))
+    code, out, _ = run("data", "check", "short.csv")
+    assert code == 0
+    assert " ... and 200 more rows" in out.splitlines()
+    assert sum(line.startswith(" short") for line in out.splitlines()) == 1000
+
+
 def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
     rows = [f"{tree},{age},{age / 10 + tree}" for tree in range(5) for age in (118 + tree, 484, 664, 1004, 1231)]
     (tmp_path / "trees.csv").write_text("\n".join(["object,age [day],girth [mm]", *rows]))

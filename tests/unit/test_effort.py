@@ -47,6 +47,14 @@ def test_work_of_many_pieces_is_announced_by_what_the_first_take(monkeypatch):
     assert len(told) == 1
 
 
+def test_judging_many_trials_is_announced(monkeypatch):
+    seconds = iter(np.arange(0.0, 10_000.0, 6.0))
+    monkeypatch.setattr(effort, "monotonic", lambda: next(seconds))
+    trials = cl.datasets.linear_drag(trials=20)
+    with pytest.warns(cl.LongWorkWarning, match="judging the law by forecasts of 100 trials .*: .*take fewer"):
+        cl.datasets.truth_of("linear-drag").verdict(trials)
+
+
 @pytest.mark.parametrize("text", ["fourier:500 * fourier:500", " * ".join(["poly:20"] * 8), "fourier:1000 * poly:30"])
 def test_products_of_libraries_have_a_largest_number_of_terms(text):
     with pytest.raises(cl.CommonlawError, match=r"has [0-9]+ terms, and at most 100000 are made: lower the degree"):

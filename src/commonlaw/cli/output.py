@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
 
 
+_MOST_ROWS = 1000
+"""Rows of a table that are printed; more would take minutes to set."""
+
+
 def say(text: str, err: bool = False) -> None:
     """Print lines on stdout or stderr, with nothing in them that a terminal would obey.
 
@@ -31,7 +35,7 @@ def say(text: str, err: bool = False) -> None:
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table, text to the left and numbers to the right, as wide as the terminal.
+    """Print the first rows of a table, text to the left and numbers to the right, as wide as the terminal.
 
     A cell is a number, a pair of a number and its standard error, or text.
     """
@@ -40,6 +44,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     from rich.table import Table
 
     rows = [list(row) for row in rows]
+    rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for j, name in enumerate(head):
         numeric = all(isinstance(row[j], int | float | tuple) for row in rows)
@@ -48,6 +53,8 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         table.add_row(*(in_line(shown(cell)) for cell in row))
     width = None if sys.stdout.isatty() else 160
     Console(width=width, highlight=False, markup=False, emoji=False).print(table)
+    if left_out:
+        say(f" ... and {len(left_out)} more rows")
 
 
 def print_frame(frame: "pd.DataFrame") -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.verdict import LawVerdict, StateError, listed
@@ -24,7 +25,8 @@ _POOR = 0.5
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.verdict`."""
     kinds, judged, found, unjudged = [], [], [], []
-    for stretch in stretches(trials, learned):
+    parts = stretches(trials, learned)
+    for stretch in announced(parts, f"judging the law by forecasts of {len(parts)} trials", "take fewer trials"):
         trial = stretch.trial
         if stretch.first >= len(trial):
             unjudged.append(f"{trial.label}: its {len(trial)} samples are too few")
