@@ -96,8 +96,9 @@ def test_the_report_is_a_table_and_json(drops):
 
 
 def test_good_trials_have_no_oddity():
-    trials = ball(fall(noise=0.01), names=["h"], units={"h": "m", "t": "s"})
-    assert trials.check().oddities == ()
+    for start in (0.0, 1.7e9):
+        trials = ball(fall(noise=0.01), times=start + T, names=["h"], units={"h": "m", "t": "s"})
+        assert trials.check().oddities == ()
 
 
 def bumped(values, index, by):
@@ -115,6 +116,10 @@ def bumped(values, index, by):
         (
             ball(np.arange(20.0) ** 2, times=np.sort(np.random.default_rng(0).random(20)) / 100),
             "ball, trial 1: irregular sampling: steps are up to",
+        ),
+        (
+            ball(fall(), times=1.7e9 + T / 100),
+            "ball, trial 1: times are rounded to 2.4e-07, 0.00036 of a step, as they are so large: count them from",
         ),
         (ball(bumped(fall(noise=0.01), 12, 2.0)), "ball, trial 1: x jumps by 1.48 from sample 12 to sample 13"),
         (ball(bumped(3 * T, 29, 4.0)), "ball, trial 1: x jumps by 4.2 from sample 29 to sample 30"),

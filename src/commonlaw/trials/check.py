@@ -19,6 +19,7 @@ _JITTER = 0.1  # of the median step
 _REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
 _FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
+_ROUNDED = 1e-4  # of the median step
 _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
 
 
@@ -129,6 +130,12 @@ def _sampling(trial: Trial, row: TrialCheck, tolerance: float | None) -> list[st
     elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
         found.append(
             f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
+        )
+    rounding = float(np.spacing(np.abs(trial.times).max()))
+    if row.median_step and rounding > _ROUNDED * row.median_step:
+        found.append(
+            f"times are rounded to {rounding:.2g}, {rounding / row.median_step:.2g} of a step, as they are so large: "
+            "count them from the beginning of the trial"
         )
     found += [f"{name} is missing in {count} of {row.samples} samples" for name, count in row.missing.items() if count]
     return found
