@@ -31,6 +31,13 @@ _regression, _derivative, _weak = (partial(option, heading) for heading in _REGR
 
 _LIKELIHOOD_OPTIONS = (
     _likelihood(
+        "--positive",
+        metavar="STATE",
+        multiple=True,
+        help="A state above zero that is modelled on a logarithmic scale: it and its bands stay positive, and noise is "
+        "a share of it (--noise weight=0.05 is 5 %); repeat for more.  [default: none; for refine those of the law]",
+    ),
+    _likelihood(
         "--noise",
         metavar="STATE=VALUE",
         multiple=True,

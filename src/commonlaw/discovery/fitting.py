@@ -51,7 +51,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         numbers are known and stay: ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``.
     trials
         What was measured. Each object has its own coefficients.
-    noise, huber_threshold, covariance, partial_pooling, seed, progress
+    positive, noise, errors, huber_threshold, covariance, partial_pooling, seed, progress
         See `refine`.
 
     Raises

@@ -1,6 +1,6 @@
 """States and coefficients fitted together to what was measured, terms chosen by their evidence."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
@@ -15,6 +15,7 @@ from commonlaw.inference import (
     PATH,
     CovarianceKind,
     ErrorKind,
+    error_kinds,
     finish,
     known_noise,
     objection,
@@ -26,6 +27,7 @@ from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.logarithms import with_logarithms
 
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
@@ -41,6 +43,10 @@ class TrajectoryLikelihood(AbstractMethod):
 
     Parameters
     ----------
+    positive
+        States that are above zero and modelled on a logarithmic scale, in laws of first order: errors of their
+        measurement are shares of the state, and so is their noise; forecasts and their bands stay above zero. The law
+        itself is in the units of the states.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -73,6 +79,7 @@ class TrajectoryLikelihood(AbstractMethod):
     takes_streams: ClassVar[bool] = False
     takes_noise_columns: ClassVar[bool] = True
 
+    positive: Sequence[str] = ()
     noise: Mapping[str, float] | None = None
     errors: ErrorKind | Literal["auto"] = "auto"
     huber_threshold: float = HUBER_THRESHOLD
@@ -96,7 +103,9 @@ class TrajectoryLikelihood(AbstractMethod):
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
+        as_measured, trials = trials, with_logarithms(trials, self.positive)
         schema, terms = trials.schema, structure.terms(trials.schema)
+        kinds = error_kinds(self.errors, schema)
         _check_effort(trials, len(terms))
         known = structure.known_coefficients(schema, trials.objects)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
@@ -109,12 +118,11 @@ class TrajectoryLikelihood(AbstractMethod):
             huber_threshold=self.huber_threshold,
             progress=progress,
         )
-        kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if self.errors == "auto" else (self.errors,)
         odd = objection(found) if self.errors == "auto" else "as asked for"
         if odd:
             progress(f"{odd}: estimating errors with the law")
             try:
-                other = DerivativeRegression().find(trials.without_noise(), structure, progress).support
+                other = DerivativeRegression().find(as_measured.without_noise(), structure, progress).support
             except CommonlawError:
                 other = None
             found = with_error_models(found, other, kinds, progress)

@@ -14,6 +14,7 @@ from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
 from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.trial import with_typical
 
 
@@ -36,8 +37,12 @@ def predict(
     if return_std:
         law.uncertainty.known_covariance()
         _noise_of(law)
-    trials, beginnings = begin(law, trials, times, start, from_time, input_between)
-    return _Forecaster(law, trials, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
+    followed, beginnings = begin(
+        law, with_logarithms(trials, law.schema.logarithmic), times, start, from_time, input_between
+    )
+    forecaster = _Forecaster(law, followed, tuple(beginnings), from_time, return_std, method, tolerance, seed)
+    found = forecaster.forecast()
+    return found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
 
 
 @dataclass(frozen=True, eq=False)

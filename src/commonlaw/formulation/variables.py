@@ -11,7 +11,7 @@ def law_variables(schema: Schema, order: int) -> Variables:
     Rates are ``v`` for a single state, ``v_x`` and ``v_y`` for several, and ``x_rate`` where such a name is taken.
     """
     if order < 2:
-        return Variables(schema.states, schema.inputs, schema.time)
+        return Variables(schema.states, schema.inputs, schema.time, schema.logarithmic)
     plain = ["v"] if len(schema.states) == 1 else [f"v_{state}" for state in schema.states]
     taken = {*schema.states, *schema.inputs, schema.time}
     pairs = zip(plain, schema.states, strict=True)

@@ -5,6 +5,7 @@ from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
 from commonlaw.inference.refinement import refine
+from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -16,6 +17,7 @@ __all__ = [
     "ErrorKind",
     "LawSearch",
     "compare",
+    "error_kinds",
     "finish",
     "fit_supports",
     "known_noise",

@@ -9,12 +9,14 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.refinement import known_coefficients, of_objects
+from commonlaw.inference.scales import check_one_scale
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Schema, Trials
+from commonlaw.trials.logarithms import with_logarithms
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +53,7 @@ def compare(
     Raises
     ------
     CommonlawError
-        If the laws are of different orders, or `refine` would not take one of them.
+        If the laws are of different orders or on different scales, or `refine` would not take one of them.
 
     Examples
     --------
@@ -65,6 +67,7 @@ def compare(
 
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
+    check_one_scale(list(laws.values()))
     same = [of_objects(_written_alike(law, trials.schema), trials) for law in laws.values()]
     fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
@@ -106,6 +109,7 @@ def _fitted(
 ) -> tuple[SearchProblem, SearchState]:
     """Return a law fitted on a mesh that is fine enough for it."""
     trials = trials.with_trials([each.measured() for each in trials])
+    trials = with_logarithms(trials, law.schema.logarithmic)
     levels = known_noise(noise, trials)
     known = known_coefficients(law)
     problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)

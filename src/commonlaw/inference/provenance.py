@@ -114,7 +114,9 @@ def noise_step(problem: SearchProblem) -> Step:
     """Return what noise was taken."""
     schema = problem.trials.schema
     levels = [
-        f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
+        f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
+        if name in schema.logarithmic
+        else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
         for name, level in zip(schema.states, problem.noise, strict=True)
     ]
     return Step("noise", ", ".join(levels), problem.noise_reason)

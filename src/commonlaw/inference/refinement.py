@@ -1,6 +1,6 @@
 """From a law whose terms are known to the coefficients that its trajectories need."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -13,18 +13,21 @@ from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import fit_steps, noise_step
+from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.law import Law
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import with_logarithms
 
 
 def refine(
     law: Law,
     trials: Trials,
     *,
+    positive: Sequence[str] | None = None,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
@@ -44,6 +47,9 @@ def refine(
         Of order 1 or 2. Coefficients whose standard error is zero are known and stay.
     trials
         Of objects of the law.
+    positive
+        States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
+        the law.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -86,6 +92,9 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
+    law = law if positive is None else law.on_log_scale(positive)
+    trials = with_logarithms(trials, law.schema.logarithmic)
+    kinds = error_kinds(errors, trials.schema)
     known = known_coefficients(law)
     levels = known_noise(noise, trials)
     progress = on_terminal() if progress is None else progress
@@ -97,7 +106,6 @@ def refine(
     frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
     found = LawSearch(frame, problem, state, PATH, (state,))
     if errors != "auto" or objection(found):
-        kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if errors == "auto" else (errors,)
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
     steps = (*law.history, noise_step(found.problem), *fit_steps(found.problem, found.state))

@@ -59,7 +59,8 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
     off = 0.0 if problem.noise_given else free * (ratio - 1 - np.log(ratio)) if ratio > 0 else np.inf
     if off > np.log(max(count, 2)) and not 1 / _LEVEL < np.sqrt(ratio) < _LEVEL:
         found.append(f"are {np.sqrt(ratio):.2g} times the noise")
-    if _growth(squared, np.concatenate(sizes)) > price:
+    schema = problem.trials.schema
+    if schema.states[j] not in schema.logarithmic and _growth(squared, np.concatenate(sizes)) > price:
         found.append("grow with it")
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0

@@ -358,13 +358,15 @@ def _noise(trials: Trials) -> tuple[Floats, str]:
 
 def _first(terms: Terms, group: Sequence[Trial], curves: Sequence[tuple[Floats, Floats]], known: Floats) -> Floats:
     """Return coefficients by least squares on smoothed states and rates, shape (equations, terms)."""
-    blocks = []
-    for trial, (states, _) in zip(group, curves, strict=True):
-        values = np.column_stack([states, trial.inputs, trial.times])
+    blocks, rates, logarithmic = [], [], list(terms.variables.columns(terms.variables.logarithmic))
+    for trial, (states, highest) in zip(group, curves, strict=True):
+        values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
         block = terms.evaluate(values)
         terms.check_finite(block, values, trial.label)
         blocks.append(block)
-    library, targets = np.concatenate(blocks), np.concatenate([target for _, target in curves])
+        rates.append(highest.copy())
+        rates[-1][:, logarithmic] *= values[:, logarithmic]
+    library, targets = np.concatenate(blocks), np.concatenate(rates)
     found = np.nan_to_num(known)
     for equation, free in enumerate(np.isnan(known)):
         columns = library[:, free]

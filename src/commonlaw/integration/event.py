@@ -114,7 +114,8 @@ class EventFunctions:
 
     def __call__(self, t: float, y: Floats) -> Floats:
         """Return their values at one time and state, shape (events,)."""
-        return np.asarray(self.terms.evaluate(self.field.point(t, y))[0] - self.levels)
+        values = self.terms.variables.natural(self.field.point(t, y))
+        return np.asarray(self.terms.evaluate(values)[0] - self.levels)
 
     def at_start(self, t: float, y: Floats, span: float) -> Floats:
         """Return their values at the start, and for one that is zero to rounding the sign that it takes just after.

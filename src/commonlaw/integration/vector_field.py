@@ -24,7 +24,8 @@ class VectorField:
     """``z' = f(z, u, t)`` with ``z`` the D states: the measured ones, and behind them their rates in second order.
 
     Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
-    one time and state, as integrators do, it gives what it gives at the one point.
+    one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
+    logarithmic are given, and followed, by their logarithms: for x' = f(x) it is ``z' = f(exp(z)) / exp(z)``.
 
     Parameters
     ----------
@@ -64,15 +65,18 @@ class VectorField:
     def derivatives(self, values: Floats) -> Floats:
         """Return ``f``, or the next states in discrete time, shape (n, D)."""
         terms, coefficients = self._nonzero
-        return self._with_rates(values, terms.evaluate(values) @ coefficients.T)
+        natural = terms.variables.natural(values)
+        return self._with_rates(values, self._relative(natural, terms.evaluate(natural) @ coefficients.T))
 
     def linearize(self, values: Floats) -> LinearizedField:
         """Return ``f`` and its exact derivatives."""
         terms, coefficients = self._kept
-        matrix = terms.evaluate(values)
-        by_states = self._by_states(values, terms, coefficients)
+        natural = terms.variables.natural(values)
+        matrix = terms.evaluate(natural)
         return LinearizedField(
-            self._with_rates(values, matrix @ coefficients.T), by_states, self._by_parameters(matrix)
+            self._with_rates(values, self._relative(natural, matrix @ coefficients.T)),
+            self._by_states(values, terms, coefficients),
+            self._relative(natural, self._by_parameters(matrix)),
         )
 
     @property
@@ -117,12 +121,29 @@ class VectorField:
 
     def _by_states(self, values: Floats, terms: Terms, coefficients: Floats) -> Floats:
         width, equations = self.width, len(coefficients)
-        found = np.zeros((len(values), width, width))
-        gradients = terms.jacobian(values)[:, :, :width]
+        found, natural = np.zeros((len(values), width, width)), terms.variables.natural(values)
+        gradients = terms.jacobian(natural)[:, :, :width]
         found[:, width - equations :] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
         if self.order == 2:
             found[:, range(equations), range(equations, width)] = 1.0
+        if self._logarithmic:
+            found = self._relative(natural, found)
+            relative = self._relative(natural, terms.evaluate(natural) @ coefficients.T)
+            for j in self._logarithmic:
+                found[:, :, j] *= natural[:, j, np.newaxis]
+                found[:, j, j] -= relative[:, j]
         return found
+
+    @cached_property
+    def _logarithmic(self) -> tuple[int, ...]:
+        """The indices of the states that are followed by their logarithms."""
+        return self.terms.variables.columns(self.terms.variables.logarithmic)
+
+    def _relative(self, natural: Floats, derivatives: Floats) -> Floats:
+        """Return derivatives, shape (n, D, ...), of logarithms where these are followed; values are natural ones."""
+        for j in self._logarithmic:
+            derivatives[:, j] /= natural[:, j].reshape(-1, *(1,) * (derivatives.ndim - 2))
+        return derivatives
 
     def _by_parameters(self, matrix: Floats) -> Floats:
         """Return the derivatives by the parameters from the matrix of the kept terms, shape (n, D, parameters)."""

@@ -1,7 +1,7 @@
 """Forecasts of trials beside what was measured: what `Law.predict` gives."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import as_measured, natural
 from commonlaw.trials.trial import with_typical
 
 if TYPE_CHECKING:
@@ -42,6 +43,9 @@ class Forecast:
         Errors of measurements beside that noise.
     at_more_times
         Makes the same forecasts with more times for each trial, see `smooth`; None if they cannot be made again.
+    followed
+        The same forecast with logarithms in place of the states that the law follows by these, if there are any; its
+        errors are symmetric.
     """
 
     trials: Trials
@@ -51,6 +55,7 @@ class Forecast:
     from_time: float | None = None
     error_model: ErrorModel = NO_ERRORS
     at_more_times: Callable[[Sequence[Floats]], "Forecast"] | None = None
+    followed: "Forecast | None" = None
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -71,18 +76,17 @@ class Forecast:
         import pandas as pd
 
         schema, parts = self.trials.schema, []
-        kinds = {} if self.std is None else {"": self.margins()}
+        kinds = {} if self.std is None else {"": self.bands()}
         if kinds and self.noise is not None:
-            kinds["measured "] = self.margins(measured=True)
+            kinds["measured "] = self.bands(measured=True)
         for i, (trial, forecast, ahead) in enumerate(zip(self.trials, self._states(), self.ahead, strict=True)):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
                 part[name] = trial.states[:, j]
                 part[f"{name} forecast"] = forecast[:, j]
                 part[f"{name} error"] = forecast[:, j] - trial.states[:, j]
-                for kind, margins in kinds.items():
-                    part[f"{name} {kind}low"] = forecast[:, j] - margins[i][:, j]
-                    part[f"{name} {kind}high"] = forecast[:, j] + margins[i][:, j]
+                for kind, bands in kinds.items():
+                    part[f"{name} {kind}low"], part[f"{name} {kind}high"] = (end[:, j] for end in bands[i])
             parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
 
@@ -114,14 +118,28 @@ class Forecast:
         """
         import pandas as pd
 
-        schema, parts, margins = self.trials.schema, [], self.margins(level, measured)
-        for trial, forecast, margin, ahead in zip(self.trials, self._states(), margins, self.ahead, strict=True):
+        schema, parts, bands = self.trials.schema, [], self.bands(level, measured)
+        for trial, forecast, (low, high), ahead in zip(self.trials, self._states(), bands, self.ahead, strict=True):
             for j, name in enumerate(schema.states):
                 part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times, "state": name}
                 part |= {"forecast": forecast[:, j]}
-                part |= {"low": forecast[:, j] - margin[:, j], "high": forecast[:, j] + margin[:, j]}
+                part |= {"low": low[:, j], "high": high[:, j]}
                 parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
+
+    def bands(self, level: float = 0.95, measured: bool = False) -> tuple[tuple[Floats, Floats], ...]:
+        """Return the lower and upper ends of the intervals of each trial, each of shape (n, states); see `interval`.
+
+        Raises
+        ------
+        CommonlawError
+            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
+        """
+        if self.followed is not None:
+            ends, schema = self.followed.bands(level, measured), self.followed.trials.schema
+            return tuple((natural(low, schema), natural(high, schema)) for low, high in ends)
+        pairs = zip(self._states(), self.margins(level, measured), strict=True)
+        return tuple((states - margin, states + margin) for states, margin in pairs)
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
         """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`.
@@ -137,6 +155,8 @@ class Forecast:
             )
         if measured and self.noise is None:
             raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
+        if self.followed is not None:
+            return tuple((high - low) / 2 for low, high in self.bands(level, measured))
         width, factor = len(self.trials.schema.states), normal_quantile(level) * self.error_model.widening
         if not measured or self.noise is None:
             return tuple(factor * each[:, :width] for each in self.std)
@@ -146,6 +166,23 @@ class Forecast:
         ]
         return tuple(
             factor * np.hypot(std[:, :width], noise) for std, noise in zip(self.std, of_measurements, strict=True)
+        )
+
+    def as_measured(self, measured: Trials) -> "Forecast":
+        """Return the forecast of measured trials from this one, which has logarithms of some of their states."""
+        schema, again = self.trials.schema, self.at_more_times
+        states = [natural(each.states, schema) for each in self.trajectories]
+        std = None
+        if self.std is not None:  # To first order
+            columns = np.isin(schema.states, schema.logarithmic)
+            std = tuple(own * np.where(columns, x, 1.0) for own, x in zip(self.std, states, strict=True))
+        return replace(
+            self,
+            trials=as_measured(self.trials, measured),
+            trajectories=tuple(replace(each, states=x) for each, x in zip(self.trajectories, states, strict=True)),
+            std=std,
+            at_more_times=None if again is None else lambda times: again(times).as_measured(measured),
+            followed=self,
         )
 
     def errors(self) -> "pd.DataFrame":

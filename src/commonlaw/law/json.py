@@ -215,7 +215,7 @@ def decode(content: bytes) -> Fields:
     if version < VERSION:
         document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
     schema = document.schema
-    variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time)
+    variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time, schema.logarithmic)
     terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))
     shape, objects = (len(schema.states), len(terms)), tuple(document.coefficients)
     matrices = [

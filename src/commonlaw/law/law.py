@@ -20,8 +20,10 @@ from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
+from commonlaw.likelihood import NO_ERRORS
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
+from commonlaw.trials.headers import find_name
 from commonlaw.trials.trial import Property, normalized
 
 if TYPE_CHECKING:
@@ -87,9 +89,14 @@ class Law(AbstractPredictions):
         if not self.objects or not len(self.terms):
             raise CommonlawError(f"a law of no {'term' if self.objects else 'object'} says nothing: give at least one")
         variables, schema = self.terms.variables, self.schema
-        names = variables.states[: len(schema.states)], variables.inputs, variables.time
+        if schema.logarithmic and self.order != 1:
+            raise CommonlawError(
+                f"a logarithmic scale, here of {', '.join(schema.logarithmic)}, goes with laws of order 1, and not of "
+                f"order {self.order}: leave positive=... out"
+            )
+        names = variables.states[: len(schema.states)], variables.inputs, variables.time, variables.logarithmic
         rates = len(schema.states) * (self.order == 2)
-        if names != (schema.states, schema.inputs, schema.time) or len(self.rates) != rates:
+        if names != (schema.states, schema.inputs, schema.time, schema.logarithmic) or len(self.rates) != rates:
             raise CommonlawError(
                 f"the terms of a law of order {self.order} for {', '.join(schema.states)} are over "
                 f"{', '.join(variables.names)}; expected states and {rates} rates, inputs and time"
@@ -106,6 +113,28 @@ class Law(AbstractPredictions):
                 )
 
     # Laws of other objects
+
+    def on_log_scale(self, states: Sequence[str]) -> "Law":
+        """Return the law with these states, and no others, on a logarithmic scale.
+
+        Its equations are the same. Forecasts follow the logarithms of these states, so that they and their bands stay
+        above zero, and errors of measurement are shares of the state. As they mean something else then, what is known
+        of them goes if the scale changes.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is not of order 1, or has no such state.
+        """
+        names = tuple(dict.fromkeys(find_name(name, self.states, "state") for name in states))
+        if names == self.schema.logarithmic:
+            return self
+        return replace(
+            self,
+            schema=replace(self.schema, logarithmic=names),
+            terms=Terms(replace(self.terms.variables, logarithmic=names), self.terms.terms),
+            uncertainty=replace(self.uncertainty, noise=None, error_model=NO_ERRORS),
+        )
 
     def average(self) -> "Law":
         """Return the law of one object, "average", whose coefficients are the mean over all objects.

@@ -1,6 +1,7 @@
 """What follows from equations: trajectories, forecasts of trials, and what they are good for."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pkgutil import resolve_name
 
 import numpy as np
@@ -11,6 +12,7 @@ from commonlaw.integration import Event, InitialValueProblem, Trajectory, Vector
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.verdict import LawVerdict
+from commonlaw.library import Terms
 from commonlaw.trials import Trials
 
 
@@ -18,7 +20,7 @@ class AbstractPredictions(AbstractEquations):
     """What a law predicts."""
 
     def vector_field(self, name: str) -> VectorField:
-        """Return the right-hand side for one object, ready to integrate.
+        """Return the right-hand side for one object, ready to integrate, see `VectorField`.
 
         Raises
         ------
@@ -61,6 +63,7 @@ class AbstractPredictions(AbstractEquations):
         """
         if self.schema.inputs:
             raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
+        natural = Terms(replace(self.terms.variables, logarithmic=()), self.terms.terms)
         starts = initial if isinstance(initial, Mapping) else dict.fromkeys(self.objects, initial)
         width, grid = len(self.states) * max(1, self.order), np.asarray(times, dtype=np.float64)
         problems = {}
@@ -69,7 +72,7 @@ class AbstractPredictions(AbstractEquations):
             if state.shape != (width,):
                 wanted = ", ".join(self.terms.variables.states)
                 raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            problems[name] = InitialValueProblem(self.vector_field(name), state, grid, name)
+            problems[name] = InitialValueProblem(replace(self.vector_field(name), terms=natural), state, grid, name)
         found = simulate(
             problems.values(),
             method=method,

@@ -24,11 +24,14 @@ class Variables:
         Measured inputs.
     time
         The name of time, the last column.
+    logarithmic
+        The states that vector fields follow by their logarithms; terms are of the states themselves.
     """
 
     states: tuple[str, ...]
     inputs: tuple[str, ...] = ()
     time: str = "t"
+    logarithmic: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,6 +49,15 @@ class Variables:
         if name not in self.names:
             raise unknown("variable", name, self.names)
         return self.names.index(name)
+
+    def natural(self, values: Floats) -> Floats:
+        """Return values of the variables, shape (n, variables), of which some were given by their logarithms."""
+        if not self.logarithmic:
+            return values
+        found, columns = values.copy(), self.columns(self.logarithmic)
+        with np.errstate(over="ignore"):
+            found[:, columns] = np.exp(found[:, columns])
+        return found
 
     def columns(self, names: Sequence[str] | None = None) -> tuple[int, ...]:
         """Return the columns of the named variables; without names those of all states and inputs, but not time.

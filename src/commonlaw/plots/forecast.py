@@ -123,8 +123,9 @@ class _Curve:
     forecast: Floats
     diverged: bool
     color: str
-    margin: Floats
-    """Half the width of the band, as far as the forecast; zero without standard deviations."""
+    low: Floats
+    high: Floats
+    """The ends of the band, as far as the forecast; the forecast itself without standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class _Pair:
 def _curves(forecast: Forecast, smooth: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
     """Return the curves of state `j` of one object."""
     curves = []
-    known = None if smooth.std is None else smooth.margins(measured=smooth.noise is not None)
+    known = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
     for i, (trial, trajectory) in enumerate(zip(smooth.trials, smooth.trajectories, strict=True)):
         if trial.object == name:
             measured, missed = (
@@ -148,7 +149,8 @@ def _curves(forecast: Forecast, smooth: Forecast, name: str, j: int, colors: Map
             )
             compared = np.isfinite(missed) & forecast.ahead[i]
             drawn = np.isfinite(trajectory.states[:, j]) & smooth.ahead[i]
-            margin = np.zeros(drawn.sum()) if known is None else np.nan_to_num(known[i][drawn, j], nan=np.inf)
+            middle = trajectory.states[drawn, j]
+            low, high = (middle, middle) if known is None else (end[drawn, j] for end in known[i])
             curves.append(
                 _Curve(
                     times=measured.times,
@@ -156,10 +158,11 @@ def _curves(forecast: Forecast, smooth: Forecast, name: str, j: int, colors: Map
                     compared=measured.times[compared],
                     error=missed[compared],
                     at=trial.times[drawn],
-                    forecast=trajectory.states[drawn, j],
+                    forecast=middle,
                     diverged=trajectory.outcome is not None,
                     color=colors[trial.name],
-                    margin=margin,
+                    low=np.nan_to_num(low, nan=-np.inf),
+                    high=np.nan_to_num(high, nan=np.inf),
                 )
             )
     return curves
@@ -186,11 +189,11 @@ def _draw_pair(pair: _Pair) -> None:
 def _draw_bands(pair: _Pair) -> None:
     """Draw the bands of forecasts, behind all else, no farther than a panel's height outside of it."""
     for curve in pair.curves:
-        if curve.margin.any():
-            for panel, middle in ((pair.above, curve.forecast), (pair.below, 0 * curve.forecast)):
+        if (curve.high > curve.low).any():
+            for panel, above in ((pair.above, 0.0), (pair.below, curve.forecast)):
                 low, high = panel.get_ylim()
                 bounds = 2 * low - high, 2 * high - low
-                ends = np.clip([middle - curve.margin, middle + curve.margin], *bounds)
+                ends = np.clip([curve.low - above, curve.high - above], *bounds)
                 panel.fill_between(curve.at, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
 
 
@@ -198,13 +201,14 @@ def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
     """Show all that was measured, and of forecasts and bands what lies within half of its span from it."""
     state, error = pair.above, pair.below
     measured = np.concatenate([curve.measured for curve in curves])
-    forecasts = np.concatenate([each for c in curves for each in (c.forecast - c.margin, c.forecast + c.margin)])
+    forecasts = np.concatenate([each for curve in curves for each in (curve.low, curve.high)])
     low, high = np.nanmin(measured), np.nanmax(measured)
     span = (high - low) or abs(high) or 1.0
     low = max(forecasts.min(initial=low), low - span / 2)
     high = min(forecasts.max(initial=high), high + span / 2)
     state.set_ylim(low - span / 20, high + span / 20)
-    largest = np.max(np.concatenate([each for curve in curves for each in (abs(curve.error), curve.margin)]), initial=0)
+    ends = ((curve.error, curve.forecast - curve.low, curve.high - curve.forecast) for curve in curves)
+    largest = np.max(np.abs(np.concatenate([each for own in ends for each in own])), initial=0)
     bound = 1.1 * (min(largest, span) or span / 100)
     error.set_ylim(-bound, bound)
 
@@ -234,7 +238,7 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
     kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
     std = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
-    again = forecast.at_more_times
+    again, followed = forecast.at_more_times, forecast.followed
 
     def at_more_times(times: Sequence[Floats]) -> Forecast:
         own = dict(zip(kept, times, strict=True))
@@ -243,4 +247,5 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
 
     trajectories = tuple(forecast.trajectories[i] for i in kept)
     more = None if again is None else at_more_times
-    return replace(forecast, trials=trials, trajectories=trajectories, std=std, at_more_times=more)
+    followed = None if followed is None else _of_objects(followed, objects)
+    return replace(forecast, trials=trials, trajectories=trajectories, std=std, at_more_times=more, followed=followed)

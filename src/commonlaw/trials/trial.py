@@ -79,11 +79,13 @@ class Schema:
         are left out.
     noise_columns
         Names of the columns that hold the standard deviation of each measurement, by state, if there are any.
+    logarithmic
+        States that stand here by their logarithms, see `with_logarithms`.
 
     Raises
     ------
     CommonlawError
-        If there is no state, a name stands for two columns, or a column of standard deviations is of no state.
+        If there is no state, a name stands for two columns, or something is said of a state that is not there.
     """
 
     states: tuple[str, ...]
@@ -93,6 +95,7 @@ class Schema:
     time: str = "t"
     units: Mapping[str, str] = field(default_factory=dict)
     noise_columns: Mapping[str, str] = field(default_factory=dict)
+    logarithmic: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
@@ -101,7 +104,7 @@ class Schema:
             raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
         if not self.states:
             raise CommonlawError("no state variable is named: say which columns were measured")
-        for name in self.noise_columns:
+        for name in (*self.noise_columns, *self.logarithmic):
             check_choice("state", name, self.states)
 
 

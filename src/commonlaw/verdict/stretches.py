@@ -110,8 +110,9 @@ def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors
     errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
     inside = np.full(errors.shape, np.nan)
     if forecast.std is not None:
-        margin = forecast.margins(measured=True)[0][ahead]
-        inside = np.where(np.isfinite(margin) & np.isfinite(errors), abs(errors) <= margin, np.nan)
+        low, high = (end[ahead] for end in forecast.bands(measured=True)[0])
+        held = (low <= measured) & (measured <= high)
+        inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
     leads = trial.times[first:] - trial.times[first - 1]
     return StretchErrors(leads, errors, _last(trial.states[:first]) - measured, inside, diverged)
 

@@ -30,8 +30,8 @@ class Structure:
 
     The terms that are in some equation, over `size` variables (time is the last); for each coefficient, in their order,
     its `pair`: the equation and the index of the term; the indices of those that sensitivities are wanted of, if any
-    (`free`); how many `inputs` there are, and how many powers their polynomials have; each event's expression,
-    direction and whether it is terminal.
+    (`free`); how many `inputs` there are, the indices of the states that are `logarithmic`, and how many powers the
+    polynomials of inputs have; each event's expression, direction and whether it is terminal.
     """
 
     terms: tuple[AbstractTerm, ...]
@@ -41,6 +41,7 @@ class Structure:
     order: int
     size: int
     inputs: int
+    logarithmic: tuple[int, ...]
     powers: int
     events: tuple[tuple[AbstractTerm, int, bool], ...]
     tolerance: float
@@ -60,6 +61,7 @@ class Structure:
             vector_field.order,
             len(vector_field.terms.variables.names),
             len(vector_field.terms.variables.inputs),
+            vector_field.terms.variables.columns(vector_field.terms.variables.logarithmic),
             0 if vector_field.inputs is None else vector_field.inputs.powers,
             tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
             max(options.tolerance, float(np.finfo(float).eps)),
@@ -113,12 +115,14 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
-    variables = [*states, *_inputs(structure, constants), heyoka.time]
+    natural = [heyoka.exp(each) if j in structure.logarithmic else each for j, each in enumerate(states)]
+    variables = [*natural, *_inputs(structure, constants), heyoka.time]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
     for i, (equation, index) in enumerate(structure.pairs):
         sums[equation].append(heyoka.par[i] * terms[index])
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
+    highest = [each / natural[j] if j in structure.logarithmic else each for j, each in enumerate(highest)]
     rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest
     system: Any = list(zip(states, rates, strict=True))
     initial_sensitivities = np.empty(0)

@@ -1,0 +1,201 @@
+"""States above zero that laws follow by their logarithms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.integration import InitialValueProblem, VectorField, simulate
+from commonlaw.library import Terms, Variables, parse_library
+from commonlaw.plots import plot_forecast
+from commonlaw.trials.logarithms import with_logarithms
+
+TIMES = np.linspace(0, 12, 40)
+
+
+def weights(start, times):
+    return 1 / (0.01 + (1 / start - 0.01) * np.exp(-0.6 * times))
+
+
+def growing(starts=(2.0, 3.0, 1.0, 4.0, 6.0), share=0.08, seed=0, names=("w",)):
+    """Plants that grow to 100, w' = 0.6 w - 0.006 w^2, with errors that are shares of the weight."""
+    generator = np.random.default_rng(seed)
+    measured = [weights(each, TIMES) * np.exp(share * generator.standard_normal(len(TIMES))) for each in starts]
+    return cl.Trials.from_arrays([TIMES] * len(starts), measured, object=["plant"] * len(starts), names=list(names))
+
+
+@pytest.fixture(scope="module")
+def law():
+    return cl.discover(growing(), method=cl.TrajectoryLikelihood(positive=["w"]))
+
+
+@pytest.mark.parametrize("logarithmic", [("x",), ("y",), ("y", "x")])
+def test_the_field_is_that_of_the_logarithms_with_its_derivatives(logarithmic):
+    variables = Variables(("x", "y"), ("u",))
+    terms = parse_library("poly:2 + terms:sin(x),x*t").bind(variables)
+    generator = np.random.default_rng(0)
+    plain = VectorField(terms, generator.standard_normal((2, len(terms))))
+    followed = replace(plain, terms=Terms(replace(variables, logarithmic=logarithmic), terms.terms))
+    natural = generator.uniform(0.5, 2, (6, 4))
+    columns, values = list(variables.columns(logarithmic)), natural.copy()
+    values[:, columns] = np.log(natural[:, columns])
+    expected = plain.derivatives(natural)
+    expected[:, columns] /= natural[:, columns]
+    derivatives, by_states, by_parameters = followed.linearize(values)
+    np.testing.assert_allclose(followed.derivatives(values), expected, rtol=1e-12)
+    np.testing.assert_allclose(derivatives, expected, rtol=1e-12)
+    for k in range(2):
+        step = 1e-6 * np.eye(4)[k]
+        numeric = (followed.derivatives(values + step) - followed.derivatives(values - step)) / 2e-6
+        np.testing.assert_allclose(by_states[:, :, k], numeric, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(by_parameters @ plain.parameters, derivatives, rtol=1e-12)
+
+
+def test_every_back_end_follows_logarithms():
+    variables = Variables(("x", "y"), logarithmic=("x",))
+    terms = parse_library("terms:x,y,x*y").bind(variables)
+    field = VectorField(terms, np.array([[1.0, 0, -0.9], [0, -1.2, 0.6]]))
+    problem = InitialValueProblem(field, np.array([np.log(1.2), 0.9]), TIMES)
+    fast, slow = (simulate([problem], method=each, sensitivities=True)[0] for each in ("heyoka", "scipy"))
+    np.testing.assert_allclose(fast.states, slow.states, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(fast.sensitivities, slow.sensitivities, rtol=1e-4, atol=1e-4)
+    plain = replace(problem, field=replace(field, terms=Terms(Variables(("x", "y")), terms.terms)))
+    natural = simulate([replace(plain, initial=np.array([1.2, 0.9]))])[0].states
+    np.testing.assert_allclose(np.exp(fast.states[:, 0]), natural[:, 0], rtol=1e-6)
+
+
+def test_exponential_growth_is_a_straight_line_through_the_logarithms():
+    generator = np.random.default_rng(3)
+    states = [start * np.exp(0.2 * TIMES + 0.1 * generator.standard_normal(len(TIMES))) for start in (2.0, 5.0)]
+    trials = cl.Trials.from_arrays([TIMES] * 2, states, object=["yeast"] * 2, names=["w"])
+    law = cl.fit("w' = a w", trials, positive=["w"], noise={"w": 0.1}, huber_threshold=np.inf)
+    columns = np.column_stack([np.tile(TIMES, 2), np.repeat(np.eye(2), len(TIMES), axis=0)])
+    slope = np.linalg.lstsq(columns, np.log(np.concatenate(states)), rcond=None)[0][0]
+    assert law.coefficients[0, 0, 0] == pytest.approx(slope, rel=1e-6)
+    assert law.standard_errors[0, 0, 0] == pytest.approx(
+        0.1 * np.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]), rel=1e-3
+    )
+
+
+def test_the_law_is_in_units_of_the_state_and_its_intervals_hold_the_truth(law):
+    assert law.structure() == ("w' = a w + b w^2",)
+    assert law.noise == pytest.approx([0.08], rel=0.15)
+    assert not law.uncertainty.error_model
+    assert "% of it, on a logarithmic scale" in law.history[0].choice
+    missed = []
+    for seed in range(1, 13):
+        found = cl.refine(law, growing(seed=seed))
+        own = found.support[0]
+        missed.append((found.coefficients[0, 0, own] - [0.6, -0.006]) / found.standard_errors[0, 0, own])
+    assert np.mean(np.abs(missed) < 1.96) >= 20 / 24
+
+
+def test_forecasts_and_their_bands_are_above_zero(law):
+    trials = growing(share=0.6, seed=5)
+    poor = replace(law, uncertainty=replace(law.uncertainty, noise=np.array([0.6])))
+    forecast = poor.predict(trials, return_std=True, start=3)
+    for trial, (low, high), trajectory in zip(
+        trials, forecast.bands(measured=True), forecast.trajectories, strict=True
+    ):
+        assert (low > 0).all()
+        np.testing.assert_allclose(low * high, trajectory.states**2, rtol=1e-9)
+        assert np.mean((low <= trial.states) & (trial.states <= high)) > 0.85
+    np.testing.assert_array_equal(forecast.trials[0].states, trials[0].states)
+    table = forecast.to_frame()
+    np.testing.assert_allclose(table["w measured low"], forecast.interval(measured=True)["low"])
+    np.testing.assert_allclose(forecast.margins()[0], np.subtract(*forecast.bands()[0][::-1]) / 2)
+    small = law.predict(growing(share=0.01), return_std=True, start=10)
+    np.testing.assert_allclose(small.std[0], small.margins()[0] / 1.959964, rtol=0.01)
+
+
+def test_forecasts_beyond_the_measurements_keep_what_was_measured(law):
+    trials = growing()
+    for settings in ({"times": [13.0, 14.0]}, {"from_time": 6.0, "times": [12.5]}):
+        forecast = law.predict(trials, return_std=True, **settings)
+        measured = np.isfinite(forecast.trials[0].states[:, 0])
+        assert np.isin(forecast.trials[0].states[measured], trials[0].states).all()
+        assert np.isfinite(forecast.trajectories[0].states).all()
+        truth = weights(2.0, forecast.trials[0].times)
+        np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], truth, rtol=0.1)
+    smooth = law.predict(trials, return_std=True).smooth()
+    assert len(smooth.trials[0]) > 200
+    assert (smooth.bands()[0][0] > 0).all()
+    plot_forecast(law.predict(trials, return_std=True), objects=["plant"])
+    assert law.verdict(trials).coverage > 0.85
+
+
+def test_errors_that_are_known_for_each_measurement_are_shares():
+    trials = growing()
+    noisy = cl.Trials.from_arrays(
+        [each.times for each in trials],
+        [each.states for each in trials],
+        object=["plant"] * 5,
+        noise=[0.08 * each.states for each in trials],
+        names=["w"],
+    )
+    given, by_column = (
+        cl.fit("w' = a w + b w^2", trials, positive=["w"], noise={"w": 0.08}),
+        cl.fit("w' = a w + b w^2", noisy, positive=["w"]),
+    )
+    np.testing.assert_allclose(by_column.coefficients, given.coefficients, rtol=1e-9)
+    np.testing.assert_allclose(by_column.noise, [0.08])
+
+
+def test_laws_keep_their_scale(law, tmp_path):
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.schema.logarithmic == ("w",)
+    trials = growing()
+    before, after = (each.predict(trials).trajectories[0].states for each in (law, again))
+    np.testing.assert_array_equal(before, after)
+    assert cl.refine(again, trials).noise == pytest.approx(law.noise)
+    assert cl.refine(again, trials, positive=[]).schema.logarithmic == ()
+    np.testing.assert_allclose(law.simulate([0.0, 12.0], [2.0])["plant"].states[:, 0], [2.0, 96.4], rtol=0.05)
+    both = cl.compare({"logistic": law, "exponential": cl.fit("w' = a w", trials[:2], positive=["w"])}, trials[:2])
+    assert both["law"].tolist() == ["logistic", "exponential"]
+
+
+def test_a_state_that_a_law_drives_below_zero_diverges():
+    shrinking = cl.Law.from_text("w' = -1").on_log_scale(["w"])
+    trials = cl.Trials.from_arrays(np.arange(6.0), 3.0 - 0.5 * np.arange(6.0) ** 0.5, names=["w"])
+    (outcome,) = shrinking.predict(trials).outcomes
+    assert "diverged" in str(outcome)
+
+
+def test_several_states_may_have_scales_of_their_own():
+    trials = cl.datasets.lotka_volterra(noise=0.01)[:2]
+    library = "terms:1,x,y,x*y"
+    plain = cl.discover(trials, library=library)
+    mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(positive=["y"]))
+    assert mixed.structure() == plain.structure()
+    inside = plain.coefficients != 0
+    np.testing.assert_allclose(mixed.coefficients[inside], plain.coefficients[inside], rtol=0.05)
+
+
+def test_what_does_not_go_with_it_is_refused(law):
+    trials = growing()
+    states = trials[0].states.copy()
+    states[3], states[7] = 0.0, -1.0
+    zero = trials.with_trials([replace(trials[0], states=states)])
+    likelihood = cl.TrajectoryLikelihood
+    cases = [
+        (
+            lambda: cl.discover(zero, method=likelihood(positive=["w"])),
+            "plant, trial 1: w is 0 in sample 4, at 0.923.*2 v",
+        ),
+        (lambda: law.predict(zero), "empty the cell, remove the row, or take a law without positive="),
+        (lambda: cl.discover(trials, method=likelihood(positive=["x"])), "unknown state 'x'"),
+        (lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"])), "goes with laws of order 1, and not"),
+        (
+            lambda: cl.discover(trials, method=likelihood(positive=["w"], errors="proportional")),
+            "errors='proportional'",
+        ),
+        (lambda: cl.compare({"a": law, "b": law.on_log_scale([])}, trials), "logarithmic scale are w and none, and"),
+    ]
+    for case, message in cases:
+        with pytest.raises(CommonlawError, match=message):
+            case()
+    inside = with_logarithms(trials, ["w"])
+    assert with_logarithms(inside, ["w"]) is inside
