@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
+from commonlaw.law.log_scale import on_log_scale
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.plots import plot_forecast
 from commonlaw.trials.logarithms import with_logarithms
@@ -158,7 +159,7 @@ def test_laws_keep_their_scale(law, tmp_path):
 
 
 def test_a_state_that_a_law_drives_below_zero_diverges():
-    shrinking = cl.Law.from_text("w' = -1").on_log_scale(["w"])
+    shrinking = on_log_scale(cl.Law.from_text("w' = -1"), ["w"])
     trials = cl.Trials.from_arrays(np.arange(6.0), 3.0 - 0.5 * np.arange(6.0) ** 0.5, names=["w"])
     (outcome,) = shrinking.predict(trials).outcomes
     assert "diverged" in str(outcome)
@@ -192,7 +193,7 @@ def test_what_does_not_go_with_it_is_refused(law):
             lambda: cl.discover(trials, method=likelihood(positive=["w"], errors="proportional")),
             "errors='proportional'",
         ),
-        (lambda: cl.compare({"a": law, "b": law.on_log_scale([])}, trials), "logarithmic scale are w and none, and"),
+        (lambda: cl.compare({"a": law, "b": on_log_scale(law, [])}, trials), "logarithmic scale are w and none, and"),
     ]
     for case, message in cases:
         with pytest.raises(CommonlawError, match=message):

@@ -17,6 +17,7 @@ from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
 from commonlaw.inference.search_problem import known_noise, prepare
 from commonlaw.law import Law
+from commonlaw.law.log_scale import on_log_scale
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
@@ -92,7 +93,7 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
-    law = law if positive is None else law.on_log_scale(positive)
+    law = law if positive is None else on_log_scale(law, positive)
     trials = with_logarithms(trials, law.schema.logarithmic)
     kinds = error_kinds(errors, trials.schema)
     known = known_coefficients(law)

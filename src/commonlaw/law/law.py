@@ -20,10 +20,8 @@ from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Alternative, History, Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
-from commonlaw.likelihood import NO_ERRORS
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
-from commonlaw.trials.headers import find_name
 from commonlaw.trials.trial import Property, normalized
 
 if TYPE_CHECKING:
@@ -113,28 +111,6 @@ class Law(AbstractPredictions):
                 )
 
     # Laws of other objects
-
-    def on_log_scale(self, states: Sequence[str]) -> "Law":
-        """Return the law with these states, and no others, on a logarithmic scale.
-
-        Its equations are the same. Forecasts follow the logarithms of these states, so that they and their bands stay
-        above zero, and errors of measurement are shares of the state. As they mean something else then, what is known
-        of them goes if the scale changes.
-
-        Raises
-        ------
-        CommonlawError
-            If the law is not of order 1, or has no such state.
-        """
-        names = tuple(dict.fromkeys(find_name(name, self.states, "state") for name in states))
-        if names == self.schema.logarithmic:
-            return self
-        return replace(
-            self,
-            schema=replace(self.schema, logarithmic=names),
-            terms=Terms(replace(self.terms.variables, logarithmic=names), self.terms.terms),
-            uncertainty=replace(self.uncertainty, noise=None, error_model=NO_ERRORS),
-        )
 
     def average(self) -> "Law":
         """Return the law of one object, "average", whose coefficients are the mean over all objects.
