@@ -13,6 +13,7 @@ from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
+from commonlaw.law.population import law_of
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.trial import with_typical
@@ -138,10 +139,13 @@ def _noise_of(law: Law) -> Floats:
 
 
 def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
-    """Return law and trials; where the trials' only object was not named, it is the only one of the law."""
+    """Return the law of these trials' objects; where their only one was not named, it is the only one of the law."""
     name, others = trials.objects[0], ", ".join(law.objects)
     if not trials.nameless or name in law.objects:
-        return law, trials
+        if len(law.objects) == 1:
+            law.select(trials.objects)
+        law, notes = law_of(law, trials)
+        return law, replace(trials, notes=(*trials.notes, *notes)) if notes else trials
     if len(law.objects) > 1:
         raise CommonlawError(
             f"the trials do not say of which object they are, and the law has several: say it with object_name=..., "

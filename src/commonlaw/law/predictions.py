@@ -101,7 +101,9 @@ class AbstractPredictions(AbstractEquations):
         Parameters
         ----------
         trials
-            What to forecast: trials of the law's objects, at all their samples, measured or not.
+            What to forecast, at all samples, measured or not. Objects that the law, if it has several, does not know
+            have the coefficients that follow from their properties, if `Law.explain` found how, else the mean ones of
+            the others; the bands carry how far objects stray from that.
         times
             More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
         start
@@ -132,8 +134,8 @@ class AbstractPredictions(AbstractEquations):
         Raises
         ------
         CommonlawError
-            If a trial's object is not in the law, its variables are not those of the law, standard deviations are asked
-            for and the law's covariance or noise is not known, or a start cannot be fitted.
+            If a trial's object is not the only one of the law, its variables are not those of the law, standard
+            deviations are asked for and the law's covariance or noise is not known, or a start cannot be fitted.
         """
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")

@@ -8,9 +8,10 @@ from commonlaw.array_types import Floats
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
+from commonlaw.law.population import is_typical, law_of
 from commonlaw.law.verdict import LawVerdict, StateError, listed
 from commonlaw.trials import Trial, Trials
-from commonlaw.verdict.stretches import Kind, StretchErrors, forecast_errors, law_for, stretches
+from commonlaw.verdict.stretches import Kind, StretchErrors, forecast_errors, stretches
 
 _WITHIN = 0.5
 """Errors within this share of the states' spread count as forecasts."""
@@ -31,8 +32,9 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         if stretch.first >= len(trial):
             unjudged.append(f"{trial.label}: its {len(trial)} samples are too few")
             continue
+        single = trials.with_trials([trial])
         try:
-            found.append(forecast_errors(law_for(law, trial.object), trials, stretch))
+            found.append(forecast_errors(law_of(law, single)[0], single, stretch))
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             unjudged.append(str(error))
             continue
@@ -60,7 +62,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
         unjudged=tuple(unjudged),
-        unknown_objects=tuple(dict.fromkeys(each.object for each in judged if each.object not in law.objects)),
+        unknown_objects=tuple(dict.fromkeys(each.object for each in judged if is_typical(law, each.object, trials))),
     )
 
 

@@ -1,14 +1,13 @@
 """The stretches of trials that a law is judged on, and what it forecasts there."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
-from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.trials import Trial, Trials
 
 SHARE = 0.35
@@ -88,7 +87,7 @@ def _held_out(trials: Trials, learned: Trials) -> Iterator[Stretch]:
 
 
 def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors:
-    """Return what the law's forecast of a stretch is off, from a start fitted to the samples before.
+    """Return what the law's forecast of a stretch of the only trial is off, from a start fitted to the samples before.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors
     trial, first, states = stretch.trial, stretch.first, len(law.states)
     fits = law.order > 0 and law.noise is not None
     forecast = law.predict(
-        trials.with_trials([trial]),
+        trials,
         start=_MOST_BEFORE if fits and first > _MOST_BEFORE else None,
         from_time=float(trial.times[first]),
         return_std=law.has_std,
@@ -121,23 +120,3 @@ def _last(states: Floats) -> Floats:
     """Return the last measured value of each state, shape (states,); NaN where there is none."""
     found = [column[np.isfinite(column)] for column in states.T]
     return np.array([column[-1] if len(column) else np.nan for column in found])
-
-
-def law_for(law: Law, name: str) -> Law:
-    """Return the law of one object; of one that it does not know, with the mean coefficients of the others.
-
-    That object counts as drawn from the same population: the scatter of the others' coefficients and of their mean is
-    added to the covariance of the mean, and more the fewer they are (Student's t, for the 95 % band).
-    """
-    from scipy.special import stdtrit
-
-    if name in law.objects:
-        return law.select([name])
-    mean = law.average()
-    uncertainty = mean.uncertainty
-    if uncertainty.covariance is not None and len(law.objects) > 1:
-        own, count = law.coefficients[:, mean.support], len(law.objects)
-        widened = (1 + 1 / count) * (stdtrit(count - 1, 0.975) / normal_quantile(0.95)) ** 2
-        scatter = widened * np.cov(own, rowvar=False).reshape(own.shape[1], own.shape[1])
-        uncertainty = replace(uncertainty, covariance=uncertainty.covariance + scatter)
-    return replace(mean, objects=(name,), uncertainty=uncertainty)

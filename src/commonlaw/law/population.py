@@ -1,0 +1,143 @@
+"""Objects that a law has never seen, as drawn from the same population as those that it knows."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.hierarchy import Relation
+from commonlaw.law.law import Law
+from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.trial import Property
+from commonlaw.trials.units import parse_unit, registry
+
+
+class Population(NamedTuple):
+    """Coefficients of objects, shape (objects, equations, terms), and covariances, where they are known; a remark."""
+
+    coefficients: Floats
+    covariances: Floats | None
+    note: str
+
+
+def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
+    """Return the law of the objects of these trials, and a remark on each that it does not know.
+
+    By the relations of its coefficients, if `Law.explain` found them and the properties that they take are there; else
+    an object has the coefficients of the typical one. How far objects stray from that is in the covariance.
+
+    Raises
+    ------
+    CommonlawError
+        If a property cannot be what a relation takes.
+    """
+    unseen = [name for name in trials.objects if name not in law.objects]
+    if not unseen:
+        return law, ()
+    drawn = [_drawn(law, name, trials) for name in unseen]
+    seen = [name for name in trials.objects if name in law.objects]
+    places = [law.index(name) for name in seen]
+    known = law.uncertainty.covariance
+    covariance = None
+    if known is not None:
+        covariance = np.array([*known[places], *(each.covariances for each in drawn)])
+    found = replace(
+        law,
+        objects=(*seen, *unseen),
+        coefficients=np.array([*law.coefficients[places], *(each.coefficients for each in drawn)]),
+        uncertainty=replace(law.uncertainty, covariance=covariance, shared_factor=None, unpooled=None),
+        properties={},
+        explanation=None,
+    )
+    return found, tuple(each.note for each in drawn)
+
+
+def is_typical(law: Law, name: str, trials: Trials) -> bool:
+    """Whether a law takes an object for the typical one: it does not know it, nor what relations take."""
+    return name not in law.objects and (law.explanation is None or bool(_lacking(law, name, trials)))
+
+
+def _lacking(law: Law, name: str, trials: Trials) -> list[str]:
+    values = trials.properties.get(name, {})
+    wanted = law.explanation.properties if law.explanation else ()
+    return [each for each in wanted if not isinstance(values.get(each), float)]
+
+
+def _drawn(law: Law, name: str, trials: Trials) -> Population:
+    """Return what is known of the coefficients of an object that the law has not seen."""
+    if is_typical(law, name, trials):
+        lacking = _lacking(law, name, trials)
+        why = f", as its {' and '.join(lacking)} is not known" if lacking else ""
+        return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
+    assert law.explanation is not None
+    values = trials.properties.get(name, {})
+    given = {each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.explanation.properties}
+    return _by_relations(law, name, given)
+
+
+def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
+    """Return the coefficients that follow from properties, in the units of the law."""
+    assert law.explanation is not None
+    coefficients, places = law.coefficients[0].copy(), np.argwhere(law.support)
+    covariance = law.explanation.covariance
+    turn, scatter = np.zeros((len(places), len(covariance))), np.zeros(len(places))
+    first = 0
+    for i, relation in enumerate(law.explanation.relations):
+        if relation is not None:
+            part = slice(first, first + len(relation.factors))
+            columns = _columns(relation, name, given)
+            mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
+            coefficients[tuple(places[i])], turn[i, part], first = mean, share * columns, part.stop
+    followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
+    total = turn @ covariance @ turn.T + np.diag(scatter)
+    return Population(coefficients, total, f"{name} is not in the law: it has the coefficients {followed}")
+
+
+def _moments(relation: Relation, value: float) -> tuple[float, float, float]:
+    """Return mean of a coefficient over objects, how it goes with the value that is typical, and its variance."""
+    variance = relation.scatter**2 + relation.scatter_error**2
+    if not relation.relative:
+        size = value / (relation.factors[0] * relation.typical) if relation.exponents else 1.0
+        return value, 1.0, variance * size**2
+    share = float(np.exp(variance / 2))
+    return share * value, share, (share * value) ** 2 * float(np.expm1(variance))
+
+
+def _columns(relation: Relation, name: str, given: dict[str, float]) -> Floats:
+    values = [given[each] for each in relation.properties]
+    for each, value in zip(relation.properties, values, strict=True):
+        if relation.exponents and not value > 0:
+            raise CommonlawError(
+                f"property {each!r} of {name} is {value:g}, and the law takes a power of it: give it above 0"
+            )
+    return np.asarray(relation.columns(np.array([values]).reshape(1, -1))[0])
+
+
+def _typical(law: Law, note: str) -> Population:
+    """Return the mean coefficients; the scatter of the objects, and of their mean, is added to its covariance.
+
+    More the fewer objects there are (Student's t, for the 95 % band).
+    """
+    from scipy.special import stdtrit
+
+    mean, count = law.average(), len(law.objects)
+    covariance = mean.uncertainty.covariance
+    if covariance is None or count == 1:
+        return Population(mean.coefficients[0], covariance if covariance is None else covariance[0], note)
+    widened = (1 + 1 / count) * (stdtrit(count - 1, 0.975) / normal_quantile(0.95)) ** 2
+    own = law.coefficients[:, law.support]
+    scatter = widened * np.cov(own, rowvar=False).reshape(own.shape[1], own.shape[1])
+    return Population(mean.coefficients[0], covariance[0] + scatter, note)
+
+
+def _in_unit(name: str, value: Property, given: Schema, wanted: Schema) -> float:
+    """Return a property in the unit of the law."""
+    one, other = given.units.get(name), wanted.units.get(name)
+    if one is None or other is None or one == other:
+        return float(value)
+    if not parse_unit(one).is_compatible_with(parse_unit(other)):
+        raise CommonlawError(f"property {name!r} is in {one}, and in {other} in the law: give it in that unit")
+    return float(registry().Quantity(float(value), parse_unit(one)).to(parse_unit(other)).magnitude)
