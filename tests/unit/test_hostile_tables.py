@@ -75,6 +75,10 @@ def test_what_a_parquet_file_says_of_its_columns_are_names_of_them(tmp_path, mon
             read(path)
 
 
+def streamed(path):
+    return list(cl.TrialStream.from_parquet(path, object="object", trial="trial", time="t", states=["x"]))
+
+
 def test_a_text_that_is_in_every_row_of_a_parquet_file_is_in_memory_once(tmp_path):
     path, rows = tmp_path / "repeated.parquet", np.arange(20_000.0)
     text = pa.DictionaryArray.from_arrays(np.zeros(len(rows), dtype=np.int32), ["y" * 100_000])
@@ -82,8 +86,7 @@ def test_a_text_that_is_in_every_row_of_a_parquet_file_is_in_memory_once(tmp_pat
     named = {"object": ["ball"] * len(rows), "trial": ["1"] * len(rows), "t": rows, "x": rows}
     pq.write_table(pa.table(named | {"text": text, "lists": lists}), path, store_schema=False)
     assert path.stat().st_size < 500_000
-    streamed = cl.TrialStream.from_parquet(path, object="object", trial="trial", time="t", states=["x"])
-    assert [len(trial) for trials in (cl.Trials.read(path), streamed) for trial in trials] == 2 * [len(rows)]
+    assert [len(trial) for trials in (cl.Trials.read(path), streamed(path)) for trial in trials] == 2 * [len(rows)]
     assert pa.default_memory_pool().max_memory() < 2**30
 
 
@@ -110,6 +113,16 @@ def test_a_parquet_file_whose_columns_are_not_what_it_says_does_not_end_the_proc
     path.write_bytes(content.replace(optional, required))
     with pytest.raises(cl.CommonlawError, match=r"drops.parquet"):
         cl.Trials.read(path)
+
+
+def test_a_parquet_file_that_has_fewer_rows_than_it_says_is_refused(tmp_path):
+    path = tmp_path / "drops.parquet"
+    pq.write_table(pa.table({"object": ["a"] * 5, "trial": ["1"] * 5, "t": np.arange(5.0), "x": np.arange(5.0)}), path)
+    # In the words of the file, numbers of rows are written as twice as much
+    path.write_bytes(path.read_bytes().replace(b"\x16\x0a", b"\x16\x0c"))
+    for read in (cl.Trials.read, streamed):
+        with pytest.raises(cl.CommonlawError, match=r"is a damaged Parquet file .5 of 6 rows are there"):
+            read(path)
 
 
 def test_a_parquet_file_cut_or_changed_inside_is_refused(tmp_path):

@@ -121,7 +121,12 @@ def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
 
 def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
     """Yield so many rows after the other."""
-    yield from file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)])
+    found = 0
+    for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
+        found += len(batch)
+        yield batch
+    if found != file.metadata.num_rows:
+        raise OSError(f"{found} of {file.metadata.num_rows} rows are there")
 
 
 def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:

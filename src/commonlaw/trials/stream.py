@@ -58,14 +58,14 @@ class TrialStream:
             through, a value cannot be used, a state was measured in too few samples, or the rows of a trial do not
             follow each other.
         """
-        file, kept = opened(path)
+        _, kept = opened(path)
         known = cast(Roles, {**kept, **roles, "properties": []})
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
-        if not file.metadata.num_rows:
+        begin = next(batch_tables(path, 1), None)
+        if begin is None:
             raise CommonlawError(f"{path} has no rows: give it the measured rows")
-        begin = next(batch_tables(path, 1))
         refuse_dates(begin, begin.find(str(known["time"])))
         first = read_rows(begin, "object", known)
         return cls(first.data.schema, lambda: _trials(Path(path), known))
