@@ -63,6 +63,25 @@ def test_the_evidence_is_that_of_the_joint_normal_distribution():
         np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=2e-3)
 
 
+def test_the_density_of_all_estimates_is_that_of_the_joint_normal_distribution():
+    generator = np.random.default_rng(1)
+    estimates, covariances = generator.normal(1, 0.2, (10, 2)), np.tile([[0.04, -0.03], [-0.03, 0.09]], (10, 1, 1))
+    tried = CoefficientModel.powers(generator.normal(0, 0.5, (1, 10)), np.array([[0.1]]), False)
+    other = CoefficientModel.powers(np.zeros((1, 10)), np.array([[0.0]]), False).some(0)
+    measured = Measured(estimates, covariances, estimates)
+    left_out = JointModel.of(measured, [other, CoefficientModel.left_out(10)])
+    found = JointModel.of(measured, [other, tried.some(0)]).log_evidence(np.zeros(2))
+    expected = dense_log_evidence(left_out, 1, tried.some(0), 300.0) + 2 * np.log(300.0 * np.sqrt(2 * np.pi))
+    assert found == pytest.approx(expected, abs=1e-3)
+
+
+def test_scatter_is_looked_for_where_it_is_though_errors_hang_together():
+    for seed in (0, 6, 11, 15):
+        _, estimates, covariances, table = population(seed, error=0.05, scatter=0.1)
+        gravity, drag = explain(estimates, covariances, table).relations
+        assert (gravity.kind, drag.kind) == (RelationKind.UNIVERSAL, RelationKind.POWER_LAW)
+
+
 def test_what_an_own_coefficient_says_of_another_is_the_conditional_normal_distribution():
     _, estimates, covariances, _ = population()
     joint = JointModel.of(

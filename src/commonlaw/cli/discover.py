@@ -44,6 +44,11 @@ _law = partial(option, "Law")
     multiple=True,
     help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
 )
+@_law(
+    "--explain",
+    is_flag=True,
+    help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
+)
 @with_method
 @with_outputs
 def discover(
@@ -52,6 +57,7 @@ def discover(
     library: str | None,
     known: tuple[str, ...],
     universal: tuple[str, ...],
+    explain: bool,
     method: "AbstractMethod | None",
     outputs: Outputs,
 ) -> None:
@@ -65,6 +71,7 @@ def discover(
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
           --save law.json --plot law.png
       commonlaw discover drops.csv --order 2 --exclude trial=3 --learn-until 1.5
+      commonlaw discover drops.csv --order 2 --property diameter --property mass --explain
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
     import commonlaw as cl
@@ -81,6 +88,9 @@ def discover(
             universal=[_key(name) for name in universal],
             progress=show,
         )
+        if explain:
+            show("explaining coefficients")
+            law = law.explain()
         learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
     outputs.give(learned)
 

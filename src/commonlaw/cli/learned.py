@@ -133,7 +133,7 @@ class Learned:
         """Print the law and how well it forecasts."""
         law, training = self.law, self.training
         say(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
-        if law.shared:
+        if law.shared and law.explanation is None:
             say("\n".join((*map(in_line, law.structure()), "")))
             columns = self._coefficient_columns()
             print_table(list(columns), zip(*columns.values(), strict=True))

@@ -12,7 +12,7 @@ from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "fit", "refine", "predict", "show", "data")
+_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "show", "data")
 
 
 class _Commands(click.Group):
@@ -43,6 +43,7 @@ def commonlaw() -> None:
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 --save law.json
       commonlaw fit "height'' = -9.81 - c v" drops.csv --object ball --trial drop --time t
       commonlaw predict law.json drops.csv
+      commonlaw explain law.json --property diameter,mass
       commonlaw show law.json --latex
 
     \b

@@ -28,5 +28,8 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
         if history:
             print_history(law)
         return
+    if law.explanation is not None and len(law.objects) > 1:
+        say(law.to_latex())
+        return
     for each in law.objects:
         say(f"% {in_line(each)}\n{law.to_latex(each)}")

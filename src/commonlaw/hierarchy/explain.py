@@ -86,31 +86,55 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
 
 
 def _settled(own: Measured, properties: PropertyTable) -> list[RelationChoice]:
-    """Return the relations of all coefficients that fit each other."""
+    """Return the relations of all coefficients that fit each other, and are together the most probable."""
     objects, size = own.estimates.shape
-    models = [CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)] * size
-    chosen: dict[int, RelationChoice] = {}
-
-    def choose(index: int) -> RelationChoice:
-        measured, deviations = _pointed(own, models)
-        return RelationComparison(measured, deviations[:, index], models, index, properties).choice()
-
-    while len(chosen) < size:
-        found = {k: choose(k) for k in range(size) if k not in chosen}
+    free = CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)
+    known: dict[int, RelationChoice] = {}
+    while len(known) < size:
+        models = [known[k].model if k in known else free for k in range(size)]
+        found = {k: _chosen(own, models, k, properties) for k in range(size) if k not in known}
         best = max(found, key=lambda k: found[k].gain)
-        chosen[best], models[best] = found[best], found[best].model
-    for _ in range(_SWEEPS if size > 1 else 0):
-        before = [_form(chosen[k]) for k in range(size)]
-        for k in range(size):
-            chosen[k] = choose(k)
-            models[k] = chosen[k].model
-        if before == [_form(chosen[k]) for k in range(size)]:
+        known[best] = found[best]
+    choices = _swept(own, [known[k] for k in range(size)], properties, list(range(size)))
+    score = _score(own, choices)
+    # Where errors hang together, scatter of one coefficient is hardly told from that of another, and the first took it
+    for k in [k for k in range(size) if size > 1 and choices[k].scatter]:
+        exact = _chosen(own, [each.model for each in choices], k, properties, scatter=False)
+        order = [*(j for j in range(size) if j != k), k]
+        tried = _swept(own, [exact if j == k else each for j, each in enumerate(choices)], properties, order)
+        if _score(own, tried) > score:
+            choices, score = tried, _score(own, tried)
+    return choices
+
+
+def _swept(
+    own: Measured, choices: Sequence[RelationChoice], properties: PropertyTable, order: Sequence[int]
+) -> list[RelationChoice]:
+    """Return relations that are each the most probable given the others, chosen in this order."""
+    found = list(choices)
+    for _ in range(_SWEEPS if len(found) > 1 else 0):
+        before = [each.form for each in found]
+        for k in order:
+            found[k] = _chosen(own, [each.model for each in found], k, properties)
+        if before == [each.form for each in found]:
             break
-    return [chosen[k] for k in range(size)]
+    return found
 
 
-def _form(choice: RelationChoice) -> tuple[object, ...]:
-    return choice.kind, choice.properties, choice.exponents
+def _chosen(
+    own: Measured, models: Sequence[CoefficientModel], index: int, properties: PropertyTable, scatter: bool = True
+) -> RelationChoice:
+    measured, deviations = _pointed(own, models)
+    return RelationComparison(measured, deviations[:, index], models, index, properties).choice(scatter)
+
+
+def _score(own: Measured, choices: Sequence[RelationChoice]) -> float:
+    """Return the logarithm of prior times evidence of the relations of all coefficients together."""
+    models = [each.model for each in choices]
+    measured, _ = _pointed(own, models)
+    logs = np.array([each.in_logs for each in models])
+    density = JointModel.of(measured, models).log_evidence(np.concatenate([each.precision for each in models]))
+    return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(each.log_price for each in choices)
 
 
 def _pointed(own: Measured, models: Sequence[CoefficientModel]) -> tuple[Measured, Floats]:

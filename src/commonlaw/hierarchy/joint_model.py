@@ -55,6 +55,12 @@ class CoefficientModel:
         """Return that of a coefficient without factors and scatter."""
         return cls(np.empty((objects, 0)), np.zeros(objects), np.zeros(objects), in_logs, np.empty(0))
 
+    @property
+    def alone(self) -> "CoefficientModel":
+        """The same as the only one of several models."""
+        parts = {name: getattr(self, name)[np.newaxis] for name in ("columns", "offsets", "variances")}
+        return replace(self, **parts)
+
     def some(self, index: int | slice) -> "CoefficientModel":
         """Return one of several models, or some of them."""
 
@@ -134,6 +140,17 @@ class JointModel:
         covariance = np.linalg.inv((weighted @ self.design).sum(axis=0) + np.diag(precision))
         found = covariance @ np.einsum("oqk,ok->q", weighted, self.residuals)
         return found, (covariance + covariance.T) / 2
+
+    def log_evidence(self, precision: Floats) -> float:
+        """Return the logarithm of the density of all estimates, factors integrated out, given their precision."""
+        precisions = self.precisions
+        found, covariance = self.factors(precision)
+        squares = np.einsum("ok,okl,ol->", self.residuals, precisions, self.residuals)
+        squares -= found @ np.linalg.solve(covariance, found)
+        sizes = np.linalg.slogdet(precisions)[1].sum() + np.linalg.slogdet(covariance)[1]
+        proper = precision[precision > 0]
+        constant = (len(precision) - len(proper) - self.residuals.size) * _LOG_TWO_PI + np.log(proper).sum()
+        return float(constant + sizes - squares) / 2
 
     def without(self, index: int) -> tuple[Floats, Floats]:
         """Return what estimates and other coefficients' models say of one that is left out, and its variances.

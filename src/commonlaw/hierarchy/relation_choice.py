@@ -41,7 +41,8 @@ class RelationChoice:
     """A relation of one coefficient, and the model that follows from it.
 
     Properties are given by their places in the table. The `score` is the logarithm of prior times evidence, but for
-    what all relations have in common.
+    what all relations have in common; `gain` is by how much its kind is ahead of each object's own coefficients, and
+    `log_price` how much of its score is not the evidence of its model: prior, and scatters that were as possible.
     """
 
     kind: RelationKind
@@ -53,6 +54,12 @@ class RelationChoice:
     score: float
     probability: float = 1.0
     gain: float = 0.0
+    log_price: float = 0.0
+
+    @property
+    def form(self) -> tuple[object, ...]:
+        """What it is but for numbers that are estimated."""
+        return self.kind, self.properties, self.exponents
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,19 +86,22 @@ class RelationComparison:
     index: int
     properties: PropertyTable
 
-    def choice(self) -> RelationChoice:
-        """Return the most probable relation, of the most probable kind; `gain` compares it with each object's own."""
-        found = [*self._power_laws(), *self._affine()]
+    def choice(self, scatter: bool = True) -> RelationChoice:
+        """Return the most probable relation, of the most probable kind; without scatter if that is not wanted."""
+        every = [*self._power_laws(), *self._affine()]
+        found = [each for each in every if scatter or not each.scatter]
         totals = {kind: _total([each for each in found if each.kind is kind]) for kind in {each.kind for each in found}}
         best = max(totals, key=lambda kind: totals[kind])
         relations: dict[object, list[RelationChoice]] = {}
         for each in found:
             if each.kind is best:
-                relations.setdefault((each.properties, each.exponents), []).append(each)
+                relations.setdefault(each.form, []).append(each)
         score, own = max(((_total(own), own) for own in relations.values()), key=lambda pair: pair[0])
         chosen = max(own, key=lambda each: each.score)
         probability = float(np.exp(score - np.logaddexp.reduce(list(totals.values()))))
-        return replace(chosen, probability=probability, gain=totals[best] - totals[RelationKind.OWN])
+        each_its_own = _total([each for each in every if each.kind is RelationKind.OWN])
+        price = chosen.score - float(self._evidence(chosen.model.alone)[0])
+        return replace(chosen, probability=probability, gain=totals[best] - each_its_own, log_price=price)
 
     @cached_property
     def _points(self) -> Floats:
@@ -174,7 +184,11 @@ class RelationComparison:
         return CoefficientModel(columns, np.zeros((1, objects)), variances, False, precision)
 
     def _scores(self, tried: CoefficientModel) -> Floats:
-        """Return the logarithms of the evidence of several models, shape (models,)."""
+        """Return the logarithms of the evidence of several models, with the prior of their factors, shape (models,)."""
+        # A factor's logarithm is as probable anywhere, and so is the factor near the size of the coefficients
+        return self._evidence(tried) - (0.0 if tried.in_logs else np.log(self._scale))
+
+    def _evidence(self, tried: CoefficientModel) -> Floats:
         left_out = CoefficientModel.left_out(len(self._points), tried.in_logs)
         models = [left_out if k == self.index else each for k, each in enumerate(self.models)]
         others = JointModel.of(self.measured, models)
@@ -183,8 +197,7 @@ class RelationComparison:
             log_evidence(others, self.index, tried.some(slice(begin, begin + step)))[0]
             for begin in range(0, count, step)
         ]
-        # A factor's logarithm is as probable anywhere, and so is the factor near the size of the coefficients
-        return np.asarray(np.concatenate(parts) - (0.0 if tried.in_logs else np.log(self._scale)))
+        return np.asarray(np.concatenate(parts))
 
 
 def _over_scatters(scores: Floats) -> tuple[Floats, Floats, Floats]:

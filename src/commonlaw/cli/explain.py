@@ -1,0 +1,82 @@
+"""`commonlaw explain`: what decides the coefficients of a saved law."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+
+import click
+
+from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, say, working
+from commonlaw.files import check_targets, write_all
+
+
+@click.command()
+@click.argument("law_path", metavar="LAW.json")
+@click.option(
+    "--property",
+    "names",
+    metavar="NAMES",
+    multiple=True,
+    help="Properties that coefficients may follow, commas between several; repeat for more; '' for none.  [default: "
+    "all numbers that the law knows of its objects]",
+)
+@click.option(
+    "--properties",
+    "table",
+    metavar="FILE",
+    help="A table with the objects' properties, a row for each, if the law does not know them.",
+)
+@click.option("--save", metavar="EXPLAINED.json", help="Write the law with what decides its coefficients.")
+@click.option("--latex", is_flag=True, help="Print LaTeX.")
+@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def explain(
+    law_path: str,
+    names: tuple[str, ...],
+    table: str | None,
+    save: str | None,
+    latex: bool,
+    history: bool,
+    as_json: bool,
+) -> None:
+    """Say what in LAW.json is universal, what follows the objects' properties, and what is each object's own.
+
+    A coefficient is the same for all objects, a factor times powers of their properties (0.25 diameter^2/mass), an
+    affine function of these where signs differ, or each object's own about a typical value. Evidence decides.
+
+    \b
+    Examples:
+      commonlaw explain law.json --property diameter,mass
+      commonlaw explain law.json --properties balls.csv --save explained.json
+    """
+    from commonlaw.law import Law
+    from commonlaw.trials.properties import given_properties
+
+    check_targets([save] if save else [], [each for each in (law_path, table) if each])
+    law = Law.load(law_path)
+    with working("Explaining ..."):
+        if table:
+            found = given_properties(table, law.schema.object, law.objects)
+            schema = replace(law.schema, units={**law.schema.units, **found.units})
+            law = replace(law, properties=found.values, schema=schema)
+        law = law.explain(_listed(names))
+        outputs = {save: law.to_json().encode()} if save else {}
+    write_all(outputs)
+    if as_json:
+        relations = law.relations().to_dict(orient="records")
+        print_json({"law": json.loads(law.to_json()), "equations": list(law.equations()), "relations": relations})
+    elif latex:
+        say(law.to_latex())
+    else:
+        say(f"{law}\n")
+        print_frame(law.relations().dropna(axis=1, how="all"))
+        if history:
+            print_history(law)
+        for path in outputs:
+            say(f"\nWrote {path}")
+    print_notes(law.outcomes)
+
+
+def _listed(texts: Sequence[str]) -> list[str] | None:
+    """Return the names in texts with commas between them; None if there is no text."""
+    return [name for text in texts for part in text.split(",") if (name := part.strip())] if texts else None

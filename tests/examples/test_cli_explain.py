@@ -1,0 +1,60 @@
+"""`commonlaw explain` and `discover --explain` as a user meets them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+
+MASSES = (0.3, 0.1, 0.1, 0.06, 0.043)
+
+
+@pytest.fixture
+def drops(tmp_path):
+    """Drops of five balls, with their masses and colours in columns of the table."""
+    frame = cl.datasets.linear_drag(noise=0.02).to_frame().drop(columns="drag")
+    ball = frame["object"].str[-1].astype(int) - 1
+    frame.assign(mass=np.array(MASSES)[ball], day=ball % 2 + 1).to_csv(tmp_path / "drops.csv", index=False)
+
+
+@pytest.mark.usefixtures("drops")
+def test_a_fitted_law_is_explained_by_the_properties_in_its_table(run, tmp_path):
+    assert run("fit", "x'' = -g - c v", "drops.csv", "--save", "law.json")[0] == 0
+    code, out, err = run("explain", "law.json", "--property", "mass,day", "--save", "explained.json")
+    assert (code, err) == (0, "")
+    assert "/mass v\n" in out
+    assert "universal" in out
+    assert "Wrote explained.json" in out
+    law = cl.Law.load(tmp_path / "explained.json")
+    assert law.explanation.relations[1].factors[0] == pytest.approx(-0.03, rel=0.02)
+    code, out, _ = run("explain", "law.json", "--json")
+    assert json.loads(out)["relations"][1]["follows"] == "1/mass"
+    assert r"\frac{1}{\mathrm{mass}}" in run("explain", "law.json", "--latex")[1]
+    assert r"\frac{1}{\mathrm{mass}}" in run("show", "explained.json", "--latex")[1]
+    assert "a is each object's own" in run("explain", "law.json", "--property", "day")[1]
+    assert "a is each object's own" in run("explain", "law.json", "--property", "")[1]
+    code, _, err = run("explain", "law.json", "--property", "weight")
+    assert (code, "unknown property 'weight'" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("drops")
+def test_properties_come_from_a_table_of_their_own(run, tmp_path):
+    law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.02))
+    law.save(tmp_path / "law.json")
+    rows = [f"{name},{mass}" for name, mass in zip(law.objects, MASSES, strict=True)]
+    (tmp_path / "balls.csv").write_text("\n".join(["object,mass [kg]", *rows]))
+    code, out, _ = run("explain", "law.json", "--properties", "balls.csv")
+    assert (code, "/mass v\n" in out) == (0, True)
+    code, _, err = run("explain", "law.json", "--properties", "balls.csv", "--save", "balls.csv")
+    assert (code, "balls.csv" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("drops")
+def test_discover_explains_what_it_found_and_forecasts_a_ball_by_its_mass(run):
+    found = run(
+        "discover", "drops.csv", "--order", "2", "--library", "poly:1", "--explain", "--hold-out", "object=Ball 2"
+    )
+    assert found[0] == 0
+    assert "/mass v\n" in found[1]
+    assert "Do not use" not in found[1]
