@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from benchmarks import cost, coverage, cramer_rao, discovery
+from benchmarks import cost, coverage, cramer_rao, discovery, universal
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of, solve
@@ -31,6 +31,22 @@ score = {"bench": given.bench, "name": "decay", "noise": float(given.noise), "tr
 measures = {"all_exact": int(right), "f1": 1.0, "coef_err": 0.0, "r2_ok": 1.0, "seconds": 0.1}
 with open(given.out, "w") as file:
     json.dump([] if given.only == "other" else [score | measures], file)
+"""
+
+RELATIONS = """
+import numpy as np
+import pandas as pd
+
+FAMILIES = {"decays": {"order": 1, "library": "poly:1"}}
+
+
+def make(name, seed, noise, objects):
+    generator, times = np.random.default_rng(seed), np.linspace(0, 5, 40)
+    parts = []
+    for o, resistance in enumerate(np.exp(generator.uniform(0, 2, objects + 1))):
+        states = 5 * np.exp(-times / resistance) + noise * generator.standard_normal(40)
+        parts.append(pd.DataFrame({"object": f"o{o}", "trial": 1, "t": times, "U": states, "resistance": resistance}))
+    return pd.concat(parts), TRUTH
 """
 
 
@@ -142,10 +158,23 @@ def test_a_collection_is_run_and_its_scores_stand_beside_baselines_and_goals(tmp
     assert "no problem named other" in capsys.readouterr().err
 
 
-def test_a_missing_collection_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize("benchmark", [discovery, universal])
+def test_a_missing_collection_is_refused(benchmark, tmp_path, capsys):
     with pytest.raises(SystemExit):
-        discovery.main(["--problems", str(tmp_path)])
+        benchmark.main(["--problems", str(tmp_path)])
     assert "name its folder by --problems or COMMONLAW_BENCHMARKS" in capsys.readouterr().err
+
+
+def test_relations_of_a_collection_stand_beside_the_truth(tmp_path, capsys):
+    (tmp_path / "universal").mkdir()
+    (tmp_path / "universal" / "families.py").write_text(RELATIONS)
+    for power, right in ((-1, "1 of 1"), (-2, "0 of 1")):
+        truth = {"U'": {"U": ("power", -1.0, {"resistance": power})}}
+        (tmp_path / "universal" / "families.py").write_text(f"{RELATIONS}\nTRUTH = {truth!r}\n")
+        universal.main(["--problems", str(tmp_path), "--seeds", "1", "--noise", "0.01"])
+        printed = capsys.readouterr().out
+        assert f"| 10 objects | 1 | {right} |" in printed
+        assert ("- 10 objects, 1 %, decays 0: U in U' is power law 1/resistance" in printed) == (power == -2)
 
 
 def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
