@@ -49,3 +49,12 @@ def test_a_law_without_any_term_in_its_support_comes_back():
     again = Law.from_json(law.to_json())
     assert again.covariance.shape == again.uncertainty.shared_factor.shape == none.shape
     assert str(again) == str(law)
+
+
+def test_a_law_of_enormous_errors_comes_back_and_is_shown():
+    size = int(LAW.support.sum())
+    enormous = np.tile(1e308 * np.eye(size), (len(LAW.objects), 1, 1))
+    found = Uncertainty(covariance=enormous, noise=np.ones(1))
+    law = Law.from_json(Law(LAW.terms, LAW.schema, 2, LAW.objects, LAW.coefficients, found).to_json())
+    np.testing.assert_array_equal(law.covariance, enormous)
+    assert "10^{154}" in law.to_latex("Ball 1")

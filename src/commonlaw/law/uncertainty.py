@@ -215,6 +215,6 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
             raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
         if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.sqrt(np.outer(own, own))):
             raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
-    symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2
+    symmetric = matrices / 2 + matrices.transpose(0, 2, 1) / 2  # The sum of the largest numbers is infinite
     symmetric.flags.writeable = False
     return symmetric
