@@ -213,7 +213,7 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
     for name, matrix, own in zip(objects, matrices, variances, strict=True):
         if np.any(own < 0):
             raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
-        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.sqrt(np.outer(own, own))):
+        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.outer(np.sqrt(own), np.sqrt(own))):
             raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
     symmetric = matrices / 2 + matrices.transpose(0, 2, 1) / 2  # The sum of the largest numbers is infinite
     symmetric.flags.writeable = False
