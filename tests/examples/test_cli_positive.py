@@ -18,7 +18,7 @@ def plants(tmp_path):
 
 def test_bands_of_a_positive_state_are_above_zero_whatever_command_forecasts(run, plants, tmp_path):
     options = ["--positive", "weight", "--library", "terms:weight,weight^2", "--history"]
-    code, out, err = run("discover", "plants.csv", *options, "--save", "law.json", "--plot", "law.svg")
+    code, out, err = run("discover", "plants.csv", *options, "--save", "law.json")
     assert (code, err) == (0, "")
     assert "weight' = a weight + b weight^2" in out
     assert "% of it, on a logarithmic scale" in out

@@ -106,9 +106,11 @@ def test_nothing_links_two_stretches():
         assert each[[3, 5]].all()
 
 
+@pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
-def test_derivatives_of_defects_agree_with_difference_quotients(order, library, names):
+def test_derivatives_of_defects_agree_with_difference_quotients(order, library, names, held):
     field, mesh, states = difficult(order, library, names)
+    mesh = replace(mesh, held=held, middle=mesh.inputs[:-1] if held else None)
     linear = jacobians(field, mesh, states)
     np.testing.assert_allclose(linear.defects, defects(field, mesh, states), rtol=1e-13, atol=1e-14)
 

@@ -38,6 +38,12 @@ _LIKELIHOOD_OPTIONS = (
         "a share of it (--noise weight=0.05 is 5 %); repeat for more.  [default: none; for refine those of the law]",
     ),
     _likelihood(
+        "--input-between",
+        type=click.Choice(["auto", "held", "linear", "cubic"]),
+        help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline; "
+        "auto for lines unless the evidence for another is strong.  [default: auto; for refine as the law was learned]",
+    ),
+    _likelihood(
         "--noise",
         metavar="STATE=VALUE",
         multiple=True,

@@ -38,9 +38,8 @@ _BYTES_A_VALUE = 200
 @click.option(
     "--input-between",
     type=click.Choice(["held", "linear", "cubic"]),
-    default="linear",
-    show_default=True,
-    help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline.",
+    help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline.  "
+    "[default: as the law was learned]",
 )
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
@@ -50,7 +49,7 @@ def predict(
     source: Source,
     start: int | None,
     from_time: float | None,
-    input_between: str,
+    input_between: str | None,
     save: str | None,
     plot: str | None,
     as_json: bool,

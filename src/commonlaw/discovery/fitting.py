@@ -51,7 +51,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         numbers are known and stay: ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``.
     trials
         What was measured. Each object has its own coefficients.
-    positive, noise, errors, huber_threshold, covariance, partial_pooling, seed, progress
+    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, progress
         See `refine`.
 
     Raises
@@ -77,7 +77,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         outcomes = tuple(each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
         return replace(law, provenance=Provenance(None, outcomes, history=history, equations=given.texts))
     provenance = Provenance(suitable_differentiation(trials, given.order), history=history, equations=given.texts)
-    return refine(_unfitted(given, trials, provenance), trials, **settings)
+    return refine(_unfitted(given, trials, provenance), trials, **({"input_between": "auto"} | settings))
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:

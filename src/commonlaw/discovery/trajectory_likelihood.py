@@ -1,7 +1,7 @@
 """States and coefficients fitted together to what was measured, terms chosen by their evidence."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -15,14 +15,18 @@ from commonlaw.inference import (
     PATH,
     CovarianceKind,
     ErrorKind,
+    LawSearch,
+    best_course,
     error_kinds,
     finish,
     known_noise,
     objection,
+    on_course,
     search_supports,
     with_error_models,
 )
-from commonlaw.law import Law, Provenance
+from commonlaw.integration import BETWEEN
+from commonlaw.law import Law, Provenance, Step
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
@@ -47,6 +51,9 @@ class TrajectoryLikelihood(AbstractMethod):
         States that are above zero and modelled on a logarithmic scale, in laws of first order: errors of their
         measurement are shares of the state, and so is their noise; forecasts and their bands stay above zero. The law
         itself is in the units of the states.
+    input_between
+        The course of inputs between samples: ``"held"``, ``"linear"`` or ``"cubic"``, see `Law.predict`. ``"auto"``:
+        straight lines, unless the evidence of the law for another is strong.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -80,6 +87,7 @@ class TrajectoryLikelihood(AbstractMethod):
     takes_noise_columns: ClassVar[bool] = True
 
     positive: Sequence[str] = ()
+    input_between: str = "auto"
     noise: Mapping[str, float] | None = None
     errors: ErrorKind | Literal["auto"] = "auto"
     huber_threshold: float = HUBER_THRESHOLD
@@ -91,6 +99,7 @@ class TrajectoryLikelihood(AbstractMethod):
     def __post_init__(self) -> None:
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
         check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))
+        check_choice("input_between", self.input_between, ("auto", *BETWEEN))
         ObservationModel(np.ones(1), self.huber_threshold)  # Refuses thresholds that do not fit
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
@@ -103,21 +112,16 @@ class TrajectoryLikelihood(AbstractMethod):
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
-        as_measured, trials = trials, with_logarithms(trials, self.positive)
-        schema, terms = trials.schema, structure.terms(trials.schema)
-        kinds = error_kinds(self.errors, schema)
-        _check_effort(trials, len(terms))
-        known = structure.known_coefficients(schema, trials.objects)
-        provenance = Provenance(suitable_differentiation(trials, structure.order))
-        found = search_supports(
-            trials,
-            Law(terms, schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance),
-            known,
-            solver=parsed(self.solver, parse_solver) or PATH,
-            noise=known_noise(self.noise, trials),
-            huber_threshold=self.huber_threshold,
-            progress=progress,
-        )
+        as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
+        trials = with_logarithms(trials, self.positive)
+        trials = on_course(trials, "linear" if self.input_between == "auto" else self.input_between)
+        kinds = error_kinds(self.errors, trials.schema)
+        found, steps = self._search(trials, structure, progress), list[Step]()
+        if chosen:
+            progress("comparing courses of inputs between samples")
+            steps = [best_course(found.problem, found.state)]
+            if steps[0].choice != trials.schema.input_between:
+                found = self._search(on_course(trials, steps[0].choice), structure, progress)
         odd = objection(found) if self.errors == "auto" else "as asked for"
         if odd:
             progress(f"{odd}: estimating errors with the law")
@@ -126,12 +130,28 @@ class TrajectoryLikelihood(AbstractMethod):
             except CommonlawError:
                 other = None
             found = with_error_models(found, other, kinds, progress)
-        return finish(
+        law = finish(
             found,
             covariance=self.covariance,
-            universal=structure.universal_coefficients(schema),
+            universal=structure.universal_coefficients(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
+            progress=progress,
+        )
+        return replace(law, provenance=replace(law.provenance, history=(*steps, *law.history)))
+
+    def _search(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
+        """Search for the supports of largest evidence."""
+        terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
+        _check_effort(trials, len(terms))
+        provenance = Provenance(suitable_differentiation(trials, structure.order))
+        return search_supports(
+            trials,
+            Law(terms, trials.schema, structure.order, trials.objects, np.nan_to_num(known), provenance=provenance),
+            known,
+            solver=parsed(self.solver, parse_solver) or PATH,
+            noise=known_noise(self.noise, trials),
+            huber_threshold=self.huber_threshold,
             progress=progress,
         )
 

@@ -54,7 +54,12 @@ class Beginning:
 
 
 def begin(
-    law: Law, trials: Trials, times: ArrayLike | None, start: int | None, from_time: float | None, input_between: str
+    law: Law,
+    trials: Trials,
+    times: ArrayLike | None,
+    start: int | None,
+    from_time: float | None,
+    input_between: str | None,
 ) -> tuple[Trials, list[Beginning]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each begins."""
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
@@ -66,7 +71,7 @@ def begin(
         raise CommonlawError(f"from_time={from_time} is not finite: give the time from which to forecast")
     found, lost = [], []
     for trial in trials:
-        inputs = Inputs.of(trial.times, trial.inputs, input_between)
+        inputs = Inputs.of(trial.times, trial.inputs, input_between or law.schema.input_between)
         extended = with_times(trial, inputs, wanted) if len(wanted) else trial
         if from_time is None:
             found.append(Beginning(extended, inputs, trial.measured(), _fitted_start(law, trial, inputs, start)))

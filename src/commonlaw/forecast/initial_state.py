@@ -111,7 +111,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
     (mesh,) = meshes([trial], _POINTS, len(trial))
-    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=with_typical(mesh.noise, noise) / noise)
+    mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) / noise)
     model = TrajectoryModel(law.terms, law.order, (mesh,), observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(

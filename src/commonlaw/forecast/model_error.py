@@ -101,7 +101,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     else:
         unit = errors.walk * np.sqrt(np.median(mesh.steps))
     white = errors.white_std(states[:, : len(noise)], with_typical(mesh.noise, noise))
-    mesh = replace(mesh, inputs=inputs.at(mesh.times), scale=white / noise)
+    mesh = replace(mesh.with_inputs(inputs), scale=white / noise)
     model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
     model, start = model.with_latent(errors.latent, Estimate((states,), own))
     model_errors = _MODEL_ERRORS if errors.walk is None else (1.0,)
@@ -131,7 +131,7 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     """
     errors = law.uncertainty.error_model
     (mesh,) = meshes([trial], _POINTS, len(trial))
-    mesh = replace(mesh, inputs=inputs.at(mesh.times))
+    mesh = mesh.with_inputs(inputs)
     (between,) = interpolate([np.nan_to_num(states)], _POINTS, len(trial))
     latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
     steps = latent.along(mesh) if latent.width else None

@@ -30,7 +30,7 @@ def predict(
     method: str = "auto",
     tolerance: float = 1e-8,
     seed: int = 0,
-    input_between: str = "linear",
+    input_between: str | None = None,
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)

@@ -3,6 +3,7 @@
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.scales import error_kinds
@@ -16,12 +17,14 @@ __all__ = [
     "CovarianceKind",
     "ErrorKind",
     "LawSearch",
+    "best_course",
     "compare",
     "error_kinds",
     "finish",
     "fit_supports",
     "known_noise",
     "objection",
+    "on_course",
     "prepare",
     "refine",
     "search_supports",

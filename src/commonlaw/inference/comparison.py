@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.mesh_refinement import until_resolved
-from commonlaw.inference.refinement import known_coefficients, of_objects
+from commonlaw.inference.input_course import on_course
+from commonlaw.inference.refinement import fit_terms, of_objects
 from commonlaw.inference.scales import check_one_scale
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
-from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -109,12 +109,8 @@ def _fitted(
 ) -> tuple[SearchProblem, SearchState]:
     """Return a law fitted on a mesh that is fine enough for it."""
     trials = trials.with_trials([each.measured() for each in trials])
-    trials = with_logarithms(trials, law.schema.logarithmic)
-    levels = known_noise(noise, trials)
-    known = known_coefficients(law)
-    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
-    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
-    return until_resolved(problem, state, lambda _, fitted: fitted)
+    trials = on_course(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
+    return fit_terms(law, trials, noise, huber_threshold)
 
 
 def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> SearchState:

@@ -127,14 +127,16 @@ def runs_away(problem: SearchProblem, state: SearchState) -> bool:
 
     Few samples tell little, so that short trials are continued for as long again.
     """
-    found = []
+    found, course = [], problem.trials.schema.input_between
     for i in spread(len(problem.models), _OBJECTS):
         model, estimate = problem.models[i], state.estimates[i]
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
             for first, last in pairwise(cuts):
                 times = mesh.times[first:last]
-                field = replace(model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last]))
+                field = replace(
+                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], course)
+                )
                 if last - first < _SHORT * problem.points:
                     times = np.append(times, 2 * times[-1] - times[0])
                 found.append(InitialValueProblem(field, states[first, : model.width], times, ""))

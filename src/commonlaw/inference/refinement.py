@@ -10,13 +10,15 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import fit_steps, noise_step
 from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, fit_supports
-from commonlaw.inference.search_problem import known_noise, prepare
-from commonlaw.law import Law
+from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.integration import BETWEEN
+from commonlaw.law import Law, Step
 from commonlaw.law.log_scale import on_log_scale
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -29,6 +31,7 @@ def refine(
     trials: Trials,
     *,
     positive: Sequence[str] | None = None,
+    input_between: str | None = None,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
@@ -51,6 +54,8 @@ def refine(
     positive
         States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
         the law.
+    input_between
+        The course of inputs between samples, or ``"auto"``, see `TrajectoryLikelihood`. Default: that of the law.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -92,26 +97,41 @@ def refine(
     """
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
+    check_choice("input_between", input_between, (None, "auto", *BETWEEN))
     law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
     law = law if positive is None else on_log_scale(law, positive)
     trials = with_logarithms(trials, law.schema.logarithmic)
     kinds = error_kinds(errors, trials.schema)
     known = known_coefficients(law)
-    levels = known_noise(noise, trials)
     progress = on_terminal() if progress is None else progress
-    progress("estimating noise, smoothing")
-    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
-    progress("fitting coefficients")
-    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
-    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
+    progress("estimating noise, smoothing, fitting coefficients")
+    course = law.schema.input_between if input_between is None else input_between
+    trials, steps = on_course(trials, "linear" if course == "auto" else course), list[Step]()
+    problem, state = fit_terms(law, trials, noise, huber_threshold)
+    if course == "auto" and trials.schema.inputs:
+        steps = [best_course(problem, state)]
+        if steps[0].choice != trials.schema.input_between:
+            trials = on_course(trials, steps[0].choice)
+            problem, state = fit_terms(law, trials, noise, huber_threshold)
+    law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
     frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
     found = LawSearch(frame, problem, state, PATH, (state,))
     if errors != "auto" or objection(found):
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
-    steps = (*law.history, noise_step(found.problem), *fit_steps(found.problem, found.state))
-    provenance = replace(law.provenance, history=steps)
+    history = (*law.history, *steps, noise_step(found.problem), *fit_steps(found.problem, found.state))
+    provenance = replace(law.provenance, history=history)
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+
+
+def fit_terms(
+    law: Law, trials: Trials, noise: Mapping[str, float] | None, huber_threshold: float
+) -> tuple[SearchProblem, SearchState]:
+    """Return what was measured and the terms of a law fitted to it, on a mesh that is fine enough."""
+    levels, known = known_noise(noise, trials), known_coefficients(law)
+    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
+    return until_resolved(problem, state, lambda _, fitted: fitted)
 
 
 def known_coefficients(law: Law) -> Floats:

@@ -177,7 +177,8 @@ class SearchProblem:
         points = 2 * self.points
         groups = [self.trials.of_object(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
-        models = tuple(replace(model, meshes=meshes(group, points)) for model, group in pairs)
+        course = self.trials.schema.input_between
+        models = tuple(replace(model, meshes=meshes(group, points, input_between=course)) for model, group in pairs)
         pairs_of_starts = zip(self.starts, self.smoothed, strict=True)
         starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in pairs_of_starts)
         return replace(self, models=models, starts=starts, points=points).with_errors(
@@ -232,8 +233,9 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * rates.std(axis=0) / scale])
     models, starts = [], []
+    course, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        models.append(TrajectoryModel(terms, order, meshes(group), ObservationModel(levels, huber_threshold), unit))
+        models.append(TrajectoryModel(terms, order, meshes(group, input_between=course), observation, unit))
         coefficients = _first(terms, group, own, fixed)
         starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)

@@ -5,13 +5,14 @@ from commonlaw.integration.initial_value_problem import InitialValueProblem
 from commonlaw.integration.inputs import BETWEEN, Inputs
 from commonlaw.integration.simulation import integrate, simulate
 from commonlaw.integration.trajectory import Trajectory
-from commonlaw.integration.vector_field import VectorField
+from commonlaw.integration.vector_field import LinearizedField, VectorField
 
 __all__ = [
     "BETWEEN",
     "Event",
     "InitialValueProblem",
     "Inputs",
+    "LinearizedField",
     "Occurrences",
     "Trajectory",
     "VectorField",

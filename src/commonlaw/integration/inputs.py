@@ -52,6 +52,11 @@ class Inputs:
         return cls(np.asarray(times[kept]), coefficients[kept, :powers])
 
     @property
+    def held(self) -> bool:
+        """Whether they keep their values from a knot to the next, where they jump."""
+        return self.powers == 1
+
+    @property
     def powers(self) -> int:
         """The number of coefficients of a polynomial."""
         return int(self.coefficients.shape[1])

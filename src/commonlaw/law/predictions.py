@@ -94,7 +94,7 @@ class AbstractPredictions(AbstractEquations):
         method: str = "auto",
         tolerance: float = 1e-8,
         seed: int = 0,
-        input_between: str = "linear",
+        input_between: str | None = None,
     ) -> Forecast:
         """Forecast each trial from its own initial state.
 
@@ -129,7 +129,7 @@ class AbstractPredictions(AbstractEquations):
             Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
         input_between
             The course of inputs between samples: ``"held"`` at the earlier value, as a controller does, ``"linear"`` or
-            ``"cubic"`` (a spline, for smooth inputs).
+            ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration import VectorField
+from commonlaw.integration import LinearizedField, VectorField
 from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Mesh
 
@@ -40,8 +40,11 @@ def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps 
     own, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
     derivatives = field.derivatives(_at_points(mesh, own)) + forces
-    middle = field.derivatives(_at_middles(mesh, own, derivatives)) + (forces[:-1] + forces[1:]) / 2
-    found = _defects(mesh, own, derivatives, middle)
+    first, last = derivatives[:-1], derivatives[1:]
+    if mesh.held:
+        last = field.derivatives(_at_ends(mesh, own)) + forces[1:]
+    middle = field.derivatives(_at_middles(mesh, own, first, last)) + (forces[:-1] + forces[1:]) / 2
+    found = _defects(mesh, own, first, last, middle)
     return found if latent is None else np.column_stack([found, _latent_defects(hidden, latent)])
 
 
@@ -49,16 +52,18 @@ def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentStep
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
     own, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
-    derivatives, by_states, by_own = field.linearize(_at_points(mesh, own))
-    derivatives = derivatives + forces
-    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, own, derivatives))
+    at_points = field.linearize(_at_points(mesh, own))
+    first = LinearizedField(*(each[:-1] for each in at_points))
+    last = field.linearize(_at_ends(mesh, own)) if mesh.held else LinearizedField(*(each[1:] for each in at_points))
+    derivatives = first.derivatives + forces[:-1], last.derivatives + forces[1:]
+    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, own, *derivatives))
     h, one = mesh.steps[:, np.newaxis, np.newaxis], np.eye(field.width)
     on = mesh.contiguous[:, np.newaxis, np.newaxis]
-    start = -one - h / 6 * (by_states[:-1] + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * by_states[:-1]))
-    end = one - h / 6 * (by_states[1:] + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * by_states[1:]))
-    shifted = mid_by_own + np.matmul(h / 8 * mid_by_states, by_own[:-1] - by_own[1:])
-    by_coefficients = -h / 6 * (by_own[:-1] + 4 * shifted + by_own[1:])
-    found = _defects(mesh, own, derivatives, middle + (forces[:-1] + forces[1:]) / 2)
+    start = -one - h / 6 * (first.by_states + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * first.by_states))
+    end = one - h / 6 * (last.by_states + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * last.by_states))
+    shifted = mid_by_own + np.matmul(h / 8 * mid_by_states, first.by_parameters - last.by_parameters)
+    by_coefficients = -h / 6 * (first.by_parameters + 4 * shifted + last.by_parameters)
+    found = _defects(mesh, own, *derivatives, middle + (forces[:-1] + forces[1:]) / 2)
     law = Jacobians(found, start * on, end * on, by_coefficients)
     if latent is None:
         return law
@@ -104,15 +109,23 @@ def _at_points(mesh: Mesh, states: Floats) -> Floats:
     return np.column_stack([states, mesh.inputs, mesh.times])
 
 
-def _at_middles(mesh: Mesh, states: Floats, derivatives: Floats) -> Floats:
-    """Return the values of the variables in the middle of the steps, shape (n - 1, variables)."""
-    middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (derivatives[:-1] - derivatives[1:])
-    inputs, times = mesh.inputs, mesh.times
-    return np.column_stack([middles, (inputs[:-1] + inputs[1:]) / 2, (times[:-1] + times[1:]) / 2])
+def _at_ends(mesh: Mesh, states: Floats) -> Floats:
+    """Return the values of the variables at the ends of steps with inputs that are held, shape (n - 1, variables)."""
+    return np.column_stack([states[1:], mesh.inputs[:-1], mesh.times[1:]])
 
 
-def _defects(mesh: Mesh, states: Floats, derivatives: Floats, middle: Floats) -> Floats:
-    total = derivatives[:-1] + 4 * middle + derivatives[1:]
+def _at_middles(mesh: Mesh, states: Floats, first: Floats, last: Floats) -> Floats:
+    """Return the values of the variables in the middle of the steps, shape (n - 1, variables).
+
+    At their two ends derivatives have shape (n - 1, D).
+    """
+    middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (first - last)
+    inputs = (mesh.inputs[:-1] + mesh.inputs[1:]) / 2 if mesh.middle is None else mesh.middle
+    return np.column_stack([middles, inputs, (mesh.times[:-1] + mesh.times[1:]) / 2])
+
+
+def _defects(mesh: Mesh, states: Floats, first: Floats, last: Floats, middle: Floats) -> Floats:
+    total = first + 4 * middle + last
     return np.where(
         mesh.contiguous[:, np.newaxis], np.diff(states, axis=0) - mesh.steps[:, np.newaxis] / 6 * total, 0.0
     )

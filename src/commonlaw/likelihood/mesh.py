@@ -1,7 +1,7 @@
 """The points in time at which the states of an object are sought, and what was measured there."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
@@ -9,6 +9,7 @@ from operator import attrgetter
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.integration import Inputs
 from commonlaw.trials import Trial
 
 _POINTS = 4000
@@ -26,13 +27,17 @@ class Mesh:
     measured
         States as measured, shape (n, d); NaN where they were not.
     inputs
-        Inputs at the points, shape (n, inputs).
+        Inputs at the points, and if they jump there after that, shape (n, inputs).
     contiguous
         Whether a point and the next one belong to one segment, shape (n - 1,).
     scale
         Standard deviations of the measurements relative to the noise of their states, shape (n, d).
     noise
         Standard deviations that were given of single measurements, shape (n, d), NaN for others.
+    middle
+        Inputs in the middle between each point and the next one, shape (n - 1, inputs); without them on straight lines.
+    held
+        Whether inputs keep their values from each point to the next.
     """
 
     times: Floats
@@ -41,6 +46,8 @@ class Mesh:
     contiguous: Bools
     scale: Floats | float = 1.0
     noise: Floats | float = np.nan
+    middle: Floats | None = None
+    held: bool = False
 
     @property
     def still(self) -> Bools:
@@ -48,6 +55,10 @@ class Mesh:
         first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
+
+    def with_inputs(self, inputs: Inputs) -> "Mesh":
+        """Return the mesh of one segment with inputs that are known at any time."""
+        return replace(self, inputs=inputs.at(self.times), middle=_in_middle(inputs, self.times)[:-1], held=inputs.held)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -68,7 +79,7 @@ class Mesh:
         return np.isfinite(self.measured)
 
 
-def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS) -> list[Mesh]:
+def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS, input_between: str = "linear") -> list[Mesh]:
     """Return the meshes of an object's trials.
 
     Parameters
@@ -79,9 +90,11 @@ def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS) -> lis
         Points for each step from sample to sample: 1 for the samples alone, 2 for one more between any two, ...
     most
         Samples of a mesh; longer trials are cut into segments.
+    input_between
+        The course of inputs between samples, see `Inputs`.
     """
     return [
-        _mesh([(trials[i], segment) for i, segment in group], points)
+        _mesh([(trials[i], segment) for i, segment in group], points, input_between)
         for group in _groups([len(each) for each in trials], most)
     ]
 
@@ -111,16 +124,26 @@ def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice
     yield group
 
 
-def _mesh(group: Sequence[tuple[Trial, slice]], points: int) -> Mesh:
+def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str) -> Mesh:
     times = [_between(trial.times[segment, np.newaxis], points)[:, 0] for trial, segment in group]
     measured, noise = (
         np.concatenate([_spaced(values_of(trial)[segment], points) for trial, segment in group])
         for values_of in (attrgetter("states"), attrgetter("noise"))
     )
-    inputs = [_between(trial.inputs[segment], points) for trial, segment in group]
+    courses = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
+    inputs, middle = (
+        np.concatenate([values_of(course, grid) for course, grid in zip(courses, times, strict=True)])
+        for values_of in (Inputs.at, _in_middle)
+    )
     contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
     contiguous[np.cumsum([len(each) for each in times])[:-1] - 1] = False
-    return Mesh(np.concatenate(times), measured, np.concatenate(inputs), contiguous, noise=noise)
+    held = any(each.held for each in courses)
+    return Mesh(np.concatenate(times), measured, inputs, contiguous, noise=noise, middle=middle[:-1], held=held)
+
+
+def _in_middle(inputs: Inputs, times: Floats) -> Floats:
+    """Return inputs in the middle between each time and the next one, and at the last, shape (n, inputs)."""
+    return inputs.at(np.append((times[:-1] + times[1:]) / 2, times[-1]))
 
 
 def _spaced(values: Floats, points: int) -> Floats:

@@ -81,6 +81,8 @@ class Schema:
         Names of the columns that hold the standard deviation of each measurement, by state, if there are any.
     logarithmic
         States that stand here by their logarithms, see `with_logarithms`.
+    input_between
+        The course of inputs between samples, see `Law.predict`.
 
     Raises
     ------
@@ -96,6 +98,7 @@ class Schema:
     units: Mapping[str, str] = field(default_factory=dict)
     noise_columns: Mapping[str, str] = field(default_factory=dict)
     logarithmic: tuple[str, ...] = ()
+    input_between: str = "linear"
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]

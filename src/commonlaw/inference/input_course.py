@@ -1,0 +1,49 @@
+"""The course of inputs between samples, by the evidence of a law under each."""
+
+from contextlib import suppress
+from dataclasses import replace
+
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.integration import BETWEEN
+from commonlaw.law import Step
+from commonlaw.likelihood import meshes
+from commonlaw.trials import Trials
+
+_STRONG = 6.0
+"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
+
+
+def on_course(trials: Trials, input_between: str) -> Trials:
+    """Return trials with a course of inputs between samples."""
+    return replace(trials, schema=replace(trials.schema, input_between=input_between))
+
+
+def best_course(problem: SearchProblem, state: SearchState) -> Step:
+    """Return the course of inputs of largest evidence for the supports that were found under that of the problem.
+
+    That stays unless the evidence for another is strong.
+    """
+    before = problem.trials.schema.input_between
+    gains = {}
+    for course in BETWEEN:
+        if course != before:
+            with suppress(CommonlawError):
+                gains[course] = state.value - _with_course(problem, state, course).value
+    best = max(gains, key=lambda each: gains[each], default=before)
+    if gains and gains[best] > _STRONG:
+        return Step("inputs", best, f"between samples: 2 log B is {gains[best]:.3g} for it, against {before}")
+    return Step("inputs", before, "between samples: the evidence for no other course is strong")
+
+
+def _with_course(problem: SearchProblem, state: SearchState, course: str) -> SearchState:
+    """Return the supports of a state fitted with another course of inputs."""
+    groups = [problem.trials.of_object(name) for name in problem.trials.objects]
+    models = tuple(
+        replace(model, meshes=meshes(group, problem.points, input_between=course))
+        for model, group in zip(problem.models, groups, strict=True)
+    )
+    changed = replace(problem, trials=on_course(problem.trials, course), models=models)
+    changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
+    return fit_supports(changed, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))

@@ -1,0 +1,80 @@
+"""The course of inputs between samples: in meshes, chosen by evidence, kept with laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
+from commonlaw.likelihood import meshes
+from commonlaw.likelihood.collocation import defects
+from tests.unit.trajectories import terms_of, trial
+
+TIMES = np.linspace(0, 20, 81)
+KNOWN = {"noise": {"x": 0.01}}
+
+
+def driven(course, noise=0.01, seed=0):
+    """Tanks with x' = 0.2 - 0.8 x + u, whose input is set anew every third sample."""
+    generator, states, inputs = np.random.default_rng(seed), [], []
+    for _ in range(3):
+        values = np.repeat(generator.uniform(0, 2, 27), 3)[:, np.newaxis]
+        field = VectorField(
+            terms_of("terms:1,x,u", ("x",), ("u",)), np.array([[0.2, -0.8, 1.0]]), 1, Inputs.of(TIMES, values, course)
+        )
+        exact = simulate([InitialValueProblem(field, generator.uniform(0, 2, 1), TIMES)])[0].states[:, 0]
+        states.append(exact + noise * generator.standard_normal(81))
+        inputs.append(values)
+    return cl.Trials.from_arrays([TIMES] * 3, states, object=["tank"] * 3, inputs=inputs, names=["x", "u"])
+
+
+def on(course, law):
+    """The same law with another course of inputs."""
+    return replace(law, schema=replace(law.schema, input_between=course))
+
+
+@pytest.mark.parametrize("points", [1, 2])
+@pytest.mark.parametrize("course", ["held", "linear", "cubic"])
+def test_a_solution_with_its_inputs_has_no_defects(course, points):
+    times = np.array([0.0, 0.3, 0.5, 0.9, 1.0, 1.4])
+    values = np.random.default_rng(0).standard_normal((6, 1))
+    field = VectorField(terms_of("terms:u", ("x",), ("u",)), np.array([[1.0]]), 1, Inputs.of(times, values, course))
+    (mesh,) = meshes([trial(times, times[:, np.newaxis], values)], points, input_between=course)
+    states = simulate([InitialValueProblem(field, np.zeros(1), mesh.times)], tolerance=1e-12)[0].states
+    np.testing.assert_allclose(defects(field, mesh, states), 0, atol=1e-9)
+    again = mesh.with_inputs(Inputs.of(times, values, course))
+    np.testing.assert_array_equal(again.middle, mesh.middle)
+    assert again.held == mesh.held == (course == "held")
+
+
+def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
+    trials = driven("held")
+    law = cl.discover(trials, library="poly:2", method=cl.TrajectoryLikelihood(**KNOWN))
+    assert law.structure() == ("x' = a + b x + c u",)
+    inside = law.support[0]
+    missed = (law.coefficients[0, 0, inside] - [0.2, -0.8, 1.0]) / law.standard_errors[0, 0, inside]
+    assert np.all(np.abs(missed) < 3.5)
+    assert (law.history[0].stage, law.history[0].choice) == ("inputs", "held")
+    assert "against linear" in law.history[0].reason
+    assert law.score(trials) > 0.997
+    compared = cl.compare({"held": law, "lines": on("linear", law)}, trials, **KNOWN)
+    assert compared["law"].tolist() == ["held", "lines"]
+    assert compared["2 log B"][1] > 100
+
+    # The law keeps the course, for forecasts and refinements
+    again = cl.Law.from_json(law.to_json())
+    assert again.predict(trials, start=10).score() == again.predict(trials, start=10, input_between="held").score()
+    assert cl.refine(again, trials, **KNOWN).schema.input_between == "held"
+    assert again.predict(trials, start=10).score() > again.predict(trials, start=10, input_between="linear").score()
+
+
+def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
+    trials = driven("linear")
+    law = cl.fit("x' = a + b x + c u", trials, **KNOWN)
+    assert [(each.choice, each.reason) for each in law.history if each.stage == "inputs"] == [
+        ("linear", "between samples: the evidence for no other course is strong")
+    ]
+    with pytest.raises(CommonlawError, match="unknown input_between 'steps'"):
+        cl.TrajectoryLikelihood(input_between="steps")
