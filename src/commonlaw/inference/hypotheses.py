@@ -75,13 +75,38 @@ def hypotheses(
     solver: AbstractSolver,
     progress: ProgressCallback,
 ) -> list[Hypothesis]:
-    """Return the kinds of errors that can be fitted, each with its own law, the largest evidence first."""
+    """Return white noise, the best other errors of measurements, and the best of the law, each with its own law.
+
+    The best are those of largest evidence with the supports that were found. What cannot be fitted is left out; the
+    largest evidence comes first.
+    """
+    progress("comparing kinds of errors")
+    starts = _starts(problem, state, kinds)
     found = []
-    for kind in kinds:
-        progress(f"seeking the law with {_WORDS[kind]}")
-        with suppress(CommonlawError, NotPositiveError):
-            found.append(_hypothesis(problem, state, kind, solver, progress))
+    for group in (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS):
+        own = {kind: starts[kind] for kind in group if kind in starts}
+        for kind in sorted(own, key=lambda each: own[each][1].value)[:1]:
+            progress(f"seeking the law with {_WORDS[kind]}")
+            with suppress(CommonlawError, NotPositiveError):
+                found.append(_hypothesis(*own[kind], kind, solver, progress))
     return sorted(found, key=lambda each: each.state.value)
+
+
+def _starts(
+    problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
+) -> dict[ErrorKind, tuple[SearchProblem, SearchState]]:
+    """Return the problem and the state with the levels of each kind, for the supports that were found."""
+    found: dict[ErrorKind, tuple[SearchProblem, SearchState]] = {}
+    with suppress(CommonlawError, NotPositiveError):
+        solved = fit_solutions(problem, state.supports)
+        for kind in [each for each in kinds if each != "walk"]:
+            with suppress(CommonlawError, NotPositiveError):
+                found[kind] = with_errors_of_kind(*solved, kind)
+    if "walk" in kinds:
+        with suppress(CommonlawError, NotPositiveError):
+            walking = state if state.has_model_error else fit_supports(problem, state.supports)
+            found["walk"] = with_errors_of_kind(problem, walking, "walk")
+    return found
 
 
 _WORDS: dict[ErrorKind, str] = {
@@ -97,11 +122,6 @@ def _hypothesis(
     problem: SearchProblem, state: SearchState, kind: ErrorKind, solver: AbstractSolver, progress: ProgressCallback
 ) -> Hypothesis:
     """Return a kind of errors with the supports and the levels that are found in turn."""
-    if kind != "walk":
-        problem, state = fit_solutions(problem, state.supports)
-    elif not state.has_model_error:
-        state = fit_supports(problem, state.supports)
-    problem, state = with_errors_of_kind(problem, state, kind)
     for _ in range(_ROUNDS):
         found = _searched(problem, state, kind, solver, progress)
         others = [each for each in found if not np.array_equal(each.supports, state.supports)]

@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, holds, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.hypotheses import OF_LAWS, OF_MEASUREMENTS, Hypothesis, hypotheses
+from commonlaw.inference.hypotheses import hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
 from commonlaw.inference.residuals import unexplained
@@ -133,7 +133,7 @@ def with_error_models(
     hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, progress)
     others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
     progress("comparing free forecasts")
-    compared = candidates(found.frame, found.problem, _ways(hypothesized), others, found.solver)
+    compared = candidates(found.frame, found.problem, hypothesized, others, found.solver)
     if not compared:
         return found
     best, exact = chosen(compared)
@@ -162,15 +162,6 @@ def _settled(found: LawSearch, best: Candidate, state: SearchState) -> LawSearch
     errors = replace(best.problem.errors, widening=widening)
     problem = best.problem.with_errors(best.problem.noise, errors, best.problem.noise_reason)
     return replace(found, problem=problem, state=state)
-
-
-def _ways(found: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return what is worth a comparison: white noise, and the best other errors of measurements and of the law."""
-    ways = []
-    for group in (("white",), [each for each in OF_MEASUREMENTS if each != "white"], OF_LAWS):
-        own = [each for each in found if each.kind in group]
-        ways += own[:1]
-    return ways
 
 
 def finish(
