@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.hierarchy import PropertyTable, explain
+from commonlaw.law.dimensions import dimensions_of
 from commonlaw.library import Variables
 
 OBJECTS = tuple(f"ball {i}" for i in range(1, 9))
@@ -47,6 +49,29 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
     assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}
     assert "v^2 in x'': power law of diameter^2/mass" in law.history[-1].choice
     assert "offered were diameter, mass" in law.history[-1].reason
+
+
+def test_units_say_what_a_factor_is():
+    law = falling().explain()
+    assert "the factor of v^2 has the unit kg/m³, that of a density" in str(law)
+    missing = replace(law, schema=replace(law.schema, units={**UNITS, "mass": "s"}))
+    assert "the factor of v^2 has the unit s/m³, that of no common constant: a property may be missing" in str(missing)
+    without = replace(law, schema=replace(law.schema, units={"x": "m", "t": "s"}))
+    assert "unit" not in str(without)
+    pure = replace(law, schema=replace(law.schema, units={**UNITS, "diameter": "m^0.5", "mass": "km^2"}))
+    assert "the coefficient of v^2 times mass/diameter^2 is a pi group" in str(pure)
+
+
+def test_exponents_that_leave_a_factor_without_a_unit_are_more_probable():
+    decay, dimensions = 1 / np.array([2.0, 3.0, 5.0, 9.0]), dimensions_of(["1/s"], {"a": "s^2", "b": "s"})
+    # Both explain the coefficients alike, but only one leaves a number
+    values = np.column_stack([decay**-1, decay**-1])
+    found = []
+    for table in (PropertyTable(("a", "b"), values), PropertyTable(("a", "b"), values, dimensions)):
+        (relation,) = explain(decay[:, np.newaxis], (1e-4 * decay**2)[:, np.newaxis, np.newaxis], table).relations
+        found.append(relation)
+    assert found[1].properties == ("b",)
+    assert found[1].probability > 1.5 * found[0].probability
 
 
 def test_coefficients_become_what_relations_say_and_more_precise():

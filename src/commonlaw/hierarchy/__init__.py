@@ -1,10 +1,12 @@
 """Coefficients over objects: how alike they are, what that says for a law, and what the objects learn from it."""
 
+from commonlaw.hierarchy.dimensions import Dimensions
 from commonlaw.hierarchy.explain import Explained, explain
 from commonlaw.hierarchy.random_effects import RandomEffects, Shrinkage, marginal_deviance, shrink
 from commonlaw.hierarchy.relation import PropertyTable, Relation, RelationKind
 
 __all__ = [
+    "Dimensions",
     "Explained",
     "PropertyTable",
     "RandomEffects",

@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.hierarchy.dimensions import Dimensions
 
 
 class RelationKind(StrEnum):
@@ -77,10 +78,11 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class PropertyTable:
-    """Numbers that objects carry: names of the properties, and values of shape (objects, properties)."""
+    """Numbers that objects carry: names of the properties, values of shape (objects, properties), known dimensions."""
 
     names: tuple[str, ...]
     values: Floats
+    dimensions: Dimensions | None = None
 
     @property
     def varying(self) -> "PropertyTable":
@@ -94,7 +96,7 @@ class PropertyTable:
 
     def choose(self, indices: Sequence[int]) -> "PropertyTable":
         """Return some of them."""
-        return PropertyTable(tuple(self.names[i] for i in indices), self.values[:, list(indices)])
+        return PropertyTable(tuple(self.names[i] for i in indices), self.values[:, list(indices)], self.dimensions)
 
     @property
     def logs(self) -> Floats:

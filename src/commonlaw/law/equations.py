@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
-from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.hierarchy import RelationKind
 from commonlaw.law import text
-from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remark
+from commonlaw.law.dimensions import quotient_unit
+from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remarks
 from commonlaw.law.from_text import Coefficient, read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
@@ -299,20 +300,20 @@ class AbstractEquations(ABC):
         """
         explanation, places = self._explained(), np.argwhere(self.support)
         equations = [self.left_hand_sides[j] for j, _ in places]
-        terms = [self.terms.names[k] for _, k in places]
-        units = [self._factor_unit(*each) for each in zip(equations, terms, explanation.relations, strict=True)]
-        return explanation.to_frame(equations, terms, units)
+        return explanation.to_frame(equations, [self.terms.names[k] for _, k in places], self._factor_units())
 
-    def _factor_unit(self, equation: str, term: str, relation: Relation | None) -> str | None:
-        """Return the unit of a relation's factor, as far as units are known."""
-        unit, units = self.coefficient_units().get((equation, term)), self.schema.units
-        if unit is None or relation is None or not {*relation.properties} <= units.keys():
-            return None
-        powers = zip(relation.properties, relation.exponents, strict=False)
-        whole = parse_unit(unit)
-        for name, power in powers:
-            whole = whole / parse_unit(units[name]) ** power
-        return f"{whole:~P}"
+    def _factor_units(self) -> list[str | None]:
+        """Return the units of the relations' factors, as far as they are known."""
+        found: list[str | None] = []
+        own, units = self.coefficient_units(), self.schema.units
+        for (j, k), relation in zip(np.argwhere(self.support), self._explained().relations, strict=True):
+            unit = own.get((self.left_hand_sides[j], self.terms.names[k]))
+            if unit is None or relation is None or not {*relation.properties} <= units.keys():
+                found.append(None)
+            else:
+                powers = zip(relation.properties, map(float, relation.exponents), strict=False)
+                found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
+        return found
 
     def _own_letters(self) -> tuple[str | None, ...]:
         """Return a letter for each coefficient in the law that is each object's own."""
@@ -337,9 +338,9 @@ class AbstractEquations(ABC):
         """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""
         letters = self._own_letters()
         names = [self.terms.names[k] for _, k in np.argwhere(self.support)]
-        relations = zip(self._explained().relations, letters, names, strict=True)
-        remarks = [words for each, letter, name in relations if each and (words := remark(each, letter or "", name))]
-        lines, own = [*self.equations(), *([""] if remarks else []), *remarks], [each is not None for each in letters]
+        every = zip(self._explained().relations, letters, names, self._factor_units(), strict=True)
+        said = [words for each, *how in every if each is not None for words in remarks(each, how[0] or "", *how[1:])]
+        lines, own = [*self.equations(), *([""] if said else []), *said], [each is not None for each in letters]
         if any(own):
             values, errors = self.coefficients[:, self.support][:, own], self.standard_errors[:, self.support][:, own]
             lines += ["", *text.coefficient_table(self.objects, [each for each in letters if each], values, errors)]

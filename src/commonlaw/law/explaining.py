@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy import PropertyTable, Relation, explain
+from commonlaw.law.dimensions import dimensions_of
 from commonlaw.law.explanation import Explanation, dependence
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import Uncertainty
@@ -52,17 +53,26 @@ def offered(given: Any, known: ObjectProperties, objects: tuple[str, ...], key: 
 
 
 def explained(
-    coefficients: Floats, uncertainty: Uncertainty, support: Bools, objects: tuple[str, ...], table: PropertyTable
+    coefficients: Floats,
+    uncertainty: Uncertainty,
+    support: Bools,
+    units: Sequence[str | None],
+    table: PropertyTable,
+    property_units: Mapping[str, str],
 ) -> tuple[Floats, Uncertainty, Explanation]:
     """Return coefficients by their relations to properties, their uncertainty, and these relations.
 
-    The arguments are those of a `Law`; the table has a row for each of its objects.
+    The first arguments are those of a `Law`, with the unit of each parameter where it is known; the table has a row for
+    each of its objects.
     """
     own = uncertainty.own_estimates(coefficients[:, support])
     # What is known has no variance
     free = np.all(np.diagonal(own.covariance, axis1=1, axis2=2) > 0, axis=0)
-    if len(objects) < 2 or not free.any():
+    if len(coefficients) < 2 or not free.any():
         raise CommonlawError("what objects have in common, several objects tell: explain a law of two or more")
+    known_units = {name: property_units[name] for name in table.names if name in property_units}
+    dimensions = dimensions_of([unit for unit, own in zip(units, free, strict=True) if own], known_units)
+    table = replace(table, dimensions=dimensions)
     found = explain(own.coefficients[:, free], own.covariance[:, free][:, :, free], table)
     values, covariance = own.coefficients.copy(), np.zeros_like(own.covariance)
     factor = np.zeros((*values.shape, found.shared_factors.shape[2]))
@@ -83,13 +93,13 @@ def table_of(found: Properties, names: Sequence[str], objects: Sequence[str]) ->
     return PropertyTable(tuple(names), np.array(rows).reshape(len(objects), len(names)))
 
 
-def explaining_step(explanation: Explanation, labels: Sequence[str], names: Sequence[str]) -> Step:
-    """Return what was found of each coefficient, for the history of a law."""
+def explaining_step(explanation: Explanation, keys: Sequence[tuple[str, str]], names: Sequence[str]) -> Step:
+    """Return what was found of each coefficient, by equation and term, for the history of a law."""
     words = []
-    for label, each in zip(labels, explanation.relations, strict=True):
+    for (equation, term), each in zip(keys, explanation.relations, strict=True):
         if each is not None:
-            follows = dependence(each)
-            words.append(f"{label}: {each.kind}{f' of {follows}' if follows else ''} ({each.probability:.2g})")
+            follows = " of ".join(filter(None, (str(each.kind), dependence(each))))
+            words.append(f"{term} in {equation}: {follows} ({each.probability:.2g})")
     reason = f"largest evidence, and its probability; offered were {', '.join(names) or 'no properties'}"
     return Step("relations", "; ".join(words), reason)
 

@@ -1,13 +1,14 @@
 """What decides the coefficients of a law: its relations to the objects' properties, and how these are written."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.dimensions import is_number, meaning
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.law.text import Addend, summed
 from commonlaw.law.uncertainty import checked
@@ -117,15 +118,24 @@ class Notation:
         return Addend(negative[0], numbers[0] + self.powers(relation), name)
 
 
-def remark(relation: Relation, letter: str, name: str) -> str:
-    """Return what an equation does not say of a relation; nothing if it says all."""
+def remarks(relation: Relation, letter: str, name: str, unit: str | None) -> Iterator[str]:
+    """Yield what an equation does not say of a relation, given the unit of its factor if it is known."""
     each = with_error(relation.scatter, relation.scatter_error)
     amount = f"their logarithms scatter by {each}" if relation.relative else f"they scatter by {each}"
     if relation.kind is RelationKind.OWN:
-        return (
-            f"{letter} is each object's own: typically {with_error(relation.factors[0], relation.errors[0])}, {amount}"
-        )
-    return f"coefficients of {name} stray from that: {amount}" if relation.scatter else ""
+        typical = with_error(relation.factors[0], relation.errors[0])
+        yield f"{letter} is each object's own: typically {typical}, {amount}"
+    elif relation.scatter:
+        yield f"coefficients of {name} stray from that: {amount}"
+    if relation.kind is not RelationKind.POWER_LAW or unit is None:
+        return
+    if is_number(unit):
+        inverse = dependence(replace(relation, exponents=tuple(-power for power in relation.exponents)))
+        yield f"the coefficient of {name} times {inverse} is a pi group: it has no unit"
+    elif meaning(unit):
+        yield f"the factor of {name} has the unit {unit}, that of {meaning(unit)}"
+    else:
+        yield f"the factor of {name} has the unit {unit}, that of no common constant: a property may be missing"
 
 
 def _powers(relation: Relation) -> list[tuple[str, Fraction]]:

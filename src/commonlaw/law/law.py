@@ -211,17 +211,18 @@ class Law(AbstractPredictions):
             raise CommonlawError("the objects of this law have terms of their own: only shared ones can be explained")
         found, names = offered(properties, self.properties, self.objects, self.schema.object)
         table = table_of(found, names, self.objects)
+        keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
+        units, given = self.coefficient_units(), {**self.schema.units, **found.units}
         values, uncertainty, explanation = explained(
-            self.coefficients, self.uncertainty, self.support, self.objects, table
+            self.coefficients, self.uncertainty, self.support, [units.get(key) for key in keys], table, given
         )
-        labels = [f"{self.terms.names[k]} in {self.left_hand_sides[j]}" for j, k in np.argwhere(self.support)]
-        step = explaining_step(explanation, labels, names)
+        step = explaining_step(explanation, keys, names)
         return replace(
             self,
             coefficients=values,
             uncertainty=uncertainty,
             provenance=replace(self.provenance, history=(*self.history, step)),
-            schema=replace(self.schema, units={**self.schema.units, **found.units}),
+            schema=replace(self.schema, units=given),
             properties=found.values,
             explanation=explanation,
         )
