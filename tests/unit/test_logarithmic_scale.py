@@ -198,5 +198,7 @@ def test_what_does_not_go_with_it_is_refused(law):
     for case, message in cases:
         with pytest.raises(CommonlawError, match=message):
             case()
+    with pytest.raises(CommonlawError, match="logarithms are taken of w, w: name each state once"):
+        replace(law.schema, logarithmic=("w", "w"))
     inside = with_logarithms(trials, ["w"])
     assert with_logarithms(inside, ["w"]) is inside

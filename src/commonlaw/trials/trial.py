@@ -109,6 +109,8 @@ class Schema:
             raise CommonlawError("no state variable is named: say which columns were measured")
         for name in (*self.noise_columns, *self.logarithmic):
             check_choice("state", name, self.states)
+        if len({*self.logarithmic}) < len(self.logarithmic):
+            raise CommonlawError(f"logarithms are taken of {', '.join(self.logarithmic)}: name each state once")
 
 
 @dataclass(frozen=True, eq=False)
