@@ -21,8 +21,11 @@ def drops(tmp_path):
 @pytest.mark.usefixtures("drops")
 def test_a_fitted_law_is_explained_by_the_properties_in_its_table(run, tmp_path):
     assert run("fit", "x'' = -g - c v", "drops.csv", "--save", "law.json")[0] == 0
-    code, out, err = run("explain", "law.json", "--property", "mass,day", "--save", "explained.json")
+    code, out, err = run(
+        "explain", "law.json", "--property", "mass,day", "--save", "explained.json", "--plot", "relations.svg"
+    )
     assert (code, err) == (0, "")
+    assert (tmp_path / "relations.svg").stat().st_size > 0
     assert "/mass v\n" in out
     assert "universal" in out
     assert "Wrote explained.json" in out

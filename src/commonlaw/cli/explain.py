@@ -27,6 +27,7 @@ from commonlaw.files import check_targets, write_all
     help="A table with the objects' properties, a row for each, if the law does not know them.",
 )
 @click.option("--save", metavar="EXPLAINED.json", help="Write the law with what decides its coefficients.")
+@click.option("--plot", metavar="FIGURE", help="Write a figure of coefficients against properties (.png, .svg, .pdf).")
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
 @click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -35,6 +36,7 @@ def explain(
     names: tuple[str, ...],
     table: str | None,
     save: str | None,
+    plot: str | None,
     latex: bool,
     history: bool,
     as_json: bool,
@@ -52,7 +54,11 @@ def explain(
     from commonlaw.law import Law
     from commonlaw.trials.properties import given_properties
 
-    check_targets([save] if save else [], [each for each in (law_path, table) if each])
+    check_targets([each for each in (save, plot) if each], [each for each in (law_path, table) if each])
+    if plot:
+        from commonlaw.plots import figure_format
+
+        figure_format(plot)
     law = Law.load(law_path)
     with working("Explaining ..."):
         if table:
@@ -61,6 +67,10 @@ def explain(
             law = replace(law, properties=found.values, schema=schema)
         law = law.explain(_listed(names))
         outputs = {save: law.to_json().encode()} if save else {}
+        if plot:
+            from commonlaw.plots import plot_relations, render
+
+            outputs[plot] = render(plot_relations(law), plot)
     write_all(outputs)
     if as_json:
         relations = law.relations().to_dict(orient="records")

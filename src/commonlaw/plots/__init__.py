@@ -17,6 +17,7 @@ from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library
 from commonlaw.plots.path import plot_path
+from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.render import figure_format, render, save_figure
 from commonlaw.plots.trials import plot_trials
 
@@ -28,6 +29,7 @@ __all__ = [
     "plot_law",
     "plot_library",
     "plot_path",
+    "plot_relations",
     "plot_trials",
     "render",
     "save_figure",

@@ -1,0 +1,161 @@
+"""What decides the coefficients of a law: coefficients against properties, and the collapse onto one curve."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law import Law
+from commonlaw.law.explanation import dependence
+from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.plots.equations import left_hand_sides, term_labels
+from commonlaw.plots.style import GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
+
+_POINTS = 100
+"""Of a curve."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Coefficient:
+    """Each object's own estimates of a coefficient with half their 95 % intervals, shape (objects,); its relation."""
+
+    label: str
+    unit: str
+    relation: Relation
+    estimates: Floats
+    halves: Floats
+    properties: Floats
+
+    @property
+    def panels(self) -> int:
+        """How many panels show it: one for each property, and one for several together."""
+        count = len(self.relation.properties)
+        return count + (count > 1) or 1
+
+    @property
+    def sign(self) -> float:
+        """That of the coefficients where logarithms are drawn, else 1."""
+        return -1.0 if self.logarithmic and self.relation.factors[0] < 0 else 1.0
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its axes are logarithmic: it follows a power law, and no interval holds zero."""
+        least = np.min(self.estimates * np.sign(self.relation.factors[0]) - self.halves)
+        return self.relation.kind is RelationKind.POWER_LAW and bool(least > 0)
+
+
+@styled()
+def plot_relations(law: Law) -> Figure:
+    """Plot each coefficient against what decides it, one row each, all objects with their 95 % intervals.
+
+    Coefficients are each object's own estimates, before they learned from the others. Those that follow properties
+    stand against each, on logarithmic axes where the relation is a power law; and against what the relation makes of
+    several together, where the objects collapse onto one line. Grey is where 95 % of the objects are by their scatter
+    about it. Universal coefficients, and each object's own, stand beside the objects' names.
+
+    Parameters
+    ----------
+    law
+        That `Law.explain` gave.
+
+    Raises
+    ------
+    CommonlawError
+        If nothing is known of what decides its coefficients.
+    """
+    rows = [*_coefficients(law)]
+    columns = max(each.panels for each in rows)
+    figure = Figure(figsize=(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
+    grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects)
+    for i, each in enumerate(rows):
+        for k in range(each.panels):
+            panel = figure.add_subplot(grid[i, k])
+            _draw(panel, each, k, law)
+            points = zip(law.objects, _places(each, k), each.sign * each.estimates, each.halves, strict=True)
+            for name, place, value, half in points:
+                panel.errorbar(place, value, half, linestyle="none", capsize=2, **look[name])
+            if k == 0:
+                panel.set_ylabel(axis_label("−coefficient" if each.sign < 0 else "coefficient", each.unit))
+                panel.set_title(each.label, loc="left")
+    keys = [key(plain(name), linestyle="none", **look[name]) for name in law.objects]
+    keys.append(key("relation", color="black"))
+    if any(each.relation.scatter for each in rows):
+        keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
+    add_legend(figure, keys)
+    return frozen_layout(figure)
+
+
+def _coefficients(law: Law) -> Iterator[_Coefficient]:
+    """Yield the coefficients that have a relation."""
+    if law.explanation is None:
+        raise CommonlawError("nothing is known of what decides this law's coefficients: draw law.explain()")
+    own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
+    halves = normal_quantile(0.95) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    units, lefts, terms = law.coefficient_units(), left_hand_sides(law), term_labels(law.terms)
+    for i, ((j, k), relation) in enumerate(zip(np.argwhere(law.support), law.explanation.relations, strict=True)):
+        if relation is not None:
+            rows = [[float(law.properties[name][each]) for each in relation.properties] for name in law.objects]
+            values = np.array(rows).reshape(len(law.objects), len(relation.properties))
+            unit = units.get((law.left_hand_sides[j], law.terms.names[k]), "")
+            label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
+            yield _Coefficient(label, unit, relation, own.coefficients[:, i], halves[:, i], values)
+
+
+def _places(each: _Coefficient, column: int) -> Floats:
+    """Return where the objects stand on a panel's horizontal axis, shape (objects,)."""
+    if column < len(each.relation.properties):
+        return np.asarray(each.properties[:, column])
+    if not each.relation.properties:
+        return np.arange(len(each.estimates), dtype=np.float64)
+    return _made_of_properties(each.relation, each.properties)
+
+
+def _made_of_properties(relation: Relation, properties: Floats) -> Floats:
+    """Return what a relation makes of properties: their powers, or the affine function itself, shape (objects,)."""
+    columns = relation.columns(properties)
+    affine = relation.kind is RelationKind.AFFINE
+    return np.asarray(columns @ relation.factors if affine else columns[:, 0])
+
+
+def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
+    """Draw the axes of a panel, and the relation where it is a line there."""
+    relation, places = each.relation, _places(each, column)
+    if each.logarithmic:
+        for axis, scale in ((panel.xaxis, panel.set_xscale), (panel.yaxis, panel.set_yscale)):
+            scale("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+    if column < len(relation.properties):
+        name = relation.properties[column]
+        panel.set_xlabel(axis_label(name, law.schema.units.get(name, "")))
+    elif relation.properties:
+        panel.set_xlabel(plain(dependence(relation), 40))
+    else:
+        panel.set_xticks(places, [plain(name, 16) for name in law.objects], rotation=90)
+    if column < len(relation.properties) and len(relation.properties) > 1:
+        return  # The other properties differ between the objects: there is no one line
+    ends = (places.min(), places.max())
+    along = np.geomspace(*ends, _POINTS) if each.logarithmic else np.linspace(*ends, _POINTS)
+    curve = _curve(relation, along, column)
+    panel.plot(along, each.sign * curve, color="black", zorder=1)
+    if relation.scatter:
+        width = normal_quantile(0.95) * relation.scatter
+        share = curve / (relation.factors[0] * relation.typical)
+        low, high = (curve * np.exp(s * width) if relation.relative else curve + s * width * share for s in (-1, 1))
+        panel.fill_between(along, each.sign * low, each.sign * high, color=GREY, alpha=0.25, zorder=0)
+
+
+def _curve(relation: Relation, along: Floats, column: int) -> Floats:
+    """Return what the relation gives along a panel's horizontal axis."""
+    if not relation.properties:
+        return np.full_like(along, relation.factors[0])
+    if column < len(relation.properties):
+        return np.asarray(relation.columns(along[:, np.newaxis]) @ relation.factors)
+    return along if relation.kind is RelationKind.AFFINE else relation.factors[0] * along
