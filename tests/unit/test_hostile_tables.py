@@ -147,6 +147,7 @@ ODD = {
         "the frame cannot be computed .ColumnNotFoundError: .*z",
     ),
     "a number as unit": (FRAME, {"units": {"x": 5}}, "the unit of column 'x' is 5: give a text, such as 'm'"),
+    "a unit that cancels": (FRAME, {"units": {"x": "m^0"}}, r"column 'x': unknown unit 'm\^0'"),
     "a text as units": (FRAME, {"units": "m"}, "units are 'm': give them by column"),
     "a number as states": (FRAME, {"states": 5}, "columns are named by 5"),
     "a list as a property": (FRAME, {"properties": {"object": {"mass": [1]}}}, r"property 'mass' of object is \[1\]"),

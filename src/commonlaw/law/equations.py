@@ -24,6 +24,7 @@ from commonlaw.trials.units import parse_unit
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pint
     import sympy
 
 
@@ -226,17 +227,20 @@ class AbstractEquations(ABC):
 
     def coefficient_units(self) -> "dict[tuple[str, str], str]":
         """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
-        units, states = dict(self.schema.units), self.states
-        if not {*states, self.schema.time} <= units.keys():
+        return {key: f"{unit:~P}" for key, unit in self._units().items()}
+
+    def _units(self) -> "dict[tuple[str, str], pint.Unit]":
+        states, schema, found = self.states, self.schema, {}
+        if not {*states, schema.time} <= schema.units.keys():
             return {}
-        time, variables = parse_unit(units[self.schema.time]), self.terms.variables
-        units |= {rate: f"{parse_unit(units[state]) / time}" for state, rate in zip(states, self.rates, strict=False)}
-        found = {}
+        measured = (*states, *schema.inputs, schema.time)
+        units = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
+        time = units[schema.time]
+        units |= {rate: units[state] / time for state, rate in zip(states, self.rates, strict=False)}
         for j, k in np.argwhere(self.support):
-            below = term_unit(self.terms.terms[k], variables, units)
+            below = term_unit(self.terms.terms[k], self.terms.variables, units)
             if below is not None:
-                left = parse_unit(units[states[j]]) / time**self.order
-                found[self.left_hand_sides[j], self.terms.names[k]] = f"{left / below:~P}"
+                found[self.left_hand_sides[j], self.terms.names[k]] = units[states[j]] / time**self.order / below
         return found
 
     def structure(self) -> tuple[str, ...]:
@@ -269,13 +273,13 @@ class AbstractEquations(ABC):
 
     def letter_units(self) -> "tuple[str | None, ...]":
         """Return the unit of each letter of `structure`, as far as the units of the variables tell it."""
-        units = self.coefficient_units()
+        units = self._units()
         found = [
             units.get((self.left_hand_sides[each.equation], self.terms.names[each.term]))
             for each in self.named_coefficients
         ]
         pairs = zip(found, self.named_coefficients, strict=True)
-        return tuple(unit and f"{parse_unit(unit) ** each.power:~P}" for unit, each in pairs)
+        return tuple(None if unit is None else f"{unit**each.power:~P}" for unit, each in pairs)
 
     @property
     def _is_explained(self) -> bool:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pint
 
 
-def term_unit(term: AbstractTerm, variables: Variables, units: Mapping[str, str]) -> "pint.Unit | None":
+def term_unit(term: AbstractTerm, variables: Variables, units: "Mapping[str, str | pint.Unit]") -> "pint.Unit | None":
     """Return the unit of a term, from the units of the variables in it.
 
     There is none (`None`) when a variable in the term has no unit in `units`, and when the term joins what cannot be
@@ -32,7 +32,7 @@ def term_unit(term: AbstractTerm, variables: Variables, units: Mapping[str, str]
     variables
         What it is a function of.
     units
-        Unit of a variable by its name, in a form that pint reads: ``"m/s^2"``.
+        Unit of a variable by its name, of pint or in a form that pint reads: ``"m/s^2"``.
 
     Raises
     ------
@@ -49,8 +49,11 @@ def term_unit(term: AbstractTerm, variables: Variables, units: Mapping[str, str]
     names = {column: variables.names[column] for column in term.columns()}
     if not all(name in units for name in names.values()):
         return None
-    checked = {column: check_unit(units[name], f"variable {name!r}") for column, name in names.items()}
-    return _unit(term, {column: parse_unit(text) for column, text in checked.items()})
+    return _unit(term, {column: _of_variable(name, units[name]) for column, name in names.items()})
+
+
+def _of_variable(name: str, unit: "str | pint.Unit") -> "pint.Unit":
+    return parse_unit(check_unit(unit, f"variable {name!r}")) if isinstance(unit, str) else unit
 
 
 def _unit(term: AbstractTerm, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":

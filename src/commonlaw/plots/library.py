@@ -1,6 +1,7 @@
 """Candidate functions along a trial."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,6 +11,9 @@ from commonlaw.library import Terms, Variables, term_unit
 from commonlaw.plots.style import COLORS, axis_label, columns_for, frozen_layout, math, plain, show_lowest_ticks, styled
 from commonlaw.trials import Trial
 from commonlaw.trials.units import parse_unit
+
+if TYPE_CHECKING:
+    import pint
 
 
 @styled()
@@ -49,14 +53,14 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
         panel.set_ylabel("" if unit is None else f"{unit:~P}")
         panels.append(panel)
     time = terms.variables.time
-    show_lowest_ticks(panels, columns, axis_label(time, known.get(time, "")))
+    show_lowest_ticks(panels, columns, axis_label(time, (units or {}).get(time, "")))
     return frozen_layout(figure)
 
 
-def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> dict[str, str]:
+def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> "dict[str, str | pint.Unit]":
     """Return the units with those of the states' rates, where both the state and time have one."""
-    states, time, known = variables.states, variables.time, dict(units)
+    states, time, known = variables.states, variables.time, dict[str, "str | pint.Unit"](units)
     for state, rate in zip(states, states[len(states) // order :], strict=False):
         if {state, time} <= units.keys():
-            known[rate] = f"{parse_unit(units[state]) / parse_unit(units[time])}"
+            known[rate] = parse_unit(units[state]) / parse_unit(units[time])
     return known

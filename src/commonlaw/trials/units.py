@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 # Names, signs of degree, percent, powers and products. All else, and towers of powers, would only keep pint busy.
 _UNIT = re.compile(r"[\w°%µΩ·⁻⁰¹²³⁴⁵⁶⁷⁸⁹./*^()\- ]{1,80}")
+_BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵⁶⁷⁸⁹])")
+"""The point in a power, as pint writes it and does not read it."""
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
@@ -35,8 +37,8 @@ def parse_unit(text: str) -> "pint.Unit":
 
     Examples
     --------
-    >>> print(parse_unit("m/s^2"))
-    meter / second ** 2
+    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"))
+    meter / second ** 2 meter ** 0.5
     """
     unit = known_unit(text)
     if unit is None:
@@ -56,12 +58,13 @@ def known_unit(text: str) -> "pint.Unit | None":
     """Return the unit that a text stands for, or None if pint knows none."""
     import pint
 
+    text = _BROKEN.sub(".", text)
     if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
         return None
     try:
         return registry().parse_units(text)
     # pint lets the errors of its tokenizer and of the arithmetic on exponents through
-    except (pint.PintError, TokenError, ArithmeticError, AssertionError, TypeError, ValueError):
+    except (pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
         return None
 
 
