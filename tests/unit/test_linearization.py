@@ -68,9 +68,13 @@ def test_terms_far_from_the_origin_leave_what_they_leave_at_the_origin(shift):
     np.testing.assert_allclose(left[1], left[0], rtol=2e-3)
 
 
+@pytest.mark.parametrize("uneven", [0.0, 0.5])
 @pytest.mark.parametrize(("order", "library", "names"), DIFFICULT)
-def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linearised_model(order, library, names):
+def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linearised_model(
+    order, library, names, uneven
+):
     field, mesh, states = difficult(order, library, names)
+    mesh = replace(mesh, scale=1 + uneven * np.random.default_rng(1).uniform(-1, 1, mesh.measured.shape))
     coefficients, equations, width = field.coefficients, len(field.coefficients), field.width
     mesh.measured[2, 0] = np.nan
     noise = np.linspace(0.5, 0.8, equations)
@@ -81,13 +85,14 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
 
     # What was measured says where states are; what was not is somewhere within a hundred times the noise
     residuals = mesh.measured - states[:, :equations]
-    scaled = np.abs(residuals) / noise
+    each = noise * mesh.scale
+    scaled = np.abs(residuals) / each
     deviations = np.zeros_like(states)
     variances = np.tile(np.tile((100 * noise) ** 2, order), (len(mesh), 1))
     variances[:, equations:] *= (0.03 / step) ** 2
     seen = np.isfinite(residuals)
     deviations[:, :equations][seen] = residuals[seen]
-    variances[:, :equations][seen] = (np.maximum(scaled / huber_threshold, 1) * noise**2)[seen]
+    variances[:, :equations][seen] = (np.maximum(scaled / huber_threshold, 1) * each**2)[seen]
     linear = jacobians(replace(field, free=np.ones_like(coefficients, dtype=bool)), mesh, states)
     linked = np.flatnonzero(mesh.contiguous)
     matrix = np.zeros((len(linked), width, len(mesh), width))
