@@ -232,15 +232,17 @@ def drops(r: random.Random) -> list[list[object]]:
 
 
 def table(r: random.Random) -> bytes:
-    """Return drops as CSV."""
-    return "\n".join(",".join(map(str, row)) for row in [["ball", "drop", "t", "height"], *drops(r)]).encode()
+    """Return drops as CSV, with units or without."""
+    head = ["ball", "drop", *r.choice([("t", "height"), ("t [s]", "height [m]")])]
+    return "\n".join(",".join(map(str, row)) for row in [head, *drops(r)]).encode()
 
 
 @cache
 def saved_law() -> bytes:
     """Return a law of these balls with all that laws know."""
     frame = pd.DataFrame(drops(random.Random(3)), columns=["ball", "drop", "t", "height"])
-    trials = cl.Trials.from_frame(frame, object="ball", trial="drop", states=["height"])
+    units = {"t": "s", "height": "m"}
+    trials = cl.Trials.from_frame(frame, object="ball", trial="drop", states=["height"], units=units)
     return cl.discover(trials, order=2, library="poly:1").to_json().encode()
 
 
