@@ -11,6 +11,7 @@ from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.trials import Schema
 
 _LISTED = 12
 """Supports of each equation that are kept as alternatives, besides the chosen one."""
@@ -112,14 +113,17 @@ def history(
 
 def noise_step(problem: SearchProblem) -> Step:
     """Return what noise was taken."""
-    schema = problem.trials.schema
-    levels = [
+    return Step("noise", _levels(problem.noise, problem.trials.schema), problem.noise_reason)
+
+
+def _levels(levels: Floats, schema: Schema) -> str:
+    """Return the levels of errors of each state's measurements in words."""
+    return ", ".join(
         f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
         if name in schema.logarithmic
         else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
-        for name, level in zip(schema.states, problem.noise, strict=True)
-    ]
-    return Step("noise", ", ".join(levels), problem.noise_reason)
+        for name, level in zip(schema.states, levels, strict=True)
+    )
 
 
 def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
@@ -133,8 +137,8 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
         shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
         found.append(Step("noise in proportion", ", ".join(shares), why))
     if errors.correlated is not None:
-        levels = (f"{name}: {each:.3g}" for name, each in zip(names, errors.correlated, strict=True))
-        found.append(Step("errors with a memory", f"{', '.join(levels)}; of {errors.memory:.3g}{time}", why))
+        levels = _levels(errors.correlated, schema)
+        found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", why))
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
     return (
         *found,
