@@ -1,5 +1,6 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
+from commonlaw.inference.adaptation import adapt
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
@@ -17,6 +18,7 @@ __all__ = [
     "CovarianceKind",
     "ErrorKind",
     "LawSearch",
+    "adapt",
     "best_course",
     "compare",
     "error_kinds",

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -143,6 +144,38 @@ class AbstractPredictions(AbstractEquations):
         how = {"method": method, "tolerance": tolerance, "seed": seed}
         forecast: Forecast = predict(self, trials, times=times, **options, **how)
         return forecast
+
+    def adapt(self, trials: Trials) -> Self:
+        """Return the law of the objects of new trials, with coefficients that these trials have updated.
+
+        Before, an object has the coefficients that `predict` would take: its own if the law knows it, else those that
+        follow from its properties or are typical, with how far objects stray. That is a normal distribution; the
+        likelihood of the trials, whose initial states are free, updates it, so that few samples change what is not
+        known well, and no more. Trials that the law was learned from would count twice.
+
+        Parameters
+        ----------
+        trials
+            New trials, of few samples or many.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know its noise or how accurate its coefficients are, has errors beside white noise or is
+            of discrete time; or if the trials cannot be used.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:4])).explain([])
+        >>> print(law.adapt(drops.select(object="Ball 5", trial=1).until(2.0)))
+        x'' = -9.856 ± 0.046 - (0.714 ± 0.011) v
+        <BLANKLINE>
+        with v = x', g = 9.856 ± 0.046, c = 0.714 ± 0.011
+        """
+        adapted: Self = resolve_name("commonlaw.inference:adapt")(self, trials)
+        return adapted
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""

@@ -1,0 +1,85 @@
+"""Coefficients that few samples of an object update, beside the product of two normal distributions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.law.population import law_of
+
+DRAGS = (-0.1, -0.2, -0.3, -0.5, -0.7, -0.4)
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=DRAGS, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    """Five of six balls; gravity is universal, and drag each ball's own."""
+    return cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5])).explain([])
+
+
+def numbers(law):
+    return law.coefficients[0][law.support], law.standard_errors[0][law.support], law.covariance[0]
+
+
+def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell(drops, law):
+    unseen = drops.select(object="Ball 6")
+    expected, _, spread = numbers(law_of(law, unseen)[0])
+    noise = {"x": float(law.noise[0])}
+    own, _, covariance = numbers(cl.fit("x'' = -g - c v", unseen, noise=noise, partial_pooling=False))
+    total = np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(covariance))
+    mean = total @ (np.linalg.solve(spread, expected) + np.linalg.solve(covariance, own))
+    found, errors, _ = numbers(law.adapt(unseen))
+    np.testing.assert_array_less(abs(found - mean), 0.05 * errors)
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(total)), rtol=0.02)
+
+
+def test_the_more_samples_the_nearer_the_truth_and_the_surer(drops, law):
+    unseen = drops.select(object="Ball 6", trial=1)
+    before, known, _ = numbers(law_of(law, unseen)[0])
+    errors = [known[1]]
+    for end in (0.6, 1.5, 3.3):
+        found, sure, _ = numbers(law.adapt(unseen.until(end)))
+        assert abs(found[1] + 0.4) < 3 * sure[1]
+        errors.append(sure[1])
+    assert np.all(np.diff(errors) < 0)
+    assert errors[-1] < 0.1 * errors[0]
+    assert abs(found[0] - before[0]) < 2 * known[0]
+
+
+def test_an_adapted_law_forecasts_and_says_where_it_comes_from(drops, law):
+    unseen = drops.select(object="Ball 6")
+    adapted = law.adapt(unseen.select(trial=1).until(1.5))
+    assert adapted.objects == ("Ball 6",)
+    assert adapted.history[-1].stage == "adaptation"
+    before, after = (each.predict(unseen.select(trial=2), return_std=True) for each in (law, adapted))
+    assert after.std[0][-1, 0] < 0.3 * before.std[0][-1, 0]
+    inside = abs(after.trajectories[0].states[:, :1] - unseen.trials[1].states) < after.margins(measured=True)[0]
+    assert inside.mean() > 0.85
+
+
+def test_known_objects_learn_from_more_trials(drops):
+    first = drops.select(object=drops.objects[:2], trial=1)
+    law = cl.fit("x'' = -9.8 - c v", first)
+    found, both = (
+        law.adapt(drops.select(object="Ball 2", trial=2)),
+        cl.fit("x'' = -9.8 - c v", drops.select(object="Ball 2")),
+    )
+    assert found.standard_errors[0, 0, 0] == 0  # Gravity is known
+    np.testing.assert_allclose(found.coefficients[0], both.coefficients[0], rtol=0.02)
+    np.testing.assert_allclose(found.standard_errors[0, 0, 1], both.standard_errors[0, 0, 1], rtol=0.2)
+
+
+def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
+    noiseless = replace(law, uncertainty=replace(law.uncertainty, noise=None))
+    with pytest.raises(cl.CommonlawError, match="does not know its noise, by which it would weigh new trials"):
+        noiseless.adapt(drops)
+    walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
+    with pytest.raises(cl.CommonlawError, match="has errors beside white noise"):
+        replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).adapt(drops)
+    with pytest.raises(cl.CommonlawError, match="the law has x, the trials have y"):
+        law.adapt(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))
