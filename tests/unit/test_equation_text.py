@@ -122,9 +122,7 @@ def test_a_coefficient_may_divide():
         cl.Law.from_text("U' = -U/tau", {"tau": 0.0})
 
 
-@pytest.mark.parametrize(
-    ("unit", "expected"), [("m", ("m⁰⋅⁵/s²", "1/s")), ("m^(1/3)", ("m⁰⋅¹⁶⁶⁶⁶⁷/s²", "1/s")), ("m^2", ("m/s²", "1/s"))]
-)
-def test_units_of_coefficients_may_have_broken_powers(unit, expected):
+@pytest.mark.parametrize(("unit", "root"), [("m", "m⁰⋅⁵/s²"), ("m^(1/3)", "m⁰⋅¹⁶⁶⁶⁶⁷/s²"), ("dB/s", "dB⁰⋅⁵/s²⋅⁵")])
+def test_units_of_coefficients_may_have_broken_powers(unit, root):
     law = cl.Law.from_text("x'' = -a sqrt(x) - b v", {"a": 1.0, "b": 1.0}, units={"x": unit, "t": "s"})
-    assert law.letter_units() == expected
+    assert law.letter_units() == (root, "1/s")

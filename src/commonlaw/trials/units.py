@@ -1,6 +1,7 @@
 """Units of measurement, read by pint when they are needed."""
 
 import re
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
 from tokenize import TokenError
@@ -37,8 +38,8 @@ def parse_unit(text: str) -> "pint.Unit":
 
     Examples
     --------
-    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"))
-    meter / second ** 2 meter ** 0.5
+    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"), parse_unit("dB/s"), sep=", ")
+    meter / second ** 2, meter ** 0.5, decibel / second
     """
     unit = known_unit(text)
     if unit is None:
@@ -61,11 +62,13 @@ def known_unit(text: str) -> "pint.Unit | None":
     text = _BROKEN.sub(".", text)
     if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
         return None
-    try:
-        return registry().parse_units(text)
-    # pint lets the errors of its tokenizer and of the arithmetic on exponents through
-    except (pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
-        return None
+    # pint knows no differences of logarithms, and lets errors of its tokenizer and of arithmetic on exponents through
+    for as_delta in (True, False):
+        with suppress(pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
+            unit = registry().parse_units(text, as_delta=as_delta)
+            registry().get_dimensionality(unit)
+            return unit
+    return None
 
 
 def _unknown_unit(text: str) -> str:
