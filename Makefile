@@ -27,7 +27,7 @@ demo: $(STAMP) ## Find a law in simulated drops: equations beside the truth, and
 	mkdir -p $(DEMO)
 	$(BIN)/$(DEMO_RUN)
 
-study: $(STAMP) ## Redo the founding paper in report/: a minute; less with ARGS="--only simulated", and --help
+study: $(STAMP) ## Redo the founding paper in report/: minutes; less with ARGS="--only simulated", and --help
 	$(BIN)/python -m studies.falling_balls $(ARGS)
 
 test: lint types contracts unit ## Run every check
