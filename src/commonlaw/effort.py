@@ -2,6 +2,8 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from time import monotonic
 from typing import TypeVar
 
@@ -15,6 +17,8 @@ PATIENCE = 60.0
 
 _TRIED = 5.0
 """Seconds after which it shows how long work takes that nothing tells beforehand."""
+
+_announcing = ContextVar("_announcing", default=True)
 
 T = TypeVar("T")
 
@@ -34,9 +38,19 @@ def check_memory(what: str, size: float, remedy: str) -> None:
 
 def announce(what: str, seconds: float, remedy: str) -> None:
     """Warn of work that will take about so many seconds, if these are many."""
-    if seconds > PATIENCE:
+    if seconds > PATIENCE and _announcing.get():
         length = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
         warnings.warn(f"{what} will take about {length}: to have it sooner, {remedy}", LongWorkWarning, stacklevel=2)
+
+
+@contextmanager
+def unannounced() -> Iterator[None]:
+    """Announce nothing: the pieces of a longer work, which nobody awaits by themselves."""
+    token = _announcing.set(False)
+    try:
+        yield
+    finally:
+        _announcing.reset(token)
 
 
 def announced(pieces: Sequence[T], what: str, remedy: str) -> Iterator[T]:

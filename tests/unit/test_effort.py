@@ -96,3 +96,13 @@ def test_as_many_processes_start_as_there_are_cores():
         cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_jobs=jobs, **settings)) for jobs in (1, 100_000)
     ]
     np.testing.assert_array_equal(*(each.coefficients for each in laws))
+
+
+def test_pieces_of_longer_work_are_not_announced():
+    @effort.unannounced()
+    def piece():
+        effort.announce("this", 600.0, "do less")
+
+    piece()
+    with pytest.warns(cl.LongWorkWarning, match="this will take about 10 minutes"):
+        effort.announce("this", 600.0, "do less")

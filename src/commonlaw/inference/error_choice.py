@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.hypotheses import OF_MEASUREMENTS, Hypothesis
-from commonlaw.inference.search import SearchState, evidence_of, fit_solutions
+from commonlaw.inference.search import STRONG, SearchState, evidence_of, fit_solutions
 from commonlaw.inference.search_problem import SearchProblem, prepare, spread
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.law import Law
@@ -46,6 +47,7 @@ class Candidate:
     forecast: FreeForecast | None = None
 
 
+@unannounced()
 def candidates(
     frame: Law,
     problem: SearchProblem,
@@ -85,7 +87,8 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     """Return the candidate that is chosen, and whether it passes its own check.
 
     Of those whose 95 % intervals hold the measurements that they forecast, the one of largest evidence passes, if
-    errors of the measurements explain what it leaves. If none does, no law of the library is exact, and one is taken
+    errors of the measurements explain what it leaves, and no error of the law has strong evidence against them. If none
+    does, no law of the library is exact, and one is taken
     whose score is within one standard error of the best: if intervals of some hold, of these that of largest evidence,
     else the shortest description. Where nothing could be forecast, or too little to tell, evidence decides alone.
     """
@@ -94,8 +97,9 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     if not forecasts or not can_forecast(by_evidence[0].problem):
         return by_evidence[0], True
     holding = [each for each in by_evidence if holds(each)]
-    if holding and holding[0].hypothesis.kind in OF_MEASUREMENTS:
-        return holding[0], True
+    exact = [each for each in holding if each.hypothesis.kind in OF_MEASUREMENTS]
+    if exact and exact[0].state.value - holding[0].state.value < STRONG:
+        return exact[0], True
     best = min(forecasts.values(), key=lambda each: each.score)
     good = [each for each in by_evidence if id(each) in forecasts and forecasts[id(each)].as_good_as(best)]
     if held := [each for each in good if each in holding]:
@@ -103,6 +107,7 @@ def chosen(compared: Sequence[Candidate]) -> tuple[Candidate, bool]:
     return min(good, key=lambda each: (_description(each), forecasts[id(each)].score)), False
 
 
+@unannounced()
 def with_errors(frame: Law, problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Candidate]:
     """Return supports under each kind of errors, with levels of their own, and forecast."""
     first, compared = _first_parts(frame, problem), []
@@ -122,6 +127,7 @@ def _description(candidate: Candidate) -> int:
     return int((candidate.state.supports * (1 + candidate.problem.models[0].terms.complexities)).sum())
 
 
+@unannounced()
 def runs_away(problem: SearchProblem, state: SearchState) -> bool:
     """Whether a trajectory of a trial that the law was learned from diverges, from its fitted start.
 

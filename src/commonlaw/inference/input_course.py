@@ -4,15 +4,12 @@ from contextlib import suppress
 from dataclasses import replace
 
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, STRONG, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.likelihood import meshes
 from commonlaw.trials import Trials
-
-_STRONG = 6.0
-"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
 
 def on_course(trials: Trials, input_between: str) -> Trials:
@@ -32,7 +29,7 @@ def best_course(problem: SearchProblem, state: SearchState) -> Step:
             with suppress(CommonlawError):
                 gains[course] = state.value - _with_course(problem, state, course).value
     best = max(gains, key=lambda each: gains[each], default=before)
-    if gains and gains[best] > _STRONG:
+    if gains and gains[best] > STRONG:
         return Step("inputs", best, f"between samples: 2 log B is {gains[best]:.3g} for it, against {before}")
     return Step("inputs", before, "between samples: the evidence for no other course is strong")
 

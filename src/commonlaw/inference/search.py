@@ -36,7 +36,7 @@ below one: what is allowed in each step adds up, and coefficients would be less 
 
 _ROUNDS = 6
 """How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
-_STRONG = 6.0
+STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
 _LARGER = 1.03
@@ -138,7 +138,7 @@ def fit_with(
             start = _restricted(problem, _evidence(problem, start, larger), start, supports)
             pairs = zip(problem.models, start, strict=True)
             start = tuple(fit(model, estimate, supports, (larger,)) for model, estimate in pairs)
-    start = _restricted(problem, _evidence(problem, start, model_error), start, supports)
+        start = _restricted(problem, _evidence(problem, start, model_error), start, supports)
     return fitted(problem, start, supports, model_error)[0]
 
 
@@ -194,7 +194,7 @@ def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[Searc
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
     while True:
         best = found[0]
-        rivals = [each for each in nearest(problem, best, below=_STRONG) if each.tobytes() not in done]
+        rivals = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
         if not rivals:
             return found
         evidence = _evidence(problem, best.estimates, best.model_error)
