@@ -204,3 +204,15 @@ def test_simple_exponents_are_more_probable_and_all_together_certain():
     prices = [alone[each] for each in map(Fraction, ("1", "2", "3", "4", "4/3", "5/3", "5/4"))]
     assert all(one > other for one, other in pairwise(prices))
     assert max(np.count_nonzero(sets.exponents, axis=1)) == 2
+    for count, together in ((10, 3), (11, 2), (25, 2), (26, 1)):
+        assert max(np.count_nonzero(exponent_sets(count, 3).exponents, axis=1)) == together
+
+
+def test_what_estimates_cannot_tell_apart_is_rather_universal():
+    generator = np.random.default_rng(0)
+    kinds = []
+    for _ in range(20):
+        estimates = 0.1 + 0.1 * generator.standard_normal((10, 1))
+        (found,) = explain(estimates, np.full((10, 1, 1), 0.01), PropertyTable((), np.empty((10, 0)))).relations
+        kinds.append(found.kind)
+    assert kinds.count(RelationKind.UNIVERSAL) >= 18

@@ -12,6 +12,9 @@ from commonlaw.array_types import Floats
 _MOST_PRICE = (9, 12, 10)
 """Largest price of the exponents of one, of two and of three properties together; more properties are not tried."""
 
+_MOST_SETS = 200_000
+"""Of exponents: of more properties than ten, no three are tried together, and of more than 25, no two."""
+
 _LARGEST, _MOST_PARTS = 4, 4
 """Largest exponent, and largest denominator."""
 
@@ -47,6 +50,8 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
         price = bits[indices].sum(axis=1)
         indices, price = indices[price <= limit], price[price <= limit]
         chosen = list(combinations(range(properties), size))
+        if len(chosen) * len(indices) > _MOST_SETS:
+            break
         for columns in chosen:
             own = np.zeros((len(indices), properties))
             own[:, columns] = values[indices]

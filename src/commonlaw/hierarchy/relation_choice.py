@@ -12,9 +12,10 @@ from commonlaw.hierarchy.exponents import ExponentSets, exponent_sets
 from commonlaw.hierarchy.joint_model import CoefficientModel, JointModel, Measured, log_evidence
 from commonlaw.hierarchy.relation import PropertyTable, RelationKind
 
-_ODDS = {RelationKind.UNIVERSAL: 1.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
-"""How probable each kind is beforehand. Where properties say nothing, the evidence of all relations to them together
-is more than ten times that of the true kind in at most a tenth of all cases (Markov's inequality), in fact in fewer."""
+_ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
+"""How probable each kind is beforehand: what estimates can hardly tell apart is rather alike. Where properties say
+nothing, the evidence of all relations to them together is more than ten times that of the true kind in at most a tenth
+of all cases (Markov's inequality), in fact in fewer."""
 
 _TYPICAL_SCATTER, _SCATTERS = 0.5, np.geomspace(1e-3, 5.0, 27)
 """Relative scatters between objects are integrated over by a half Cauchy distribution of that width, at these values:
@@ -152,7 +153,8 @@ class RelationComparison:
             powers = tuple(exponents[row][exponents[row] != 0].tolist())
             kinds = (RelationKind.POWER_LAW,) * 2 if columns else (RelationKind.UNIVERSAL, RelationKind.OWN)
             own = scattered(np.array([row]), sizes[i]).some(0)
-            yield RelationChoice(kinds[0], columns, powers, 0.0, 0.0, exact.some(row), float(plain[row]))
+            universal = 0.0 if columns else np.log(_ODDS[RelationKind.UNIVERSAL])
+            yield RelationChoice(kinds[0], columns, powers, 0.0, 0.0, exact.some(row), float(plain[row] + universal))
             score = float(summed[i] + log_prior[row])
             scatter, error = float(sizes[i] * self._unit), float(errors[i] * self._unit)
             yield RelationChoice(kinds[1], columns, powers, scatter, error, own, score)
