@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import commonlaw as cl
@@ -61,3 +62,23 @@ def test_discover_explains_what_it_found_and_forecasts_a_ball_by_its_mass(run):
     assert found[0] == 0
     assert "/mass v\n" in found[1]
     assert "Do not use" not in found[1]
+
+
+@pytest.mark.usefixtures("drops")
+def test_a_ball_that_was_never_seen_is_forecast_from_the_mass_in_its_table(run, tmp_path):
+    frame = pd.read_csv(tmp_path / "drops.csv")
+    new = frame["object"] == "Ball 2"
+    frame[~new].to_csv(tmp_path / "learned.csv", index=False)
+    frame[new].to_csv(tmp_path / "new.csv", index=False)
+    frame[new].drop(columns="mass").to_csv(tmp_path / "bare.csv", index=False)
+    run("fit", "x'' = -g - c v", "learned.csv", "--save", "law.json")
+    run("explain", "law.json", "--property", "mass", "--save", "explained.json")
+    code, out, err = run("predict", "explained.json", "new.csv", "--save", "forecast.csv")
+    assert code == 0
+    assert float(out.partition("R^2 of all forecasts: ")[2].split()[0]) > 0.999
+    assert "Ball 2 is not in the law: it has the coefficients that follow from its mass" in err
+    table = pd.read_csv(tmp_path / "forecast.csv")
+    assert table["x"].between(table["x measured low"], table["x measured high"]).mean() > 0.85
+    for law, why in (("explained.json", ", as its mass is not known"), ("law.json", "")):
+        code, _, err = run("predict", law, "bare.csv")
+        assert (code, f"it has the mean coefficients of the others{why}\n" in err) == (0, True)

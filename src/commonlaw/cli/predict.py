@@ -1,6 +1,9 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
+from contextlib import suppress
+from dataclasses import replace
 from math import ceil, isfinite
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +13,9 @@ from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
 from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    from commonlaw.law import Law
 
 _BYTES_A_VALUE = 200
 """Of a forecast, with what is made of it on the way."""
@@ -60,7 +66,8 @@ def predict(
     Columns are found by the names that the law was learned with; options name others. Rows without states
     after the measured ones are forecast. Where the law knows how accurate it is, the table that is written has the ends
     of 95 % bands, for the state itself (low, high) and for a measurement of it, with its noise (measured low, measured
-    high); the figure shows the bands of measurements.
+    high); the figure shows the bands of measurements. Objects that the law does not know have the coefficients that
+    follow from their properties, if it was explained, else the mean ones of the others.
 
     \b
     Example:
@@ -72,7 +79,7 @@ def predict(
 
     law = Law.load(law_path)
     with working("Forecasting ..."):
-        trials = source.select(source.load(law.schema))
+        trials = source.select(_with_properties(source, law))
         return_std = bool(save or plot) and law.has_std
         times = _times(trials, from_time, **grid)
         forecast = law.predict(
@@ -100,6 +107,20 @@ def predict(
         for path in outputs:
             say(f"Wrote {path}")
     print_notes([*forecast.trials.notes, *forecast.outcomes])
+
+
+def _with_properties(source: Source, law: "Law") -> Trials:
+    """Return all trials, with the properties that the law's relations take, if the table has them.
+
+    In a table of one object a column that does not change is a property only where one is looked for.
+    """
+    trials = source.load(law.schema)
+    taken = law.explanation.properties if law.explanation else ()
+    known = {name for values in trials.properties.values() for name in values}
+    if source.path and not source.properties and not {*taken} <= known:
+        with suppress(CommonlawError):
+            return replace(source, properties=taken).load(law.schema)
+    return trials
 
 
 def _times(trials: Trials, first: float | None, until: float | None, step: float | None) -> list[float]:
