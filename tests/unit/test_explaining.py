@@ -119,8 +119,27 @@ def test_a_file_whose_relations_are_damaged_is_refused():
     document["explanation"]["relations"][1]["exponents"] = ["1/0", "2"]
     with pytest.raises(cl.CommonlawError, match="the law is damaged: exponents 1/0, 2 are no fractions"):
         cl.Law.from_json(json.dumps(document))
-    document["explanation"]["relations"].pop()
-    with pytest.raises(cl.CommonlawError, match="a law has 1 relations, expected 2"):
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda saved: saved["relations"].append(None), "a law has 3 relations, expected 2"),
+        (lambda saved: saved["covariance"].pop(), "the covariance of its factors is not 2 x 2 numbers"),
+        (lambda saved: saved["covariance"][0].pop(), "the covariance of its factors is not 2 x 2 numbers"),
+        (
+            lambda saved: saved["relations"][1].update(exponents=["2"]),
+            "power law. has numbers",
+        ),
+        (lambda saved: saved["relations"][0].update(errors=[-1]), "universal. has numbers"),
+        (lambda saved: saved["relations"][0].update(kind="affine", scatter=-1), "has numbers that do not"),
+        (lambda saved: saved["relations"][0].update(kind="magic"), "not a law or it is damaged"),
+    ],
+)
+def test_relations_that_contradict_themselves_are_refused(change, message):
+    document = json.loads(falling().explain().to_json())
+    change(document["explanation"])
+    with pytest.raises(cl.CommonlawError, match=message):
         cl.Law.from_json(json.dumps(document))
 
 

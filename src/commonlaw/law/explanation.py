@@ -44,6 +44,11 @@ class Explanation:
         """
         if len(self.relations) != size:
             raise CommonlawError(f"a law has {len(self.relations)} relations, expected {size}")
+        wrong = next((each for each in self.relations if each and not _is_whole(each)), None)
+        if wrong is not None:
+            raise CommonlawError(
+                f"a relation of a law ({wrong.kind}) has numbers that do not go together: explain it again"
+            )
         count = sum(len(each.factors) for each in self.relations if each)
         return Explanation(
             self.relations, checked(self.covariance, "covariance of factors", "factors, the same", (count, count))
@@ -75,6 +80,18 @@ class Explanation:
             if each is not None
         ]
         return pd.DataFrame(rows)
+
+
+def _is_whole(relation: Relation) -> bool:
+    """Return whether the numbers of a relation are as many as its kind has, and can be."""
+    follows = len(relation.properties)
+    powers = follows if relation.kind is RelationKind.POWER_LAW else 0
+    factors = 1 + follows if relation.kind is RelationKind.AFFINE else 1
+    alone = relation.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
+    counts = len(relation.factors), len(relation.errors), len(relation.exponents)
+    numbers = (relation.scatter, relation.scatter_error, *relation.errors)
+    zero = bool(powers) and 0.0 in (*relation.factors, relation.typical)
+    return not alone and counts == (factors, factors, powers) and min(numbers) >= 0 and not zero
 
 
 def dependence(relation: Relation) -> str:

@@ -168,7 +168,8 @@ def _saved_relation(relation: Relation) -> _Relation:
 def _read_explanation(saved: _Explanation) -> Explanation:
     """Return the relations; `Explanation.checked` says whether they fit the law."""
     relations = tuple(None if each is None else _read_relation(each) for each in saved.relations)
-    return Explanation(relations, np.array(saved.covariance))
+    count = sum(len(each.factors) for each in relations if each is not None)
+    return Explanation(relations, _matrix(saved.covariance, "the covariance of its factors is", (count, count)))
 
 
 def _read_relation(saved: _Relation) -> Relation:

@@ -100,7 +100,10 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
     units, lefts, terms = law.coefficient_units(), left_hand_sides(law), term_labels(law.terms)
     for i, ((j, k), relation) in enumerate(zip(np.argwhere(law.support), law.explanation.relations, strict=True)):
         if relation is not None:
-            rows = [[float(law.properties[name][each]) for each in relation.properties] for name in law.objects]
+            known = [law.properties.get(name, {}) for name in law.objects]
+            if not all({*relation.properties} <= each.keys() for each in known):
+                raise CommonlawError("this law lacks properties that its coefficients follow: explain it again")
+            rows = [[float(each[name]) for name in relation.properties] for each in known]
             values = np.array(rows).reshape(len(law.objects), len(relation.properties))
             unit = units.get((law.left_hand_sides[j], law.terms.names[k]), "")
             label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
