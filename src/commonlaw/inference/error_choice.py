@@ -170,8 +170,9 @@ def _with_forecast(frame: Law, candidate: Candidate, first: SearchProblem) -> Ca
     """Return a candidate with the forecasts by the law that is fitted to the first parts of all trials."""
     with suppress(CommonlawError, NotPositiveError):
         part, supports = first.with_errors_of(candidate.problem), candidate.state.supports
+        start = _first_states(candidate, part)
         frame = replace(frame, objects=part.trials.objects, coefficients=np.nan_to_num(part.known))
-        law = fitted_law(frame, *candidate.hypothesis.fit(part, supports, _first_states(candidate, part)))
+        law = fitted_law(frame, *candidate.hypothesis.fit(part.about(start), supports, start))
         whole = [each for each in candidate.problem.trials if each.object in part.trials.objects]
         return replace(candidate, forecast=free_forecast(law, part.trials.with_trials(whole), part.trials))
     return candidate

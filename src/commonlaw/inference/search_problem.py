@@ -127,6 +127,11 @@ class SearchProblem:
             self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
         )
 
+    def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
+        """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
+        starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))
+        return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
+
     def noise_deviance(self) -> float:
         """Return minus twice the logarithm of the prior of the noise, which is one at that estimated first.
 
