@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import odeint
 from scipy.linalg import expm, solve_triangular, toeplitz
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
 
 import commonlaw as cl
@@ -76,6 +77,25 @@ def test_the_errors_of_measurements_are_found_with_the_law(errors):
         assert found.correlated == pytest.approx([level], rel=0.15)
         assert found.memory == pytest.approx(memory, rel=0.2)
         assert law.noise == pytest.approx([noise], rel=0.3)
+
+
+def test_noise_in_proportion_is_so_to_the_fitted_states_where_these_cross_zero():
+    """Standard errors agree with least squares, weighted by the noise at the solution, iterated until it stays."""
+    trials = oscillator(lambda path, generator: 0.05 * path * generator.standard_normal(len(path)), count=1)
+    law = cl.fit("x'' = a x + b v", trials, errors="proportional")
+    errors, measured = law.uncertainty.error_model, trials[0].states[:, 0]
+
+    def solution(p):
+        return odeint(lambda y, _: [y[1], p[0] * y[0] + p[1] * y[1]], p[2:], TIMES, rtol=1e-10, atol=1e-12)[:, 0]
+
+    found = np.array([-2.0, -0.1, 2.0, 0.0])
+    for _ in range(4):
+        std = errors.white_std(solution(found)[:, np.newaxis], law.noise)[:, 0]
+        fitted = least_squares(lambda p, std=std: (solution(p) - measured) / std, found, x_scale="jac", diff_step=1e-5)
+        found = fitted.x
+    expected = np.sqrt(np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))[:2]
+    np.testing.assert_allclose(law.standard_errors[law.support[np.newaxis]], expected, rtol=0.1)
+    np.testing.assert_allclose(law.coefficients[law.support[np.newaxis]], found[:2], atol=0.3 * expected.max())
 
 
 def test_errors_with_a_memory_leave_coefficients_less_certain():

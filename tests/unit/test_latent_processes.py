@@ -63,7 +63,9 @@ def dense_value(model, estimate, model_error):
     cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1), len(mesh)]
     coefficients, step = estimate.coefficients, np.median(mesh.steps[mesh.contiguous])
     matrix = np.array([[coefficients[0, 0]]]) if order == 1 else np.array([[0.0, 1.0], coefficients[0]])
-    noise, rate_std, value, hardly = 0.1 * mesh.scale[:, 0], 3 * 0.1 / step, 0.0, 0.0
+    noise, value, hardly = 0.1 * mesh.scale[:, 0], 0.0, 0.0
+    typical = np.sqrt(np.mean(noise**2))
+    rate_std = 3 * typical / step
     for first, last in pairwise(cuts):
         times, count = mesh.times[first:last], last - first
         hidden = covariance_functions(latent, times)
@@ -108,7 +110,7 @@ def dense_value(model, estimate, model_error):
             seen = np.isfinite(y)
             observed.append(rows[i, 0] + (error[i] if seen else 0))
             targets.append(y if seen else states[first + i, 0])
-            variances.append(noise[first + i] ** 2 if seen else (100 * 0.1) ** 2)
+            variances.append(noise[first + i] ** 2 if seen else (100 * typical) ** 2)
             vague.append(not seen)
             points.append(i)
             if order == 2:

@@ -83,12 +83,12 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     model = TrajectoryModel(field.terms, order, (mesh,), ObservationModel(noise, huber_threshold), unit)
     linearization = linearize(model, Estimate((states,), coefficients), model_error)
 
-    # What was measured says where states are; what was not is somewhere within a hundred times the noise
+    # What was measured says where states are; what was not is somewhere within a hundred times that noise
     residuals = mesh.measured - states[:, :equations]
     each = noise * mesh.scale
     scaled = np.abs(residuals) / each
     deviations = np.zeros_like(states)
-    variances = np.tile(np.tile((100 * noise) ** 2, order), (len(mesh), 1))
+    variances = np.tile(np.tile(100**2 * np.mean(each**2, axis=0), order), (len(mesh), 1))
     variances[:, equations:] *= (0.03 / step) ** 2
     seen = np.isfinite(residuals)
     deviations[:, :equations][seen] = residuals[seen]

@@ -100,12 +100,14 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
         unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: states.shape[1]]
     else:
         unit = errors.walk * np.sqrt(np.median(mesh.steps))
-    white = errors.white_std(states[:, : len(noise)], with_typical(mesh.noise, noise))
-    mesh = replace(mesh.with_inputs(inputs), scale=white / noise)
-    model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
-    model, start = model.with_latent(errors.latent, Estimate((states,), own))
+    mesh, found = mesh.with_inputs(inputs), Estimate((states,), own)
     model_errors = _MODEL_ERRORS if errors.walk is None else (1.0,)
-    found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
+    for _ in range(errors.rounds):
+        white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise))
+        mesh = replace(mesh, scale=white / noise)
+        model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+        model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))
+        found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
     try:
         (reduced,) = without_states(model, found, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()

@@ -17,7 +17,7 @@ from commonlaw.inference.search import STRONG, SearchState, evidence_of, fit_sol
 from commonlaw.inference.search_problem import SearchProblem, prepare, spread
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.law import Law
-from commonlaw.likelihood import Estimate, NotPositiveError
+from commonlaw.likelihood import Estimate, NotPositiveError, interpolate
 from commonlaw.selection import ENOUGH, FreeForecast, free_forecast
 from commonlaw.solvers import AbstractSolver
 
@@ -179,12 +179,14 @@ def _with_forecast(frame: Law, candidate: Candidate, first: SearchProblem) -> Ca
 
 
 def _first_states(candidate: Candidate, part: SearchProblem) -> list[Estimate]:
-    """Return the estimates of all trials, cut to those of a part of the problem."""
-    estimates = dict(zip(candidate.problem.trials.objects, candidate.state.estimates, strict=True))
-    return [
-        replace(
-            estimates[name],
-            states=tuple(own[: len(mesh)] for own, mesh in zip(estimates[name].states, model.meshes, strict=True)),
-        )
-        for name, model in zip(part.trials.objects, part.models, strict=True)
-    ]
+    """Return the estimates of all trials, cut to those of a part of the problem; between samples on straight lines."""
+    whole, found = candidate.problem, []
+    fitted = dict(zip(whole.trials.objects, zip(whole.models, candidate.state.estimates, strict=True), strict=True))
+    for name in part.trials.objects:
+        model, estimate = fitted[name]
+        sampled = [own[mesh.sampled(whole.points)] for mesh, own in zip(model.meshes, estimate.states, strict=True)]
+        ends = np.cumsum([len(trial) for trial in whole.trials.of_object(name)])[:-1]
+        each = np.split(np.concatenate(sampled), ends)
+        cut = [own[: len(trial)] for own, trial in zip(each, part.trials.of_object(name), strict=True)]
+        found.append(replace(estimate, states=tuple(interpolate(cut, part.points))))
+    return found

@@ -29,9 +29,6 @@ _ACCURACY = 0.02
 _STEP = 1e-4
 """Of the logarithms of levels in differences of the evidence, of which only the first ten digits are exact."""
 
-_ROUNDS = 2
-"""How often noise in proportion to the states and these are found in turn."""
-
 _SMALLEST = 1e-4
 """Shares, and forces relative to the rates of the states, that count as none."""
 
@@ -45,16 +42,14 @@ def with_errors_of_kind(
     """Return the problem with errors of a kind, and the state fitted under them with the supports that it has.
 
     Levels, and times, are those of largest evidence with the likelihood linearised about the state (empirical Bayes).
-    Noise in proportion to the states is so to the fitted ones: where these cross zero, smoothed ones would be far off.
 
     Raises
     ------
     NotPositiveError
         If the likelihood cannot be computed.
     """
-    if kind != "proportional":
-        return _with_levels(problem, state, kind)
-    for _ in range(_ROUNDS):
+    problem, state = _with_levels(problem.about(state.estimates) if kind == "proportional" else problem, state, kind)
+    for _ in range(1, problem.errors.rounds):
         problem, state = _with_levels(problem.about(state.estimates), state, kind)
     return problem, state
 

@@ -57,7 +57,6 @@ def _change(
     total, stride = 0.0, finer.points // problem.points
     for model, one, other in zip(problem.models, coarse, fine, strict=True):
         for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
-            indices = np.concatenate([[0], np.cumsum(np.where(mesh.contiguous, stride, 1))])
-            change = (finest[indices] - states)[:, : len(problem.noise)] / problem.noise_of(mesh)
+            change = (finest[mesh.places(stride)] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
     return total

@@ -43,7 +43,7 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
-            standard = (model.residuals(mesh, states) / problem.noise_of(mesh))[seen, j]
+            standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
             usual = np.abs(standard) <= _OUTLIER
             seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)

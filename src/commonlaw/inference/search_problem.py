@@ -147,6 +147,10 @@ class SearchProblem:
         ratio = variance / self.first_noise**2
         return float(_PRIOR * np.sum(np.log(ratio) + 1 / ratio - 1))
 
+    def std_of(self, mesh: Mesh) -> Floats:
+        """Return the white noise of each measurement at the state where it is, shape (n, d)."""
+        return mesh.scale * self.noise
+
     def noise_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement where states are zero, as given or that of its state."""
         return with_typical(mesh.noise, self.noise)
@@ -184,8 +188,10 @@ class SearchProblem:
         pairs = zip(self.models, groups, strict=True)
         course = self.trials.schema.input_between
         models = tuple(replace(model, meshes=meshes(group, points, input_between=course)) for model, group in pairs)
-        pairs_of_starts = zip(self.starts, self.smoothed, strict=True)
-        starts = tuple(replace(start, states=tuple(interpolate(own, points))) for start, own in pairs_of_starts)
+        starts = tuple(
+            replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
+            for model, start in zip(self.models, self.starts, strict=True)
+        )
         return replace(self, models=models, starts=starts, points=points).with_errors(
             self.noise, self.errors, self.noise_reason
         )

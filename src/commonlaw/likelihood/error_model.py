@@ -56,6 +56,14 @@ class ErrorModel:
         """Whether the law itself errs, and not the measurements alone."""
         return self.force is not None or self.walk is not None
 
+    @property
+    def rounds(self) -> int:
+        """How often noise at the states, and the states, are found in turn: noise in proportion is so to fitted ones.
+
+        Where states cross zero, those of a curve through the measurements would be far off.
+        """
+        return 1 if self.proportional is None else 2
+
     def white_std(self, states: Floats, noise: Floats) -> Floats:
         """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
         return noise if self.proportional is None else noise * np.hypot(1.0, self.proportional / noise * states)

@@ -19,7 +19,7 @@ from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _MISSING = 100.0
-"""Noise of a state that was not measured, relative to that of one that was. It says next to nothing, and is small
+"""Noise of a state that was not measured, relative to that of those that were. It says next to nothing, and is small
 enough to be eliminated without rounding."""
 
 _HIDDEN = 1000.0
@@ -136,8 +136,9 @@ def _measured(
     estimate shape (n, D + w). What was not measured has a variance that says next to nothing, and the sum of the
     logarithms of these, at the ends of all steps, is no part of the likelihood.
     """
-    equations, width, noise = model.equations, model.width, model.observation.noise
+    equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
+    noise = model.observation.noise * np.sqrt(np.mean(np.broadcast_to(mesh.scale, residuals.shape) ** 2, axis=0))
     weights = model.observation.weights(residuals, mesh.scale)
     seen, everywhere = weights > 0, np.ones((len(mesh), 1))
     rates = _RATE * noise[: width - equations] / np.median(mesh.steps[mesh.contiguous])

@@ -56,6 +56,21 @@ class Mesh:
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
 
+    def sampled(self, points: int) -> Bools:
+        """Return which of its points are samples, if there are so many points for each sampling step, shape (n,)."""
+        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
+        within = np.arange(len(self)) - np.repeat(first, np.diff(first, append=len(self)))
+        return np.asarray(within % points == 0)
+
+    def places(self, stride: int) -> Floats:
+        """Return where its points are on a mesh with that many steps for each of its own, shape (n,)."""
+        return np.concatenate([[0], np.cumsum(np.where(self.contiguous, stride, 1))])
+
+    def halfway(self, values: Floats) -> Floats:
+        """Return values at its points, shape (n, columns), on the mesh of half its steps, on straight lines."""
+        places = self.places(2)
+        return np.column_stack([np.interp(np.arange(places[-1] + 1), places, column) for column in values.T])
+
     def with_inputs(self, inputs: Inputs) -> "Mesh":
         """Return the mesh of one segment with inputs that are known at any time."""
         return replace(self, inputs=inputs.at(self.times), middle=_in_middle(inputs, self.times)[:-1], held=inputs.held)
