@@ -2,6 +2,7 @@
 
 import json
 import re
+from base64 import b64decode
 from collections.abc import Callable
 from functools import partial
 from html.parser import HTMLParser
@@ -15,7 +16,20 @@ import pytest
 from commonlaw import datasets
 from commonlaw.errors import CommonlawError
 from commonlaw.plots import Figure, plot_trials
-from commonlaw.report import Block, Picture, Report, Section, Table, Text, Verdict, contents, write_report
+from commonlaw.report import (
+    Block,
+    Fold,
+    Gallery,
+    Picture,
+    Report,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    contents,
+    to_page,
+    write_report,
+)
 from commonlaw.report.markup import formula, inline, markdown, plain
 from commonlaw.report.values import to_json
 
@@ -294,3 +308,30 @@ def test_a_report_keeps_the_kinds_of_blocks_that_are_wanted_and_all_results() ->
     assert kept.sections[0].verdicts == report.sections[0].verdicts
     assert kept.results == {"drag": 1}
     assert set(contents(kept)) == {"report.html", "results.json", "tables/drags.csv"}
+
+
+# Pages that stand alone
+
+
+def test_a_page_alone_holds_figures_with_their_text_and_tables_as_data() -> None:
+    folded = Fold("the rest", (Table("drags", "Drags", FRAME), Picture("last", "Last", heights)))
+    gallery = Gallery((Picture("one", "One", heights), Picture("two", "Two", heights)))
+    page = to_page(report_of(gallery, folded)).decode()
+    assert page.count("<svg") == 3
+    assert "Ball 1</text>" in page
+    anchors = re.findall(r' id="([^"]+)"', page)
+    assert len(anchors) == len({*anchors})
+    assert {*re.findall(r'(?:xlink:href="|url\()#([^")]+)', page)} <= {*anchors}
+    assert not re.search(r'(?:href|src)="(?!#|data:)', page)
+    assert FRAME.to_csv(index=False) == read_data(page, "text/csv")
+    assert "<summary>the rest</summary>" in page
+
+
+def read_data(page: str, kind: str) -> str:
+    return b64decode(re.findall(f'data:{kind};base64,([^"]+)', page)[0]).decode()
+
+
+def test_folds_and_galleries_get_their_files_in_a_folder_too() -> None:
+    gallery = Gallery((Picture("one", "One", heights),))
+    files = contents(report_of(Fold("rest", (gallery, Table("drags", "Drags", FRAME)))))
+    assert {"figures/one.svg", "figures/one.png", "tables/drags.csv"} <= {*files}

@@ -6,6 +6,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from commonlaw.errors import unknown
@@ -35,7 +36,7 @@ def figure_format(path: str | os.PathLike[str]) -> str:
     return kind
 
 
-def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
+def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> bytes:
     """Return the figure as the content of a file of that name; the same data give the same bytes.
 
     Parameters
@@ -44,6 +45,8 @@ def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
         What to draw.
     path
         A path, or only its suffix: ``.png``, ``.svg`` or ``.pdf``. No file is written.
+    text
+        Whether an SVG holds its text as text, to be searched and copied, in the fonts of who reads it; else as curves.
 
     Raises
     ------
@@ -52,7 +55,7 @@ def render(figure: Figure, path: str | os.PathLike[str]) -> bytes:
     """
     kind = figure_format(path)
     content = BytesIO()
-    with styled():
+    with styled(), rc_context({"svg.fonttype": "none" if text else "path"}):
         figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
     return content.getvalue()
 

@@ -1,7 +1,7 @@
 """A report: its sections, and the parts of which they are made."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +64,10 @@ class Table(_Named):
     frame: "pd.DataFrame"
     digits: int = 4
 
+    def csv(self) -> bytes:
+        """Return all cells as comma-separated values."""
+        return self.frame.to_csv(index=False, lineterminator="\n").encode()
+
 
 @dataclass(frozen=True, eq=False)
 class Picture(_Named):
@@ -88,7 +92,30 @@ class Picture(_Named):
     draw: "Callable[[], Figure]"
 
 
-Block = Text | Table | Picture
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """Small pictures side by side, as many in a line as there is room for."""
+
+    pictures: tuple[Picture, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """What few readers need: a line that opens.
+
+    Parameters
+    ----------
+    title
+        The line; Markdown.
+    blocks
+        What it opens.
+    """
+
+    title: str
+    blocks: "tuple[Block, ...]"
+
+
+Block = Text | Table | Picture | Gallery | Fold
 
 
 @dataclass(frozen=True)
@@ -172,9 +199,25 @@ class Report:
         return {key: value for section in self.sections for key, value in section.results.items()}
 
     def keep(self, *kinds: type[Block]) -> "Report":
-        """Return the report with only these kinds of blocks."""
+        """Return the report with only these kinds of blocks, folds and galleries being kinds of their own."""
         sections = (
             replace(section, blocks=tuple(block for block in section.blocks if isinstance(block, kinds)))
             for section in self.sections
         )
         return replace(self, sections=tuple(sections))
+
+    def named_blocks(self) -> "Iterator[Picture | Table]":
+        """Yield all pictures and tables, those in galleries and folds too, in the order of reading."""
+        for section in self.sections:
+            yield from _named_blocks(section.blocks)
+
+
+def _named_blocks(blocks: Iterable[Block]) -> Iterator[Picture | Table]:
+    for block in blocks:
+        match block:
+            case Gallery(pictures):
+                yield from pictures
+            case Fold(_, inner):
+                yield from _named_blocks(inner)
+            case Picture() | Table():
+                yield block

@@ -1,5 +1,6 @@
 """A report as one HTML file that needs nothing else."""
 
+import re
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,7 +8,7 @@ from typing import Any
 
 from commonlaw.extras import optional_import
 from commonlaw.names import visible
-from commonlaw.report.document import KINDS, Block, Picture, Report, Table, Text
+from commonlaw.report.document import KINDS, Block, Fold, Gallery, Picture, Report, Table, Text
 from commonlaw.report.markup import inline, markdown, plain
 from commonlaw.report.values import cell, is_number
 
@@ -15,8 +16,11 @@ _LONG = 28
 """Letters from which on a cell may have several lines."""
 
 
-def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
-    """Return the page; `drawings` are the pictures by name as SVG."""
+def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
+    """Return the page; `drawings` are the pictures by name as SVG.
+
+    A page that stands `alone` has no files beside it: it holds the drawings themselves, and tables as data.
+    """
     for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
         optional_import(package, "making a report", "report")
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -29,11 +33,12 @@ def to_html(report: Report, drawings: Mapping[str, bytes]) -> bytes:
     )  # fmt: skip
     environment.filters["markdown"] = lambda text: Markup(markdown(text))
     environment.filters["inline"] = lambda text: Markup(inline(text))
+    environment.filters["drawn"] = Markup
     environment.filters["plain"] = plain
-    environment.filters["shown"] = lambda block: _shown(block, drawings)
+    environment.filters["shown"] = lambda block: _shown(block, drawings, alone)
     reached = Counter(verdict.kind for section in report.sections for verdict in section.verdicts)
     counts = {kind: reached[kind] for kind in KINDS if reached[kind]}
-    page = environment.get_template("report.html").render(report=report, counts=counts)
+    page = environment.get_template("report.html").render(report=report, counts=counts, alone=alone)
     return page.encode()
 
 
@@ -42,20 +47,40 @@ def _finalized(value: object) -> object:
     return visible(value) if type(value) is str else value
 
 
-def _shown(block: Block, drawings: Mapping[str, bytes]) -> dict[str, Any]:
+def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str, Any]:
     """Return what the template needs of a block."""
     match block:
+        case Gallery(pictures):
+            return {"kind": "gallery", "blocks": pictures}
+        case Fold(title, blocks):
+            return {"kind": "fold", "title": title, "blocks": blocks}
         case Text(text):
             return {"kind": "text", "text": text}
+        case Picture(name, caption) if alone:
+            return {"kind": "picture", "name": name, "caption": caption, "drawing": _within(drawings[name], name)}
         case Picture(name, caption):
-            source = f"data:image/svg+xml;base64,{b64encode(drawings[name]).decode()}"
+            source = _data("image/svg+xml", drawings[name])
             return {"kind": "picture", "name": name, "caption": caption, "source": source}
         case Table(name, caption, frame, digits):
             present = frame.astype(object).where(frame.notna(), None)
             rows = [[cell(value, digits) for value in row] for row in present.itertuples(index=False, name=None)]
             looks = [_look(column) for column in zip(*rows, strict=True)] or ["word"] * len(frame.columns)
             head = list(zip(map(str, frame.columns), looks, strict=True))
-            return {"kind": "table", "name": name, "caption": caption, "head": head, "looks": looks, "rows": rows}
+            file = _data("text/csv", block.csv()) if alone else f"tables/{name}.csv"
+            shown = {"kind": "table", "name": name, "caption": caption, "head": head, "looks": looks, "rows": rows}
+            return shown | {"file": file}
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{b64encode(content).decode()}"
+
+
+def _within(svg: bytes, name: str) -> str:
+    """Return a drawing as a part of a page: without what only files have, its anchors its own."""
+    text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg.decode(), flags=re.DOTALL)
+    text = re.sub(r" font-family: [^;\"]*sans-serif;?", "", text)  # That of the page
+    text = re.sub(r'(?<=[ (])(id="|xlink:href="#|clip-path="url\(#|url\(#)', rf"\1{name}-", text)
+    return text[text.index("<svg") :]
 
 
 def _look(column: Sequence[str]) -> str:

@@ -1,13 +1,13 @@
 """A report as files."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from commonlaw.errors import CommonlawError
 from commonlaw.files import make_folder, write_all
 from commonlaw.plots import render
-from commonlaw.report.document import Picture, Report, Table
+from commonlaw.report.document import Picture, Report
 from commonlaw.report.html import to_html
 from commonlaw.report.values import to_json
 
@@ -46,7 +46,7 @@ def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict
     _check_names(report)
     drawings: dict[str, bytes] = {}
     files: dict[str, bytes] = {}
-    for block in _blocks(report):
+    for block in report.named_blocks():
         if isinstance(block, Picture):
             figure = block.draw()
             drawings[block.name] = files[f"figures/{block.name}.svg"] = render(figure, ".svg")
@@ -54,18 +54,38 @@ def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict
             if drawn is not None:
                 drawn(block.name)
         else:
-            files[f"tables/{block.name}.csv"] = block.frame.to_csv(index=False, lineterminator="\n").encode()
+            files[f"tables/{block.name}.csv"] = block.csv()
     return {"report.html": to_html(report, drawings), "results.json": to_json(report.results), **files}
 
 
-def _blocks(report: Report) -> Iterator[Picture | Table]:
-    for section in report.sections:
-        yield from (block for block in section.blocks if isinstance(block, Picture | Table))
+def to_page(report: Report, drawn: Callable[[str], None] | None = None) -> bytes:
+    """Return a page that holds everything by itself: figures with their text as text, and tables to take away.
+
+    Parameters
+    ----------
+    report
+        What to show.
+    drawn
+        Called with the name of each picture when it is drawn.
+
+    Raises
+    ------
+    CommonlawError
+        If two parts have the same name, or a formula cannot be read.
+    """
+    _check_names(report)
+    drawings: dict[str, bytes] = {}
+    for block in report.named_blocks():
+        if isinstance(block, Picture):
+            drawings[block.name] = render(block.draw(), ".svg", text=True)
+            if drawn is not None:
+                drawn(block.name)
+    return to_html(report, drawings, alone=True)
 
 
 def _check_names(report: Report) -> None:
     for what, names in (
-        ("parts", [part.name for part in (*report.sections, *_blocks(report))]),
+        ("parts", [part.name for part in (*report.sections, *report.named_blocks())]),
         ("results", [key for section in report.sections for key in section.results]),
     ):
         repeated = [name for name in names if names.count(name) > 1]
