@@ -179,3 +179,15 @@ def test_a_kind_of_errors_that_there_is_not_is_refused():
     law = discover(white)
     with pytest.raises(CommonlawError, match="share of errors"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(proportional=np.array([-1.0]))))
+
+
+def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
+    trials = oscillator(correlated)
+    laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x", "x'' = a x + b v^3")}
+    found = cl.compare(laws, trials).set_index("law")
+    assert found["errors"].iloc[0] == "errors of the measurements that have a memory"
+    assert found.index[0] == "x'' = a x + b v"
+    assert not found["model error"].iloc[0]
+    assert found.loc["x'' = a x", "2 log B"] > 10
+    white = cl.compare(laws, trials, errors="white").set_index("law")
+    assert white["errors"].unique() == ["white noise"]

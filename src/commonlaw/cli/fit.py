@@ -56,7 +56,7 @@ def _compared(learned: Learned, laws: "dict[str, Law]", settings: dict[str, Any]
     """Return what was learned, beside other laws; if they cannot be compared, with the reason."""
     from commonlaw.inference import compare
 
-    same = {name: settings[name] for name in ("noise", "huber_threshold") if name in settings}
+    same = {name: settings[name] for name in ("noise", "errors", "huber_threshold") if name in settings}
     try:
         return replace(learned, compared=compare(laws, learned.training, **same))
     except CommonlawError as error:

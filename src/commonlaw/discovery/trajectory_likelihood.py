@@ -122,7 +122,7 @@ class TrajectoryLikelihood(AbstractMethod):
             steps = [best_course(found.problem, found.state)]
             if steps[0].choice != trials.schema.input_between:
                 found = self._search(on_course(trials, steps[0].choice), structure, progress)
-        odd = objection(found) if self.errors == "auto" else "as asked for"
+        odd = objection(found.problem, found.state) if self.errors == "auto" else "as asked for"
         if odd:
             progress(f"{odd}: estimating errors with the law")
             try:

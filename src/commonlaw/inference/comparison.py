@@ -1,15 +1,18 @@
 """Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.hypotheses import OF_LAWS, WORDS, with_errors_of_each_kind
 from commonlaw.inference.input_course import on_course
+from commonlaw.inference.law_search import objection
 from commonlaw.inference.refinement import fit_terms, of_objects
-from commonlaw.inference.scales import check_one_scale
+from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law, Provenance
@@ -27,12 +30,14 @@ def compare(
     trials: Trials,
     *,
     noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
 ) -> "pd.DataFrame":
     """Return how probable the measurements make each of several laws, whatever found them.
 
-    The coefficients of all laws are fitted again, to these trials and with one noise for all; known ones stay. What was
-    to choose from when a law was found costs it nothing here.
+    The coefficients of all laws are fitted again, to these trials; known ones stay. All have one noise, if that
+    explains what the best of them leaves; else each has the kind of errors, and their levels, of its largest evidence,
+    as in `discover`. What was to choose from when a law was found costs it nothing here.
 
     Parameters
     ----------
@@ -40,15 +45,15 @@ def compare(
         By names of your own; of one order, and of the trials' objects. They need not use all inputs of the trials.
     trials
         What was measured.
-    noise, huber_threshold
+    noise, errors, huber_threshold
         See `refine`.
 
     Returns
     -------
     pandas.DataFrame
         One row for each law, the most probable first: its name, its equations, the number of coefficients that were
-        found for each object, whether the measurements depart from it by more than their noise, 2 log B (Kass and
-        Raftery 1995) against the first, and its probability if one of these laws holds.
+        found for each object, the errors that it has, whether these are of the law itself and not of the measurements
+        alone, 2 log B (Kass and Raftery 1995) against the first, and its probability if one of these laws holds.
 
     Raises
     ------
@@ -65,13 +70,18 @@ def compare(
     """
     import pandas as pd
 
+    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
     check_one_scale(list(laws.values()))
     same = [of_objects(_written_alike(law, trials.schema), trials) for law in laws.values()]
     fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
-    states = [_on_mesh(problem, state, finest) for problem, state in fitted]
+    white = [_on_mesh(problem, state, finest) for problem, state in fitted]
+    enough = errors == "auto" and not objection(*min(white, key=lambda each: each[1].value))
+    kinds = () if enough else error_kinds(errors, trials.schema)
+    found = [_with_errors(*each, kinds) for each in white]
+    of_kinds, states = zip(*found, strict=True)
     above = np.array([state.value for state in states]) - min(state.value for state in states)
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
@@ -79,7 +89,8 @@ def compare(
             "law": list(laws),
             "equations": ["; ".join(law.structure()) for law in laws.values()],
             "coefficients": [int(state.supports.sum()) for state in states],
-            "model error": [state.has_model_error for state in states],
+            "errors": [WORDS[kind] for kind in of_kinds],
+            "model error": [kind in OF_LAWS for kind in of_kinds],
             "2 log B": above,
             "probability": weights / weights.sum(),
         }
@@ -113,9 +124,20 @@ def _fitted(
     return fit_terms(law, trials, noise, huber_threshold)
 
 
-def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> SearchState:
+def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> tuple[SearchProblem, SearchState]:
     """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
     fine = problem
     while fine.points < points:
         fine = fine.finer()
-    return fit_supports(fine, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))
+    return fine, fit_supports(fine, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))
+
+
+def _with_errors(
+    problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
+) -> tuple[ErrorKind, SearchState]:
+    """Return the kind of errors of largest evidence, and the state fitted under it; without any, those that it has."""
+    found = with_errors_of_each_kind(problem, state, kinds)
+    if not found:
+        return "walk" if state.has_model_error else "white", state
+    best = min(found, key=lambda kind: found[kind][1].value)
+    return best, found[best][1]

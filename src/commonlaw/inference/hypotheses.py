@@ -25,6 +25,15 @@ from commonlaw.likelihood import Estimate, NotPositiveError
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
 
+WORDS: dict[ErrorKind, str] = {
+    "white": "white noise",
+    "proportional": "noise that grows with the states",
+    "correlated": "errors of the measurements that have a memory",
+    "walk": "a random walk",
+    "force": "a smooth force",
+}
+"""What is said of each kind of errors."""
+
 OF_MEASUREMENTS: tuple[ErrorKind, ...] = ("white", "proportional", "correlated")
 OF_LAWS: tuple[ErrorKind, ...] = ("walk", "force")
 
@@ -81,21 +90,21 @@ def hypotheses(
     largest evidence comes first.
     """
     progress("comparing kinds of errors")
-    starts = _starts(problem, state, kinds)
+    starts = with_errors_of_each_kind(problem, state, kinds)
     found = []
     for group in (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS):
         own = {kind: starts[kind] for kind in group if kind in starts}
         for kind in sorted(own, key=lambda each: own[each][1].value)[:1]:
-            progress(f"seeking the law with {_WORDS[kind]}")
+            progress(f"seeking the law with {WORDS[kind]}")
             with suppress(CommonlawError, NotPositiveError):
                 found.append(_hypothesis(*own[kind], kind, solver, progress))
     return sorted(found, key=lambda each: each.state.value)
 
 
-def _starts(
+def with_errors_of_each_kind(
     problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
 ) -> dict[ErrorKind, tuple[SearchProblem, SearchState]]:
-    """Return the problem and the state with the levels of each kind, for the supports that were found."""
+    """Return the problem and the state with errors of each kind that can be fitted, for the supports that it has."""
     found: dict[ErrorKind, tuple[SearchProblem, SearchState]] = {}
     with suppress(CommonlawError, NotPositiveError):
         solved = fit_solutions(problem, state.supports)
@@ -107,15 +116,6 @@ def _starts(
             walking = state if state.has_model_error else fit_supports(problem, state.supports)
             found["walk"] = with_errors_of_kind(problem, walking, "walk")
     return found
-
-
-_WORDS: dict[ErrorKind, str] = {
-    "white": "white noise",
-    "proportional": "noise that grows with the states",
-    "correlated": "errors of the measurements that have a memory",
-    "walk": "a random walk",
-    "force": "a smooth force",
-}
 
 
 def _hypothesis(

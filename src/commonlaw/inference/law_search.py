@@ -96,14 +96,13 @@ def search_supports(
     return LawSearch(frame, problem, found[0], solver, found)
 
 
-def objection(found: LawSearch) -> str:
-    """Return what speaks against the law that was found, with white noise, in words; nothing if nothing does.
+def objection(problem: SearchProblem, state: SearchState) -> str:
+    """Return what speaks against a law that was found, with white noise, in words; nothing if nothing does.
 
     Trials that are too short to tell their noise without a law do not speak against what is assumed of it.
     """
-    told = found.state.has_model_error or found.problem.tells_noise
-    odd = unexplained(found.problem, found.state) if told else ""
-    if not odd and runs_away(found.problem, found.state):
+    odd = unexplained(problem, state) if state.has_model_error or problem.tells_noise else ""
+    if not odd and runs_away(problem, state):
         odd = "forecasts of the trials that the law was learned from diverge"
     return odd
 

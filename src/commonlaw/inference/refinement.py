@@ -116,7 +116,7 @@ def refine(
     law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
     frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
     found = LawSearch(frame, problem, state, PATH, (state,))
-    if errors != "auto" or objection(found):
+    if errors != "auto" or objection(found.problem, found.state):
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
     history = (*law.history, *steps, noise_step(found.problem), *fit_steps(found.problem, found.state))
