@@ -1,6 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.adaptation import adapt
+from commonlaw.inference.candidates import CandidateLaw, candidate_laws
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
@@ -15,11 +16,13 @@ from commonlaw.likelihood import HUBER_THRESHOLD
 __all__ = [
     "HUBER_THRESHOLD",
     "PATH",
+    "CandidateLaw",
     "CovarianceKind",
     "ErrorKind",
     "LawSearch",
     "adapt",
     "best_course",
+    "candidate_laws",
     "compare",
     "error_kinds",
     "finish",

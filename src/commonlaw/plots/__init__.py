@@ -14,8 +14,10 @@ except ValueError as error:
 
 from commonlaw.plots.coefficients import plot_coefficients
 from commonlaw.plots.forecast import plot_forecast
+from commonlaw.plots.intervals import plot_intervals
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library
+from commonlaw.plots.panels import ForecastPanels
 from commonlaw.plots.path import plot_path
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.render import figure_format, render, save_figure
@@ -23,9 +25,11 @@ from commonlaw.plots.trials import plot_trials
 
 __all__ = [
     "Figure",
+    "ForecastPanels",
     "figure_format",
     "plot_coefficients",
     "plot_forecast",
+    "plot_intervals",
     "plot_law",
     "plot_library",
     "plot_path",

@@ -41,6 +41,11 @@ class Coefficient:
     true: Floats
     errors: Floats
 
+    @property
+    def label(self) -> str:
+        """Its letter and unit, as far as there are any."""
+        return " ".join(filter(None, (self.letter, f"({self.unit})" if self.unit else "")))
+
 
 @dataclass(frozen=True, eq=False)
 class DotPlot:
@@ -100,6 +105,12 @@ class DotPlot:
         else:
             self._draw_lines(index)
 
+    def title(self, each: Coefficient) -> str:
+        """Return what stands above the panel of a coefficient: its term, and its equation if there are several."""
+        lefts = left_hand_sides(self.law)
+        where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
+        return where + ("constant term" if each.term == "$1$" else f"{each.term} term")
+
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
         learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
@@ -108,7 +119,7 @@ class DotPlot:
 
     def _draw_panels(self, figure: Figure, index: SubplotSpec) -> None:
         grid = index.subgridspec(self.lines, self.columns)
-        heights, lefts = np.arange(len(self.law.objects)), left_hand_sides(self.law)
+        heights = np.arange(len(self.law.objects))
         for i, each in enumerate(self.coefficients):
             panel = figure.add_subplot(grid[i])
             panel.plot(each.learned, heights, **_DOT)
@@ -119,9 +130,8 @@ class DotPlot:
             panel.set_ylim(len(heights) - 0.5, -0.5)
             panel.margins(x=0.15)
             panel.locator_params(axis="x", nbins=4)
-            where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
-            panel.set_title(where + ("constant term" if each.term == "$1$" else f"{each.term} term"))
-            panel.set_xlabel(" ".join(filter(None, (each.letter, f"({each.unit})" if each.unit else ""))))
+            panel.set_title(self.title(each))
+            panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
         groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]

@@ -78,21 +78,21 @@ def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
 
 def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, columns: int) -> None:
     """Draw all pairs of panels into a part of a figure."""
-    schema, colors, smooth = forecast.trials.schema, _trial_colors(forecast.trials), forecast.smooth()
+    schema, curves = forecast.trials.schema, curves_of(forecast, forecast.smooth())
     states = len(schema.states)
     lines = -(-len(forecast.trials.objects) * states // columns)
     grid = index.subgridspec(2 * lines, columns, height_ratios=[2, 1] * lines)
-    pairs: dict[int, list[_Pair]] = {}
+    pairs: dict[int, list[Pair]] = {}
     lower = []
     for i, (name, j) in enumerate(product(forecast.trials.objects, range(states))):
         line, column = divmod(i, columns)
         like = pairs[j][0] if j in pairs else None
         above = figure.add_subplot(grid[2 * line, column], sharex=like and like.above, sharey=like and like.above)
         below = figure.add_subplot(grid[2 * line + 1, column], sharex=above, sharey=like and like.below)
-        pair = _Pair(above, below, _curves(forecast, smooth, name, j, colors))
+        pair = Pair(above, below, curves[name, j])
         pairs.setdefault(j, []).append(pair)
         lower.append(below)
-        _draw_pair(pair)
+        draw_pair(pair)
         above.set_title(plain(name if states == 1 else f"{name}: {schema.states[j]}", 24))
         above.tick_params(labelbottom=False)
         # As years are long, more labels would run into each other
@@ -103,14 +103,14 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
             if column < states:
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
     for alike in pairs.values():
-        _set_limits(alike[0], [curve for pair in alike for curve in pair.curves])
+        set_limits(alike[0], [curve for pair in alike for curve in pair.curves])
         for pair in alike:
-            _draw_bands(pair)
+            draw_bands(pair)
     show_lowest_ticks(lower, columns, axis_label(schema.time, schema.units.get(schema.time, "")))
 
 
 @dataclass(frozen=True)
-class _Curve:
+class Curve:
     """One state of one trial: measured, and forecast as far as it is finite, at more times."""
 
     times: Floats
@@ -129,46 +129,45 @@ class _Curve:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class Pair:
     """The panels of one state of one object, the errors below, and what is drawn in them."""
 
     above: Axes
     below: Axes
-    curves: Sequence[_Curve]
+    curves: Sequence[Curve]
 
 
-def _curves(forecast: Forecast, smooth: Forecast, name: str, j: int, colors: Mapping[str, str]) -> list[_Curve]:
-    """Return the curves of state `j` of one object."""
-    curves = []
+def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], list[Curve]]:
+    """Return the curves of all trials, by object and index of the state; `smooth` is the forecast at more times."""
+    found: dict[tuple[str, int], list[Curve]] = {}
+    colors, states = trial_colors(forecast.trials), len(forecast.trials.schema.states)
     known = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
+    known_ahead, drawn_ahead = forecast.ahead, smooth.ahead
     for i, (trial, trajectory) in enumerate(zip(smooth.trials, smooth.trajectories, strict=True)):
-        if trial.object == name:
-            measured, missed = (
-                forecast.trials[i],
-                forecast.trajectories[i].states[:, j] - forecast.trials[i].states[:, j],
-            )
-            compared = np.isfinite(missed) & forecast.ahead[i]
-            drawn = np.isfinite(trajectory.states[:, j]) & smooth.ahead[i]
+        measured, ahead = forecast.trials[i], known_ahead[i]
+        missed = forecast.trajectories[i].states[:, :states] - measured.states
+        for j in range(states):
+            compared = np.isfinite(missed[:, j]) & ahead
+            drawn = np.isfinite(trajectory.states[:, j]) & drawn_ahead[i]
             middle = trajectory.states[drawn, j]
             low, high = (middle, middle) if known is None else (end[drawn, j] for end in known[i])
-            curves.append(
-                _Curve(
-                    times=measured.times,
-                    measured=measured.states[:, j],
-                    compared=measured.times[compared],
-                    error=missed[compared],
-                    at=trial.times[drawn],
-                    forecast=middle,
-                    diverged=trajectory.outcome is not None,
-                    color=colors[trial.name],
-                    low=np.nan_to_num(low, nan=-np.inf),
-                    high=np.nan_to_num(high, nan=np.inf),
-                )
+            curve = Curve(
+                times=measured.times,
+                measured=measured.states[:, j],
+                compared=measured.times[compared],
+                error=missed[compared, j],
+                at=trial.times[drawn],
+                forecast=middle,
+                diverged=trajectory.outcome is not None,
+                color=colors[trial.name],
+                low=np.nan_to_num(low, nan=-np.inf),
+                high=np.nan_to_num(high, nan=np.inf),
             )
-    return curves
+            found.setdefault((trial.object, j), []).append(curve)
+    return found
 
 
-def _draw_pair(pair: _Pair) -> None:
+def draw_pair(pair: Pair) -> None:
     """Draw measurements and forecasts above, errors below, and where a forecast diverged in both."""
     state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)
@@ -186,7 +185,7 @@ def _draw_pair(pair: _Pair) -> None:
                 panel.plot(curve.at[-1], 0.08, "X", color=curve.color, transform=foot, clip_on=False)
 
 
-def _draw_bands(pair: _Pair) -> None:
+def draw_bands(pair: Pair) -> None:
     """Draw the bands of forecasts, behind all else, no farther than a panel's height outside of it."""
     for curve in pair.curves:
         if (curve.high > curve.low).any():
@@ -197,23 +196,28 @@ def _draw_bands(pair: _Pair) -> None:
                 panel.fill_between(curve.at, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
 
 
-def _set_limits(pair: _Pair, curves: Sequence[_Curve]) -> None:
+def set_limits(pair: Pair, curves: Sequence[Curve]) -> None:
     """Show all that was measured, and of forecasts and bands what lies within half of its span from it."""
-    state, error = pair.above, pair.below
+    state, error = limits_of(curves)
+    pair.above.set_ylim(*state)
+    pair.below.set_ylim(*error)
+
+
+def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the limits of the panels of a state and of its errors, see `set_limits`."""
     measured = np.concatenate([curve.measured for curve in curves])
     forecasts = np.concatenate([each for curve in curves for each in (curve.low, curve.high)])
     low, high = np.nanmin(measured), np.nanmax(measured)
     span = (high - low) or abs(high) or 1.0
     low = max(forecasts.min(initial=low), low - span / 2)
     high = min(forecasts.max(initial=high), high + span / 2)
-    state.set_ylim(low - span / 20, high + span / 20)
     ends = ((curve.error, curve.forecast - curve.low, curve.high - curve.forecast) for curve in curves)
     largest = np.max(np.abs(np.concatenate([each for own in ends for each in own])), initial=0)
     bound = 1.1 * (min(largest, span) or span / 100)
-    error.set_ylim(-bound, bound)
+    return (low - span / 20, high + span / 20), (-bound, bound)
 
 
-def _trial_colors(trials: Trials) -> dict[str, str]:
+def trial_colors(trials: Trials) -> dict[str, str]:
     """Return a colour for each trial label."""
     names = dict.fromkeys(trial.name for trial in trials)
     return {name: COLORS[i % len(COLORS)] for i, name in enumerate(names)}
@@ -221,7 +225,7 @@ def _trial_colors(trials: Trials) -> dict[str, str]:
 
 def forecast_keys(forecast: Forecast) -> list[Line2D]:
     """Return the legend: what points and lines are, and the trials if there are several, but not very many."""
-    colors = _trial_colors(forecast.trials)
+    colors = trial_colors(forecast.trials)
     keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key("forecast", color=GREY)]
     if forecast.std is not None:
         of = "states" if forecast.noise is None else "measured"

@@ -1,0 +1,158 @@
+"""From the candidates that a law was chosen from to laws: each fitted to the same trials, from few terms to many."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.refinement import refine
+from commonlaw.law import Law, Provenance, Uncertainty
+from commonlaw.law.provenance import Alternative
+from commonlaw.trials import Trials
+
+_MEASURES = ("2 log B", "held-out error", "BIC", "EBIC", "AIC", "AICc")
+"""What tells the best candidate of a size, the first that all have; small is good."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateLaw:
+    """A law that might have been chosen.
+
+    Parameters
+    ----------
+    law
+        With its coefficients fitted to the trials.
+    evidence
+        2 log B against the most probable candidate, summed over equations; None if it is not known.
+    chosen
+        Whether it is the law that was chosen, as it is.
+    """
+
+    law: Law
+    evidence: float | None
+    chosen: bool
+
+    @property
+    def size(self) -> int:
+        """Number of terms in all equations."""
+        return int(self.law.support.sum())
+
+
+def candidate_laws(
+    law: Law, trials: Trials, most: int = 8, progress: Callable[[str], None] = lambda _: None
+) -> tuple[CandidateLaw, ...]:
+    """Return the law among those that it was chosen from, from the fewest terms to the most.
+
+    Of each number of terms that an equation may have, the best candidate stands for the others; of several equations
+    one after the other grows. Coefficients are fitted as `refine` does it, with the noise of the law and no other
+    errors.
+
+    Parameters
+    ----------
+    law
+        A law of order 1 or 2 whose objects share their terms; any other stands alone.
+    trials
+        Those that it was learned from.
+    most
+        How many laws there may be: those nearest to the chosen one in their number of terms.
+    progress
+        Takes what is being done.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> law = cl.discover(drops, order=2, library="poly:1")
+    >>> [each.law.structure()[0] for each in candidate_laws(law, drops)]
+    ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
+    """
+    chosen = CandidateLaw(law, _evidence(law, law.support), True)
+    if law.order == 0 or not law.shared:
+        return (chosen,)
+    found = [chosen]
+    near = sorted(_supports(law), key=lambda each: abs(int(each.sum()) - chosen.size))
+    for support in near[: most - 1]:
+        progress(f"fitting the candidate with {support.sum()} terms")
+        try:
+            found.append(CandidateLaw(_fitted(law, support, trials), _evidence(law, support), False))
+        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
+            continue  # What cannot be fitted is no rival
+    return tuple(sorted(found, key=lambda each: (each.size, each.chosen)))
+
+
+def _supports(law: Law) -> Iterator[Bools]:
+    """Yield the supports of other candidates, shape (equations, terms), each once, none of them empty.
+
+    From the smallest candidates of all equations on, that equation grows which gains most by it.
+    """
+    paths = [_path(law, left) or [_Rung(law.support[j], 0.0)] for j, left in enumerate(law.left_hand_sides)]
+    at = [0] * len(paths)
+    while True:
+        support = np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
+        if support.any() and not np.array_equal(support, law.support):
+            yield support
+        growing = [j for j, path in enumerate(paths) if at[j] + 1 < len(path)]
+        if not growing:
+            return
+        gains = {j: paths[j][at[j]].measure - paths[j][at[j] + 1].measure for j in growing}
+        at[max(gains, key=gains.__getitem__)] += 1
+
+
+class _Rung(NamedTuple):
+    """The best candidate of an equation that has so many terms: which these are, shape (terms,), and its measure."""
+
+    terms: Bools
+    measure: float
+
+
+def _path(law: Law, left: str) -> list[_Rung]:
+    """Return the best candidate of each size of an equation, from the fewest terms to the most."""
+    own = [each for each in law.alternatives if each.equation == left]
+    name = next((name for name in _MEASURES if all(_measure(each, name) is not None for each in own)), "")
+    best: dict[int, Alternative] = {}
+    for each in sorted(own, key=lambda each: (not each.chosen, _measure(each, name) or 0.0)):
+        best.setdefault(len(each.terms), each)
+    return [
+        _Rung(np.isin(law.terms.names, best[size].terms), _measure(best[size], name) or 0.0) for size in sorted(best)
+    ]
+
+
+def _measure(each: Alternative, name: str) -> float | None:
+    return each.measures.get(name)
+
+
+def _evidence(law: Law, support: Bools) -> float | None:
+    """Return the sum over equations of how far a support stays behind the most probable one."""
+    terms = np.array(law.terms.names, dtype=object)
+    known = [
+        next((_measure(each, "2 log B") for each in law.alternatives if _is_of(each, left, terms[own])), None)
+        for left, own in zip(law.left_hand_sides, support, strict=True)
+    ]
+    return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
+
+
+def _is_of(each: Alternative, left: str, terms: Sequence[str]) -> bool:
+    return each.equation == left and {*each.terms} == {*terms}
+
+
+def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
+    """Return the law with other terms, fitted with the noise of the law; its known coefficients stay."""
+    certain = (law.standard_errors == 0).all(axis=0)
+    support = support | certain
+    start = np.where(certain, law.coefficients, support * 1.0)
+    free = np.where(certain[support], 0.0, 1.0)
+    covariance = np.tile(np.diag(free), (len(law.objects), 1, 1))
+    frame = replace(
+        law,
+        coefficients=start,
+        uncertainty=Uncertainty(covariance),
+        provenance=Provenance(law.differentiation),
+        explanation=None,
+    )
+    given = trials.schema.noise_columns
+    levels = {} if law.noise is None else dict(zip(law.states, law.noise.tolist(), strict=True))
+    noise = {name: level for name, level in levels.items() if name not in given}
+    return refine(frame, trials, noise=noise or None, errors="white", progress=lambda _: None)

@@ -1,0 +1,51 @@
+"""Coefficients of a law with their intervals."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from commonlaw.law import Law
+from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.plots.dots import DotPlot
+from commonlaw.plots.style import COLORS, add_legend, frozen_layout, styled
+
+_NAMED = 50
+"""Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
+
+
+@styled()
+def plot_intervals(law: Law) -> Figure:
+    """Plot every coefficient of every object as a dot, with its 95 % interval where that is known.
+
+    Objects have a line each; more than fifty are in the order of each coefficient, and have no names.
+
+    Parameters
+    ----------
+    law
+        The law.
+    """
+    dots = DotPlot(law)
+    if len(law.objects) > _NAMED:
+        return _in_order(dots)
+    figure = Figure(figsize=(dots.width + 1, 0.8 + dots.height), layout="constrained")
+    dots.draw(figure, figure.add_gridspec(1, 1)[0])
+    add_legend(figure, dots.keys(), above=True)
+    return frozen_layout(figure)
+
+
+def _in_order(dots: DotPlot) -> Figure:
+    """Return the figure of many objects: each coefficient in the order of its size."""
+    figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
+    panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
+    for panel in panels.flat[len(dots.coefficients) :]:
+        panel.set_visible(False)
+    for panel, each in zip(panels.flat, dots.coefficients, strict=False):
+        order = np.argsort(each.learned)
+        values, half = each.learned[order], normal_quantile(0.95) * each.errors[order]
+        ranks = np.arange(len(values))
+        panel.fill_betweenx(ranks, values - half, values + half, color=COLORS[0], alpha=0.25, linewidth=0)
+        panel.plot(values, ranks, ".", color=COLORS[0], markersize=2)
+        panel.set_title(dots.title(each))
+        panel.set_xlabel(each.label)
+        panel.locator_params(axis="x", nbins=4)
+        panel.set_ylabel("objects in order")
+    return frozen_layout(figure)

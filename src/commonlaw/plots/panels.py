@@ -1,0 +1,76 @@
+"""Forecasts of many objects: a small figure for each, all with the same axes."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from commonlaw.forecast import Forecast
+from commonlaw.plots.forecast import Curve, Pair, curves_of, draw_bands, draw_pair, limits_of
+from commonlaw.plots.style import axis_label, styled
+
+_WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
+"""Of a figure, of the panels of a state, and of what stands below all of them, in inches."""
+
+_MOST_TIMES = 100
+"""Of a curve: small figures need no more."""
+
+Limits = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class ForecastPanels:
+    """The forecasts of each object's trials beside what was measured, drawn object by object.
+
+    See `plot_forecast` for what is drawn; figures are as wide as a phone, and have no legend.
+
+    Parameters
+    ----------
+    forecast
+        What `Law.predict` returned.
+    """
+
+    forecast: Forecast
+
+    @styled()
+    def draw(self, name: str) -> Figure:
+        """Return the figure of an object."""
+        schema = self.forecast.trials.schema
+        states = schema.states
+        height = _HEIGHT * len(states) + _FOOT
+        figure = Figure(figsize=(_WIDTH, height))
+        panels = figure.subplots(2 * len(states), 1, sharex=True, height_ratios=[2, 1] * len(states))
+        figure.subplots_adjust(left=0.19, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
+        for j, state in enumerate(states):
+            pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
+            draw_pair(pair)
+            for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, "error"), strict=True):
+                panel.set_ylim(*limits)
+                panel.set_ylabel(axis_label(what, schema.units.get(state, "") if what == state else ""))
+            draw_bands(pair)
+        panels[-1].set_xlim(*self._times)
+        panels[-1].xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
+        figure.align_ylabels()
+        return figure
+
+    @cached_property
+    def _curves(self) -> dict[tuple[str, int], list[Curve]]:
+        return curves_of(self.forecast, self.forecast.smooth(_MOST_TIMES))
+
+    @cached_property
+    def _limits(self) -> list[tuple[Limits, Limits]]:
+        """The limits of the panels of each state and of its errors."""
+        trials = self.forecast.trials
+        return [
+            limits_of([curve for name in trials.objects for curve in self._curves[name, j]])
+            for j in range(len(trials.schema.states))
+        ]
+
+    @cached_property
+    def _times(self) -> Limits:
+        first = min(trial.times[0] for trial in self.forecast.trials)
+        last = max(trial.times[-1] for trial in self.forecast.trials)
+        margin = 0.03 * (last - first)
+        return float(first - margin), float(last + margin)

@@ -1,0 +1,62 @@
+"""Candidates as laws: fitted to the trials, from few terms to many, the chosen one among them as it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.inference import candidate_laws
+from commonlaw.law import Alternative, Provenance
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    return cl.discover(drops, order=2, library="poly:1")
+
+
+def test_candidates_go_from_few_terms_to_many_and_the_chosen_law_is_as_it_was(law, drops):
+    found = candidate_laws(law, drops)
+    assert [each.size for each in found] == [1, 2, 3]
+    assert [each.law is law for each in found] == [each.chosen for each in found] == [False, True, False]
+    assert found[0].evidence > 100
+    assert [each.evidence == 0 for each in found] == [False, True, False]
+
+
+def test_other_candidates_have_the_coefficients_that_a_fit_of_them_gives(law, drops):
+    larger = candidate_laws(law, drops)[-1].law
+    noise = dict(zip(law.states, law.noise, strict=True))
+    fitted = cl.fit("x'' = a + b x + c v", drops, noise=noise, errors="white")
+    np.testing.assert_allclose(
+        larger.coefficients[:, larger.support], fitted.coefficients[:, fitted.support], rtol=1e-4
+    )
+
+
+def test_known_coefficients_stay_in_every_candidate(drops):
+    law = cl.discover(drops, order=2, library="poly:1", known={"1": -9.8})
+    one = law.terms.names.index("1")
+    for each in candidate_laws(law, drops):
+        assert (each.law.coefficients[:, 0, one] == -9.8).all()
+
+
+def test_equations_of_several_states_grow_one_after_the_other():
+    times = np.linspace(0, 4, 25)
+    truth = cl.Law.from_text("x' = -x; y' = -2 y")
+    trials = cl.Trials.from_arrays(times, truth.simulate(times, [1, 1])["object"].states, names=["x", "y"])
+    law = cl.fit("x' = -a x; y' = -b y", trials)
+    kept = [("x'", ("x",), 0.0, True), ("y'", (), 90.0, False), ("x'", (), 80.0, False), ("y'", ("y",), 0.0, True)]
+    candidates = tuple(Alternative(left, terms, {"2 log B": far}, True, chosen) for left, terms, far, chosen in kept)
+    law = replace(law, provenance=Provenance(alternatives=candidates))
+    found = candidate_laws(law, trials)
+    assert [each.law.structure() for each in found] == [("x' = 0", "y' = a y"), ("x' = a x", "y' = b y")]
+    assert [(each.evidence, each.chosen) for each in found] == [(80, False), (0, True)]
+
+
+def test_a_law_in_discrete_time_stands_alone(drops):
+    law = cl.discover(drops, order=0, library="poly:1")
+    assert [each.law for each in candidate_laws(law, drops)] == [law]

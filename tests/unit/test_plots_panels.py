@@ -1,0 +1,46 @@
+"""Small figures of many objects, and their coefficients with intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.plots import ForecastPanels, plot_forecast, plot_intervals
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=2, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    return cl.fit("x'' = -g - c v", drops)
+
+
+def test_objects_drawn_one_by_one_have_the_axes_that_they_have_side_by_side(law, drops):
+    forecast = law.predict(drops, return_std=True)
+    panels = ForecastPanels(forecast)
+    together = plot_forecast(forecast).axes
+    for name in drops.objects:
+        above, below = panels.draw(name).axes
+        assert above.get_ylim() == pytest.approx(together[0].get_ylim())
+        assert below.get_ylim() == pytest.approx(together[1].get_ylim())
+        assert above.get_ylabel() == "x (m)"
+        measured = [line.get_ydata() for line in above.lines if line.get_marker() == "o"]
+        np.testing.assert_array_equal(measured, [trial.states[:, 0] for trial in drops if trial.object == name])
+
+
+def test_many_objects_stand_in_the_order_of_their_coefficients(law):
+    count = 60
+    names = tuple(f"ball {i}" for i in range(count))
+    some = np.random.default_rng(0).integers(0, 2, count)
+    uncertainty = replace(law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None)
+    many = replace(law, objects=names, coefficients=law.coefficients[some], uncertainty=uncertainty, properties={})
+    figure = plot_intervals(many)
+    for panel in figure.axes:
+        values = panel.lines[0].get_xdata()
+        assert len(values) == count
+        assert (np.diff(values) >= 0).all()
+    assert [label.get_text() for label in plot_intervals(law).axes[0].get_yticklabels()] == list(law.objects)
