@@ -13,6 +13,7 @@ from commonlaw.discovery.model_structure import Key, Known, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law
+from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -108,7 +109,9 @@ class LawDiscovery:
         method = self.method or default_method(trials, structure)
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with one_blas_thread():
-            self.law_ = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
+            law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
+        made = call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials")
+        self.law_ = replace(law, provenance=replace(law.provenance, calls=(made,)))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":

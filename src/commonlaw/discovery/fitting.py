@@ -14,6 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
+from commonlaw.law.script import call
 from commonlaw.library import ExpressionLibrary
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
@@ -71,13 +72,16 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     """
     given = read_equations(equations, trials.schema)
     history = (Step("equations", "; ".join(given.texts), "as given"),)
+    calls = (call(refine, settings, "cl.fit", repr("; ".join(given.texts)), "trials"),)
     if given.order == 0:
         law = _next_samples(given, trials, settings)
         # Of what a search says, only this concerns terms that were given
         outcomes = tuple(each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
-        return replace(law, provenance=Provenance(None, outcomes, history=history, equations=given.texts))
+        made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls)
+        return replace(law, provenance=made)
     provenance = Provenance(suitable_differentiation(trials, given.order), history=history, equations=given.texts)
-    return refine(_unfitted(given, trials, provenance), trials, **({"input_between": "auto"} | settings))
+    law = refine(_unfitted(given, trials, provenance), trials, **({"input_between": "auto"} | settings))
+    return replace(law, provenance=replace(law.provenance, calls=calls))
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:

@@ -20,6 +20,7 @@ from commonlaw.inference.search_problem import SearchProblem, known_noise, prepa
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.log_scale import on_log_scale
+from commonlaw.law.script import call
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
@@ -95,6 +96,7 @@ def refine(
     <BLANKLINE>
     with v = x'
     """
+    calls = (*law.provenance.calls, call(refine, locals(), "cl.refine", "law", "trials"))
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
@@ -120,7 +122,7 @@ def refine(
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
     history = (*law.history, *steps, noise_step(found.problem), *fit_steps(found.problem, found.state))
-    provenance = replace(law.provenance, history=history)
+    provenance = replace(law.provenance, history=history, calls=calls)
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 

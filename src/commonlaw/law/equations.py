@@ -203,6 +203,32 @@ class AbstractEquations(ABC):
         ]
         return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
 
+    def to_script(self, path: str = "trials.csv") -> str:
+        """Return a Python program that finds this law again in the table of its trials.
+
+        Parameters
+        ----------
+        path
+            Of the table. What was selected from it before the law was found, the law does not know.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> print(cl.fit("x'' = -g - c v", drops).to_script("drops.csv"))
+        import commonlaw as cl
+        <BLANKLINE>
+        trials = cl.Trials.read('drops.csv', time='t', states=['x'], units={'t': 's', 'x': 'm'})
+        law = cl.fit("x'' = -g - c v", trials)
+        print(law)
+        print(law.verdict(trials))
+        <BLANKLINE>
+        """
+        from commonlaw.law.script import script
+
+        equations = self.structure() if self.shared else ()
+        return script(self.provenance.calls or [f"cl.fit({'; '.join(equations)!r}, trials)"], self.schema, path)
+
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.
 

@@ -91,6 +91,7 @@ class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     alternatives: tuple[Alternative, ...] = ()
     history: tuple[Step, ...] = ()
     equations: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
 
 
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -124,6 +125,7 @@ def encode(parts: Fields) -> bytes:
             alternatives=provenance.alternatives,
             history=provenance.history,
             equations=provenance.equations,
+            calls=provenance.calls,
         ),
         properties={name: {**values} for name, values in properties.items()},
         explanation=None if explanation is None else _saved_explanation(explanation),
@@ -227,7 +229,7 @@ def decode(content: bytes) -> Fields:
     uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
-    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history, saved.equations)
+    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history, saved.equations, saved.calls)
     explanation = None if document.explanation is None else _read_explanation(document.explanation)
     found = terms, schema, document.order, objects, coefficients, uncertainty, provenance
     return *found, document.properties, explanation

@@ -206,6 +206,7 @@ class Law(AbstractPredictions):
         with v = x'
         """
         from commonlaw.law.explaining import explained, explaining_step, offered, table_of
+        from commonlaw.law.script import written
 
         if not self.shared:
             raise CommonlawError("the objects of this law have terms of their own: only shared ones can be explained")
@@ -221,7 +222,11 @@ class Law(AbstractPredictions):
             self,
             coefficients=values,
             uncertainty=uncertainty,
-            provenance=replace(self.provenance, history=(*self.history, step)),
+            provenance=replace(
+                self.provenance,
+                history=(*self.history, step),
+                calls=(*self.provenance.calls, f"law.explain({'' if properties is None else written(properties)})"),
+            ),
             schema=replace(self.schema, units=given),
             properties=found.values,
             explanation=explanation,

@@ -98,6 +98,9 @@ class Provenance:
         Every choice on the way to the law, in order.
     equations
         The equations as they were given, if they were; letters in them name the coefficients.
+    calls
+        The calls that made it of ``trials``, one after the other, as Python: ``cl.discover(trials, order=2)``; none if
+        they are not known.
     """
 
     differentiation: AbstractDifferentiator | None = None
@@ -105,6 +108,7 @@ class Provenance:
     alternatives: tuple[Alternative, ...] = ()
     history: tuple[Step, ...] = ()
     equations: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))

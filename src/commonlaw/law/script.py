@@ -1,0 +1,90 @@
+"""How a law was made, as Python that makes it again."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any
+
+from commonlaw.trials import Schema
+
+_NOT_SAID = ("progress",)
+"""Arguments that change nothing in a law."""
+
+
+def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
+    """Return the call of a public function as Python: its first arguments, and those that are not its defaults.
+
+    Parameters
+    ----------
+    function
+        Or class, whose signature has the defaults.
+    values
+        Of its parameters, by name; others in it are left out.
+    *first
+        What the call begins with: its name, and arguments as Python.
+    """
+    name, *arguments = first
+    for each in inspect.signature(function).parameters.values():
+        value = values.get(each.name, each.default)
+        if each.default is not each.empty and each.name not in _NOT_SAID and not _same(value, each.default):
+            arguments.append(f"{each.name}={written(value)}")
+    return f"{name}({', '.join(arguments)})"
+
+
+def written(value: Any) -> str:
+    """Return a value as Python: of dataclasses of the package the fields that are not their defaults.
+
+    >>> from commonlaw.library import PolynomialLibrary
+    >>> written({"library": PolynomialLibrary(3)})
+    "{'library': cl.PolynomialLibrary(degree=3)}"
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        own = {each.name: getattr(value, each.name) for each in fields(value) if each.init}
+        defaults = {each.name: _default(each) for each in fields(value)}
+        said = [f"{name}={written(each)}" for name, each in own.items() if not _same(each, defaults[name])]
+        return f"cl.{type(value).__name__}({', '.join(said)})"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{written(key)}: {written(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        inner = ", ".join(map(written, value))
+        return f"[{inner}]" if isinstance(value, list) else f"({inner}{',' * (len(value) == 1)})"
+    return repr(value)
+
+
+def script(calls: Sequence[str], schema: Schema, path: str) -> str:
+    """Return a program that reads a table and makes a law by these calls, see `Law.to_script`."""
+    roles: dict[str, Any] = {
+        "object": schema.object if schema.object != "object" else None,
+        "trial": schema.trial if schema.trial != "trial" else None,
+        "time": schema.time,
+        "states": list(schema.states),
+        "inputs": list(schema.inputs) or None,
+        "noise_columns": dict(schema.noise_columns) or None,
+        "units": {name: schema.units[name] for name in _columns(schema) if name in schema.units} or None,
+    }
+    said = [f"{name}={each!r}" for name, each in roles.items() if each is not None]
+    lines = [
+        "import commonlaw as cl",
+        "",
+        f"trials = cl.Trials.read({', '.join([repr(path), *said])})",
+        *(f"law = {each}" for each in calls),
+        "print(law)",
+        "print(law.verdict(trials))",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _columns(schema: Schema) -> tuple[str, ...]:
+    return (schema.time, *schema.states, *schema.inputs)
+
+
+def _default(field: Any) -> Any:
+    return field.default_factory() if field.default_factory is not MISSING else field.default
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Return whether two values are the same; arrays and frames are the same only if they are one."""
+    try:
+        return one is other or bool(one == other)
+    except (TypeError, ValueError):
+        return False
