@@ -33,3 +33,8 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         attrgetter("no_such_name")(commonlaw)
+
+
+def test_the_package_runs_as_the_command() -> None:
+    shown = subprocess.run([sys.executable, "-m", "commonlaw", "--version"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("commonlaw")

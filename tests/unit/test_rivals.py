@@ -1,5 +1,7 @@
 """Supports between which the likelihood, linearised about one of them, hardly decides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,4 +20,19 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     found = search.search(problem, PATH, lambda _: None)
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
-    assert all(each.tobytes() in fitted for each in search.nearest(problem, found[0], below=6.0))
+    linearised = replace(found[0], fitted=())
+    assert all(each.tobytes() in fitted for each in search.nearest(problem, linearised, below=6.0))
+
+
+def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
+    trials = experiment("heights of balls").measured(0.05, 7)
+    terms = parse_library("poly:3").bind(Variables(("x", "v")))
+    problem = prepare(trials, terms, 2, np.full((5, 1, len(terms)), np.nan))
+    best = search.search(problem, PATH, lambda _: None)[0]
+    (listed,) = search.neighbours(problem, best)
+    assert listed[0].chosen
+    fitted = {each.tobytes(): above for above, each in best.fitted}
+    exact = [each for each in listed if each.support[np.newaxis].tobytes() in fitted and not each.chosen]
+    assert len(exact) >= 3
+    again = search.fit_with(problem, exact[0].support[np.newaxis], search.NEGLIGIBLE)
+    assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)

@@ -141,7 +141,8 @@ def with_error_models(
         own = with_errors(found.frame, found.problem, best.state.supports, kinds)
         best = chosen(own)[0] if own else best
     forecasts = tuple((each.forecast.score, each.state.supports) for each in compared if each.forecast)
-    return _settled(found, best, replace(best.state, forecasts=forecasts, by_evidence=exact))
+    alike = [each.state for each in compared if each.hypothesis is best.hypothesis]
+    return _settled(found, best, replace(best.state.beside(alike), forecasts=forecasts, by_evidence=exact))
 
 
 def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:

@@ -49,7 +49,7 @@ class SearchState:
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
     log-evidence, but for a constant. Scores of free forecasts are kept with all supports that were compared, and
-    whether evidence decided nevertheless.
+    whether evidence decided nevertheless; 2 log B with all supports that were fitted under the same errors.
     """
 
     supports: Bools
@@ -58,6 +58,12 @@ class SearchState:
     value: float
     forecasts: tuple[tuple[float, Bools], ...] = ()
     by_evidence: bool = True
+    fitted: tuple[tuple[float, Bools], ...] = ()
+
+    def beside(self, others: Sequence["SearchState"]) -> "SearchState":
+        """Return the state with the evidence of others, which were fitted under the same errors, against its own."""
+        listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.value)}
+        return replace(self, fitted=tuple((each.value - self.value, each.supports) for each in listed.values()))
 
     @property
     def has_model_error(self) -> bool:
@@ -81,7 +87,10 @@ def search(
     for number, model_errors in enumerate(schedules, start=1):
         progress(f"choosing terms, way {number} of {len(schedules)}")
         found += _anneal(problem, solver, model_errors)
-    return _with_rivals(problem, _sorted(found)) if schedules is SCHEDULES else _sorted(found)
+    if schedules is not SCHEDULES:
+        return _sorted(found)
+    best, *others = _with_rivals(problem, _sorted(found))
+    return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
 
 
 def polish(
@@ -186,7 +195,9 @@ def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
     """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
-    return _evidence(problem, state.estimates, state.model_error).neighbours(state.supports, state.forecasts)
+    return _evidence(problem, state.estimates, state.model_error).neighbours(
+        state.supports, state.forecasts, state.fitted
+    )
 
 
 def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:

@@ -79,18 +79,31 @@ class SupportEvidence:
         listed = _path(self._alone(supports, equation), self.allowed[equation], solver)
         return [each for each in listed if each.sum() <= self.most]
 
-    def neighbours(self, supports: Bools, others: Sequence[tuple[float, Bools]] = ()) -> list[list[ComparedSupport]]:
+    def neighbours(
+        self,
+        supports: Bools,
+        others: Sequence[tuple[float, Bools]] = (),
+        fitted: Sequence[tuple[float, Bools]] = (),
+    ) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
-        The best first, with others and the errors of their forecasts; the other equations keep their supports.
+        The best first, with others and the errors of their forecasts; the other equations keep their supports. Those
+        that were fitted come with 2 log B against the chosen: it is more exact than what is linearised about that.
         """
         found = []
         for j, chosen in enumerate(supports):
             equation = _EquationEvidence.of(self._alone(supports, j), self.measured, self.prices)
-            near = [chosen, *(each for _, each in equation.neighbours(chosen, self.allowed[j], chosen.size))]
+            near = [
+                chosen,
+                *(each for _, each in equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))),
+            ]
             listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in others))}.values())
             errors = [min((e for e, s in others if np.array_equal(s[j], each)), default=None) for each in listed]
-            values = np.array([equation.value(each) for each in listed])
+            exact = {each[j].tobytes(): above for above, each in fitted if _differ_in(each, supports, j)}
+            here = equation.value(chosen)
+            values = np.array(
+                [here + exact[own] if (own := each.tobytes()) in exact else equation.value(each) for each in listed]
+            )
             above = (values - values.min()).tolist()
             compared = [ComparedSupport(each, above[i], i == 0, errors[i]) for i, each in enumerate(listed)]
             found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
@@ -172,6 +185,12 @@ class _EquationEvidence:
                 if size <= most:
                     cost = cost_of_coefficients(size, len(self.factors), self.measured)
                     yield rests[index] + cost + _price(changed, self.prices), changed
+
+
+def _differ_in(supports: Bools, others: Bools, equation: int) -> bool:
+    """Whether supports of all equations differ in no other equation."""
+    same = (supports == others).all(axis=1)
+    return bool(np.delete(same, equation).all())
 
 
 def _price(support: Bools, prices: Floats) -> float:
