@@ -16,6 +16,7 @@ from commonlaw.law.forecast import Forecast
 from commonlaw.law.population import law_of
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.trials.property_inputs import with_property_inputs
 from commonlaw.trials.trial import with_typical
 
 
@@ -31,9 +32,12 @@ def predict(
     tolerance: float = 1e-8,
     seed: int = 0,
     input_between: str | None = None,
+    discrepancy: bool = False,
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
     _check_variables(law, trials)
+    if discrepancy:
+        law, trials = with_discrepancy(law, trials)
     law, trials = _with_object(law, trials)
     if return_std:
         law.uncertainty.known_covariance()
@@ -109,6 +113,24 @@ class _Forecaster:
             # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
             field = replace(field, free=self.law.support)
         return InitialValueProblem(field, beginning.initial(self.law), beginning.ahead.times, beginning.trial.label)
+
+
+def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
+    """Return the law with its discrepancy as further terms, and trials with the properties that these take as inputs.
+
+    Raises
+    ------
+    CommonlawError
+        If it has none, or the law was changed since.
+    """
+    wider, own = law.with_discrepancy, law.support.any(axis=0)
+    if wider is None:
+        raise CommonlawError("this law carries no discrepancy: forecast with law.discrepancy(trials).law")
+    if not np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own]):
+        raise CommonlawError("this law was changed after its discrepancy was found: find it again, law.discrepancy")
+    known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
+    taken = wider.schema.inputs[len(law.schema.inputs) :]
+    return wider, with_property_inputs(replace(trials, properties=known), taken)
 
 
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:

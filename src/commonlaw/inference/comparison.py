@@ -74,7 +74,7 @@ def compare(
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
     check_one_scale(list(laws.values()))
-    same = [of_objects(_written_alike(law, trials.schema), trials) for law in laws.values()]
+    same = [of_objects(written_alike(law, trials.schema), trials) for law in laws.values()]
     fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
     white = [_on_mesh(problem, state, finest) for problem, state in fitted]
@@ -98,7 +98,7 @@ def compare(
     return frame.sort_values("2 log B", ignore_index=True)
 
 
-def _written_alike(law: Law, schema: Schema) -> Law:
+def written_alike(law: Law, schema: Schema) -> Law:
     """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
     before, used = law.terms.variables, law.support.any(axis=0)
     wider = {*law.schema.inputs} <= {*schema.inputs}

@@ -11,7 +11,7 @@ from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.likelihood import linearize, whitened
+from commonlaw.likelihood import ErrorModel, linearize, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
@@ -29,10 +29,7 @@ def fitted_law(
     law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind = "likelihood", seed: int = 0
 ) -> Law:
     """Return the law with the coefficients of a state, their covariance, and the errors of measurements and law."""
-    errors = problem.errors
-    if state.has_model_error:
-        step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
-        errors = replace(errors, walk=state.model_error * problem.models[0].unit / np.sqrt(step))
+    errors = errors_of(problem, state.model_error if state.has_model_error else 0.0)
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -47,6 +44,14 @@ def fitted_law(
             error_model=errors,
         ),
     )
+
+
+def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
+    """Return the errors beside white noise, a model error relative to it as a random walk, none if it is zero."""
+    if not model_error:
+        return problem.errors
+    step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
+    return replace(problem.errors, walk=model_error * problem.models[0].unit / np.sqrt(step))
 
 
 def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind, seed: int) -> Floats:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from typing import Any, Literal, cast
+from typing import Any, Literal, Protocol, cast
 
 import msgspec
 import numpy as np
@@ -106,19 +106,49 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     provenance: _Provenance
     properties: dict[str, dict[str, float | str]] = {}
     explanation: _Explanation | None = None
+    with_discrepancy: "_Law | None" = None
 
 
-def encode(parts: Fields) -> bytes:
-    """Return what a law is made of as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
-    terms, schema, order, objects, coefficients, uncertainty, provenance, properties, explanation = parts
+class SavedLaw(Protocol):
+    """What a law is made of, see `Law`."""
+
+    @property
+    def terms(self) -> Terms: ...
+    @property
+    def schema(self) -> Schema: ...
+    @property
+    def order(self) -> int: ...
+    @property
+    def objects(self) -> tuple[str, ...]: ...
+    @property
+    def coefficients(self) -> Floats: ...
+    @property
+    def uncertainty(self) -> Uncertainty: ...
+    @property
+    def provenance(self) -> Provenance: ...
+    @property
+    def properties(self) -> Properties: ...
+    @property
+    def explanation(self) -> Explanation | None: ...
+    @property
+    def with_discrepancy(self) -> "SavedLaw | None": ...
+
+
+def encode(law: SavedLaw) -> bytes:
+    """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
+    return msgspec.json.format(msgspec.json.encode(_document(law)), indent=1) + b"\n"
+
+
+def _document(law: SavedLaw) -> _Law:
+    terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
     method = provenance.differentiation
-    document = _Law(
-        order=cast(Literal[0, 1, 2], order),
-        schema=schema,
-        rates=list(terms.variables.states[len(schema.states) :]),
+    return _Law(
+        order=cast(Literal[0, 1, 2], law.order),
+        schema=law.schema,
+        rates=list(terms.variables.states[len(law.schema.states) :]),
         terms=[term.expression(terms.variables.names) for term in terms.terms],
-        coefficients=dict(zip(objects, coefficients.tolist(), strict=True)),
-        uncertainty=_saved_uncertainty(objects, uncertainty),
+        coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
+        uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         provenance=_Provenance(
             differentiation=None if method is None else format_differentiation(method),
             outcomes=provenance.outcomes,
@@ -127,10 +157,10 @@ def encode(parts: Fields) -> bytes:
             equations=provenance.equations,
             calls=provenance.calls,
         ),
-        properties={name: {**values} for name, values in properties.items()},
-        explanation=None if explanation is None else _saved_explanation(explanation),
+        properties={name: {**values} for name, values in law.properties.items()},
+        explanation=None if law.explanation is None else _saved_explanation(law.explanation),
+        with_discrepancy=None if wider is None else _document(wider),
     )
-    return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
@@ -195,8 +225,10 @@ def _read_errors(saved: _Errors | None) -> ErrorModel:
     return ErrorModel(**given)
 
 
-def decode(content: bytes) -> Fields:
-    """Return what the law of a JSON document is made of; documents of versions 1 and 2 are read too.
+def decode(content: bytes) -> tuple[Fields, Fields | None]:
+    """Return what the law of a JSON document is made of, and the one with its discrepancy if there is one.
+
+    Documents of versions 1 and 2 are read too.
 
     Raises
     ------
@@ -217,6 +249,13 @@ def decode(content: bytes) -> Fields:
         )
     if version < VERSION:
         document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
+    wider = document.with_discrepancy
+    if wider is not None and wider.with_discrepancy is not None:
+        raise CommonlawError("the law is damaged: the law with its discrepancy has one of its own")
+    return _fields(document), None if wider is None else _fields(wider)
+
+
+def _fields(document: _Law) -> Fields:
     schema = document.schema
     variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time, schema.logarithmic)
     terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))

@@ -52,6 +52,8 @@ class Law(AbstractPredictions):
         What is known of the objects, by object and name; the units stand in ``schema.units``.
     explanation
         What decides the coefficients, if `explain` was asked.
+    with_discrepancy
+        The same law with a discrepancy as further terms, if `discrepancy` found these coefficients.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Law(AbstractPredictions):
     provenance: Provenance = field(default_factory=Provenance)
     properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
     explanation: Explanation | None = None
+    with_discrepancy: "Law | None" = None
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -355,8 +358,7 @@ class Law(AbstractPredictions):
         """Return the law as JSON of a versioned schema."""
         from commonlaw.law.json import encode
 
-        made_of = self.terms, self.schema, self.order, self.objects, self.coefficients, self.uncertainty
-        return encode((*made_of, self.provenance, self.properties, self.explanation)).decode()
+        return encode(self).decode()
 
     @classmethod
     def from_json(cls, content: str | bytes) -> "Law":
@@ -369,7 +371,8 @@ class Law(AbstractPredictions):
         """
         from commonlaw.law.json import decode
 
-        return cls(*decode(content.encode() if isinstance(content, str) else content))
+        own, wider = decode(content.encode() if isinstance(content, str) else content)
+        return cls(*own, with_discrepancy=wider and cls(*wider))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law as JSON, whole or not at all.

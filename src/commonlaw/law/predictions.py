@@ -3,17 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
-from typing import Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
+from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Terms
+from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Trials
 
 
@@ -96,6 +98,7 @@ class AbstractPredictions(AbstractEquations):
         tolerance: float = 1e-8,
         seed: int = 0,
         input_between: str | None = None,
+        discrepancy: bool = False,
     ) -> Forecast:
         """Forecast each trial from its own initial state.
 
@@ -131,17 +134,20 @@ class AbstractPredictions(AbstractEquations):
         input_between
             The course of inputs between samples: ``"held"`` at the earlier value, as a controller does, ``"linear"`` or
             ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
+        discrepancy
+            Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
 
         Raises
         ------
         CommonlawError
             If a trial's object is not the only one of the law, its variables are not those of the law, standard
-            deviations are asked for and the law's covariance or noise is not known, or a start cannot be fitted.
+            deviations are asked for and the law's covariance or noise is not known, a start cannot be fitted, or the
+            law carries no discrepancy.
         """
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
-        how = {"method": method, "tolerance": tolerance, "seed": seed}
+        how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy}
         forecast: Forecast = predict(self, trials, times=times, **options, **how)
         return forecast
 
@@ -176,6 +182,66 @@ class AbstractPredictions(AbstractEquations):
         """
         adapted: Self = resolve_name("commonlaw.inference:adapt")(self, trials)
         return adapted
+
+    def discrepancy(
+        self,
+        trials: Trials,
+        of: str | None = None,
+        *,
+        times: str = "1",
+        equation: str | None = None,
+        zero_at: float | Literal["auto"] | None = "auto",
+        noise: Mapping[str, float] | None = None,
+        huber_threshold: float = HUBER_THRESHOLD,
+    ) -> Discrepancy[Self]:
+        """Find what the law leaves unexplained as a smooth function of a coordinate, the same for all objects.
+
+        The function is a Gaussian process in the likelihood of the trajectories, fitted together with the law's
+        coefficients and all initial states; its amplitude and its smoothness are integrated out. Where measurements
+        depart from law and function trial by trial, and evidence says so, that is a model error (a random walk).
+
+        A function could take over what the law's terms say. So that coefficients keep their meaning, it is zero where
+        the coordinate is zero, if that was visited or nearly: a drag vanishes at rest, and the constant of the law is
+        gravity. Of other terms that a function of the coordinate could say as well it holds nothing: it is orthogonal
+        to them over the visited samples, as it is to all such terms where no zero was visited, and of time. Terms that
+        no function of the coordinate can say need no such rule.
+
+        Parameters
+        ----------
+        trials
+            Of objects of the law.
+        of
+            The coordinate: a state, its rate, an input, time, or an expression of these and of the objects' properties
+            such as ``abs(v)*diameter/1.5e-5``. Default: the variable of largest evidence, which pays for the choice.
+        times
+            What the function is multiplied with, a term such as ``v*abs(v)*diameter^2/mass``: the function of the
+            Reynolds number is then a drag coefficient but for a constant.
+        equation
+            The state in whose equation the function stands. Default: that of largest evidence among those with
+            coefficients to be found.
+        zero_at
+            Where the function is zero, instead of the rule above; None for nowhere.
+        noise, huber_threshold
+            See `commonlaw.refine`.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is of discrete time, its objects do not share their terms, or a coordinate cannot be read, is
+            not finite or does not change; the message says which.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
+        >>> found = cl.fit("x'' = -g - c v", drops).discrepancy(drops, of="v")
+        >>> found.claimed
+        True
+        """
+        options: dict[str, Any] = {"times": times, "equation": equation, "zero_at": zero_at}
+        find = resolve_name("commonlaw.discrepancy:discrepancy")
+        found: Discrepancy[Self] = find(self, trials, of, noise=noise, huber_threshold=huber_threshold, **options)
+        return found
 
     def score(self, trials: Trials) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""

@@ -1,0 +1,117 @@
+"""From a law and trials to the function that its objects share in what the law leaves."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.discrepancy.candidates import Candidate, candidates, equations_of
+from commonlaw.discrepancy.coordinates import expression, with_known_properties
+from commonlaw.discrepancy.describe import descriptions
+from commonlaw.discrepancy.setting import Setting
+from commonlaw.discrepancy.shares import shares
+from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, settled
+from commonlaw.inference.covariance import errors_of
+from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.discrepancy import Compared, Discrepancy
+from commonlaw.library import Terms
+from commonlaw.library.naming import quoted
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.trials import Trials
+
+
+def discrepancy(
+    law: Law,
+    trials: Trials,
+    of: str | None = None,
+    *,
+    times: str = "1",
+    equation: str | None = None,
+    zero_at: float | str | None = "auto",
+    noise: Mapping[str, float] | None = None,
+    huber_threshold: float = HUBER_THRESHOLD,
+) -> Discrepancy[Law]:
+    """Return the smooth function of a coordinate that all objects share beside a law, see `Law.discrepancy`."""
+    trials = with_known_properties(trials, law)
+    setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
+    names = setting.law.terms.variables.names
+    own = [of] if of else [quoted(name) for name in law.terms.variables.names]
+    coordinates = [expression(each, names) for each in own]
+    listed = candidates(setting, coordinates, expression(times, names), equations_of(setting, equation), zero_at)
+    first = listed[0]
+    setting = setting.resolving(first.basis)
+    model = setting.with_function(first.basis, first.equation, zero_at)
+    alone, shared = (annealed(setting.problem, each) for each in (setting.alone, model))
+    law_alone, found = (settled(setting.problem, best(each)) for each in (alone, shared))
+    # What the choice among several costs: all of them are as probable beforehand
+    evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
+    visited = setting.visited.evaluate(first.basis.coordinate)
+    left = law.left_hand_sides
+    return Discrepancy(
+        law=_refitted(law, setting, found, first),
+        equation=left[first.equation],
+        basis=first.basis,
+        weights=found.posterior.weights,
+        covariance=found.posterior.covariance,
+        zero_at=model.zero_at,
+        holds_nothing_of=tuple(setting.law.terms.names[i] for i in model.held),
+        visited=visited,
+        evidence=evidence,
+        shares=shares(setting.problem, setting.law.coefficients, alone, shared, found),
+        descriptions=descriptions(found, first.basis, visited),
+        compared=tuple(
+            Compared(each.basis.coordinate, left[each.equation], evidence + first.value - each.value) for each in listed
+        ),
+    )
+
+
+def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate) -> Law:
+    """Return the law with coefficients as they are beside the function, which it carries."""
+    own, told = law.select(setting.problem.trials.objects), found.posterior
+    whole = _whole(law, setting, found)
+    size, wide = setting.law.terms, found.model.terms
+    shape = (len(law.states), len(wide))
+    places = np.zeros(shape, dtype=np.bool_)
+    places[:, : len(size)] = setting.law.support
+    coefficients = own.coefficients.copy()
+    coefficients[:, own.support] = whole.coefficients[:, places]
+    inner = places[whole.support]
+    uncertainty = whole.uncertainty.restrict(inner)
+    step = Step(
+        "discrepancy",
+        f"a function of {chosen.basis.coordinate} in {law.left_hand_sides[chosen.equation]}",
+        f"coefficients are those beside it; noise times {told.noise_factor:.3g}",
+    )
+    return replace(
+        own,
+        coefficients=coefficients,
+        uncertainty=replace(uncertainty, inclusion_probabilities=own.inclusion_probabilities),
+        provenance=replace(law.provenance, history=(*law.history, step)),
+        explanation=None,
+        with_discrepancy=whole,
+    )
+
+
+def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
+    """Return the law with the functions as further terms."""
+    problem, model, told = setting.problem, found.model, found.posterior
+    objects, terms = problem.trials.objects, Terms(setting.law.terms.variables, model.terms.terms)
+    coefficients = np.array([each.coefficients for each in found.estimates])
+    coefficients[:, model.own], coefficients[:, model.shared] = told.coefficients, told.weights
+    support = np.any(coefficients != 0, axis=0)
+    order = np.concatenate([np.flatnonzero(model.own), np.flatnonzero(model.shared)])
+    factor = told.shared_factor
+    shared = np.zeros((len(objects), support.size, factor.shape[1]))
+    shared[:, order] = np.concatenate([told.follow @ factor, np.tile(factor, (len(objects), 1, 1))], axis=1)
+    covariance = shared @ shared.transpose(0, 2, 1)
+    own = np.flatnonzero(model.own)
+    covariance[:, own[:, np.newaxis], own] += told.own_covariance
+    kept = support.ravel()
+    uncertainty = Uncertainty(
+        covariance=covariance[:, kept][:, :, kept],
+        shared_factor=shared[:, kept],
+        noise=told.noise_factor * problem.noise,
+        error_model=errors_of(problem, found.model_error if found.has_model_error else 0.0),
+    )
+    schema, provenance = setting.law.schema, Provenance(law.differentiation)
+    return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

@@ -1,0 +1,135 @@
+"""How probable smooth functions are before anything is measured, and what leaves a law's coefficients their meaning.
+
+A Gaussian process on few functions: bumps whose weights hang together over a length, and a straight line. Between the
+knots it is close to one with a squared exponential kernel (Rasmussen and Williams 2006, section 2.1); beyond what was
+visited it goes on as a line of which less and less is known.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.law.smooth_basis import SmoothBasis
+
+LENGTHS = (0.5, 1.0, 2.0)
+"""Over which weights hang together, in units of the range that was visited."""
+
+_ALIKE = 0.05
+"""Share of a function, or of a term, below which what the others leave of it is nothing."""
+
+_ZERO = 0.05
+"""Share of a function's largest value below which it is zero."""
+
+_TOLD = 1e-6
+"""Singular values below this share of the largest tell nothing."""
+
+_ROUNDING = 1e-9
+"""Variances below this share of the largest are rounding."""
+
+
+def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
+    """Return what makes the weights of independent standard normal numbers, for each of the `LENGTHS`.
+
+    The variance of the bumps' sum is one, and that of the line one at both ends of twice the visited range. Linear
+    combinations of the weights, shape (constraints, functions), are zero.
+    """
+    return [_conditioned(_covariance(basis, length * basis.range), constraints) for length in LENGTHS]
+
+
+def _covariance(basis: SmoothBasis, length: float) -> Floats:
+    found = np.zeros((len(basis), len(basis)))
+    gaps = np.subtract.outer(basis.knots, basis.knots) / length
+    bumps = basis.values(np.array([basis.centre]))[0, 1:]
+    found[1:, 1:] = np.exp(-(gaps**2) / 2)
+    found /= bumps @ found[1:, 1:] @ bumps
+    found[0, 0] = 1 / basis.range**2
+    return found
+
+
+def _conditioned(covariance: Floats, constraints: Floats) -> Floats:
+    """Return a factor, shape (functions, rank), of a covariance given that combinations are zero."""
+    if len(constraints):
+        across = covariance @ constraints.T
+        covariance = covariance - across @ np.linalg.pinv(constraints @ across, rcond=1e-10, hermitian=True) @ across.T
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    kept = values > _ROUNDING * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+class Samples(NamedTuple):
+    """Of one object the coordinate, what the function is multiplied with, shape (n,), and terms, shape (n, terms)."""
+
+    coordinate: Floats
+    times: Floats
+    terms: Floats
+
+
+class Meaning(NamedTuple):
+    """What leaves a law's coefficients their meaning.
+
+    Constraints on the weights, shape (constraints, functions); where the function is zero, if anywhere; and the indices
+    of the terms that it holds nothing of.
+    """
+
+    constraints: Floats
+    zero_at: float | None
+    held: tuple[int, ...]
+
+
+def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | None) -> Meaning:
+    """Return what leaves a law's coefficients their meaning beside a function of a coordinate.
+
+    What matters is what both could say: functions of the coordinate that are combinations of the law's terms on each
+    object, with coefficients of its own. At a point where the function is to be zero the law alone holds; the function
+    holds nothing of such combinations that are zero there too (it is orthogonal to them over the visited samples).
+    Without such a point it holds nothing of any of them.
+
+    Parameters
+    ----------
+    basis
+        Of the function.
+    samples
+        Of each object.
+    zero_at
+        Where the function is to be zero, if that is needed.
+    """
+    own = [basis.values(each.coordinate) * each.times[:, np.newaxis] for each in samples]
+    whole = np.concatenate(own)
+    left, singular, right = np.linalg.svd(whole, full_matrices=False)
+    told = singular > _TOLD * singular[0]
+    parts = np.split(left[:, told], np.cumsum([len(each) for each in own])[:-1])
+    rests = [part - _said(each.terms, part) for part, each in zip(parts, samples, strict=True)]
+    _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
+    both = directions[sizes < _ALIKE]
+    weights = (both / singular[told]) @ right[told]
+    constraints = both @ left[:, told].T @ whole
+    pairs = list(zip(samples, own, strict=True))
+    terms = np.concatenate([each.terms for each in samples])
+    held = [k for k in range(terms.shape[1]) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
+    there = np.zeros(len(both))
+    if zero_at is not None:
+        at, visited = basis.values(np.array([zero_at])), np.concatenate([each.coordinate for each in samples])
+        there = weights @ at[0] / np.abs(basis.values(visited) @ weights.T).max(initial=0.0)
+        near = np.argmin(np.abs(visited - zero_at))
+    if not np.any(np.abs(there) > _ZERO):
+        return Meaning(constraints, None, tuple(held))
+    from scipy.linalg import null_space
+
+    kept = null_space(there[np.newaxis]).T @ constraints
+    vanishing = [k for k in held if np.abs(terms[near, k]) < np.abs(terms[:, k]).max() / 2]
+    return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
+
+
+def _said(terms: Floats, values: Floats) -> Floats:
+    """Return what terms, shape (n, terms), say of values, shape (n, columns), at best."""
+    scale = np.linalg.norm(terms, axis=0)
+    relative = terms / np.where(scale > 0, scale, 1.0)
+    return np.asarray(relative @ np.linalg.lstsq(relative, values, rcond=_TOLD)[0])
+
+
+def _is_said(term: Floats, functions: Floats) -> bool:
+    """Return whether functions of the coordinate, shape (n, functions), can say a term, shape (n,)."""
+    rest = term - functions @ np.linalg.lstsq(functions, term, rcond=_TOLD)[0]
+    return bool(np.linalg.norm(rest) < _ALIKE * np.linalg.norm(term))

@@ -1,0 +1,81 @@
+"""A law, what was measured, and the functions that may be added to it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_in
+from commonlaw.discrepancy.prior import Samples, factors, meaning
+from commonlaw.discrepancy.trajectories import FunctionModel
+from commonlaw.inference.input_course import on_course
+from commonlaw.inference.mesh_refinement import FINEST
+from commonlaw.inference.refinement import known_coefficients, of_objects
+from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.law import Law
+from commonlaw.law.smooth_basis import SmoothBasis
+from commonlaw.library import Terms
+from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import with_logarithms
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A law whose terms are over all that functions may take, what was measured, and where it went."""
+
+    law: Law
+    problem: SearchProblem
+    visited: Visited
+
+    @classmethod
+    def of(
+        cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
+    ) -> "Setting":
+        """Return the setting for functions of some texts."""
+        trials = trials.with_trials([each.measured() for each in trials])
+        law, trials = with_properties_in(texts, law, trials)
+        law = of_objects(law, trials)
+        trials = on_course(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
+        levels, known = known_noise(noise, trials), known_coefficients(law)
+        problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+        return cls(law, problem, Visited.of(problem, law.terms))
+
+    @property
+    def own(self) -> Bools:
+        """Which coefficients are to be found, shape (equations, terms)."""
+        return np.asarray(self.law.support & self.problem.allowed)
+
+    @property
+    def alone(self) -> FunctionModel:
+        """The law without a function."""
+        return FunctionModel(self.law.terms, self.own, np.zeros_like(self.own), (), 1.0)
+
+    def with_function(self, basis: SmoothBasis, equation: int, zero_at: float | str | None) -> FunctionModel:
+        """Return the law with a function in one equation."""
+        law, visited = self.law, self.visited
+        terms = Terms(law.terms.variables, (*law.terms.terms, *basis.terms(law.terms.variables)))
+        shape = (len(law.states), len(basis))
+        shared = np.zeros(shape, dtype=np.bool_)
+        shared[equation] = True
+        values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
+        matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
+        samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
+        kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
+        size = visited.rate_size(equation, len(law.states), law.order) / np.sqrt(np.mean(times**2))
+        return FunctionModel(
+            terms,
+            np.column_stack([self.own, np.zeros(shape, dtype=np.bool_)]),
+            np.column_stack([np.zeros_like(self.own), shared]),
+            factors(basis, kept.constraints),
+            float(size),
+            kept.zero_at,
+            tuple(np.flatnonzero(self.own[equation])[list(kept.held)].tolist()),
+        )
+
+    def resolving(self, basis: SmoothBasis) -> "Setting":
+        """Return the setting with meshes that are fine enough for bumps."""
+        problem, step = self.problem, np.quantile(self.visited.steps(self.visited.evaluate(basis.coordinate)), 0.95)
+        while problem.points < FINEST and step > basis.width * problem.points / 2:
+            problem = problem.finer()
+        return replace(self, problem=problem)

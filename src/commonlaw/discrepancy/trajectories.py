@@ -1,0 +1,169 @@
+"""Trajectories of all objects fitted to what was measured, by a law and a function that its objects share."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.discrepancy.posterior import Posterior, SharedRows, posterior
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.search import FINAL, MODEL_ERRORS, NEGLIGIBLE
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.library import Terms
+from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
+
+_ROUNDS = 8
+"""How often trajectories follow the coefficients that the last ones gave, at most."""
+
+_SETTLED = 0.03
+"""What twice the log-evidence changes by once it is settled."""
+
+_NOISE_MEASUREMENTS = 2.0
+"""Measurements of each state that its estimated noise is worth."""
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionModel:
+    """A law with a function that its objects share, as rows see it.
+
+    Parameters
+    ----------
+    terms
+        Those of the law, then the functions.
+    own
+        Coefficients that are each object's own and not known, shape (equations, terms).
+    shared
+        Weights of the functions, of the same shape; nowhere if there is no function.
+    factors, size
+        See `posterior`.
+    zero_at, held
+        Where the function is zero, and the terms that it holds nothing of, see `prior.Meaning`.
+    """
+
+    terms: Terms
+    own: Bools
+    shared: Bools
+    factors: Sequence[Floats]
+    size: float
+    zero_at: float | None = None
+    held: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionFit:
+    """Trajectories at one model error, relative to the noise, and what the rows about them say.
+
+    The first estimate of the noise is worth so many measurements; the price is that of the model error.
+    """
+
+    model: FunctionModel
+    estimates: tuple[Estimate, ...]
+    model_error: float
+    rows: SharedRows
+    noise_measurements: float
+    posterior: Posterior
+    price: float
+
+    @property
+    def value(self) -> float:
+        """Minus twice the log-evidence, but for a constant."""
+        return self.posterior.value + self.price
+
+    @property
+    def has_model_error(self) -> bool:
+        """Whether each trial departs from law and function by itself."""
+        return self.model_error > NEGLIGIBLE
+
+    @property
+    def deviance(self) -> float:
+        """What the measurements are off the trajectories, in units of the noise."""
+        return sum(each.deviance for each in self.estimates)
+
+
+def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:
+    """Return smoothed measurements, with known coefficients and none of the others."""
+    size = model.own.shape[1]
+    known = (np.pad(np.nan_to_num(own), ((0, 0), (0, size - own.shape[1]))) for own in problem.known)
+    return tuple(replace(each, coefficients=own) for each, own in zip(problem.starts, known, strict=True))
+
+
+def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
+    """Return the fits at all model errors, from large ones, where trajectories follow the measurements, to none.
+
+    Raises
+    ------
+    CommonlawError
+        If none can be computed.
+    """
+    estimates, found = start(problem, model), list[FunctionFit]()
+    for model_error in (*MODEL_ERRORS, NEGLIGIBLE):
+        with suppress(NotPositiveError):
+            first = told(problem, model, estimates, model_error)
+            found.append(told(problem, model, followed(problem, first), model_error))
+            estimates = found[-1].estimates
+    if not found:
+        raise CommonlawError(
+            "the trajectories cannot be fitted with a discrepancy: the measurements may be too noisy or too far apart; "
+            "leave trials out, or give another coordinate"
+        )
+    return found
+
+
+def settled(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
+    """Return the fit after its trajectories have followed the coefficients until these stay."""
+    for _ in range(_ROUNDS):
+        try:
+            found = told(problem, fitted.model, followed(problem, fitted), fitted.model_error)
+        except NotPositiveError:
+            break
+        last, fitted = fitted, found
+        if abs(found.value - last.value) < _SETTLED:
+            break
+    return fitted
+
+
+def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...]:
+    """Return trajectories with the coefficients and weights of a fit."""
+    model, errors = fitted.model, (fitted.model_error,) if fitted.has_model_error else FINAL
+    none, found = np.zeros_like(model.own), []
+    pairs = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
+    for trajectory, estimate, coefficients in pairs:
+        changed = estimate.coefficients.copy()
+        changed[model.own], changed[model.shared] = coefficients, fitted.posterior.weights
+        found.append(fit(replace(trajectory, terms=model.terms), replace(estimate, coefficients=changed), none, errors))
+    return tuple(found)
+
+
+def told(
+    problem: SearchProblem, model: FunctionModel, estimates: tuple[Estimate, ...], model_error: float
+) -> FunctionFit:
+    """Return what the likelihood linearised about estimates says.
+
+    Raises
+    ------
+    NotPositiveError
+        If it cannot be computed, or does not tell the coefficients.
+    """
+    columns = model.own | model.shared
+    order = np.argsort(model.shared[columns], kind="stable")
+    order = np.append(order, len(order))
+    factors, constant, starts = [], 0.0, 0
+    for trajectory, estimate, name in zip(problem.models, estimates, problem.trials.objects, strict=True):
+        linear = linearize(replace(trajectory, terms=model.terms), estimate, model_error, columns)
+        factors.append(np.asarray(np.linalg.qr(linear.problem.factor[:, order], mode="r")))
+        constant += linear.log_determinant
+        starts += trajectory.width * len(problem.trials.of_object(name))
+    own = int(model.own.sum())
+    numbers = max(sum(problem.measured) - starts - own * len(factors), 1)
+    worth = np.inf if problem.noise_given else _NOISE_MEASUREMENTS * len(problem.noise)
+    rows = SharedRows.of(factors, own, numbers, constant)
+    price = float(np.log(sum(problem.measured))) if model_error > NEGLIGIBLE else 0.0
+    found = posterior(rows, model.factors, model.size, worth)
+    return FunctionFit(model, estimates, model_error, rows, worth, found, price)
+
+
+def best(found: Sequence[FunctionFit]) -> FunctionFit:
+    """Return the fit of largest evidence."""
+    return min(found, key=lambda each: each.value)

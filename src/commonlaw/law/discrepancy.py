@@ -1,0 +1,162 @@
+"""What a law leaves unexplained, as a function that all objects share: what `Law.discrepancy` gives."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Floats
+from commonlaw.law.numbers import with_error
+from commonlaw.law.smooth_basis import SmoothBasis
+from commonlaw.law.uncertainty import normal_quantile
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LawType = TypeVar("LawType")
+
+CLAIMED = 6.0
+"""2 log B from which a discrepancy counts as there: strong evidence (Kass and Raftery 1995). Where there is none, the
+Bayes factor is 1 on average, and so above 20 in at most one case of twenty (Markov's inequality)."""
+
+
+class Description(NamedTuple):
+    """Terms that would say the same, their coefficients with standard errors, and 2 log B for them.
+
+    The evidence is that for these terms against the smooth function.
+    """
+
+    terms: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    errors: tuple[float, ...]
+    evidence: float
+
+
+class Compared(NamedTuple):
+    """A coordinate, the equation that a function of it stands in, and 2 log B for it against the law alone."""
+
+    coordinate: str
+    equation: str
+    evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy(Generic[LawType]):
+    """A smooth function in one equation of a law, the same for all objects; it prints as sentences.
+
+    Called with values of the coordinate it gives the function there.
+
+    Parameters
+    ----------
+    law
+        With coefficients that were found together with the function; it forecasts with it too, by
+        ``law.predict(trials, discrepancy=True)``.
+    equation
+        Left-hand side of the equation that the function is in.
+    basis
+        Of the function.
+    weights, covariance
+        Of the functions of the basis, shape (functions,) and (functions, functions).
+    zero_at
+        Where the function is zero, so that the law alone holds there; None if it is nowhere held at zero.
+    holds_nothing_of
+        Terms of the law that the function, over the visited samples, is orthogonal to.
+    visited
+        The coordinate at all samples.
+    evidence
+        2 log B for the function against the law alone.
+    shares
+        Of the squared misfit of the law as it was given: what other coefficients, the function, each trial's own
+        departures and the noise account for.
+    descriptions
+        Terms that would say the same, the largest evidence first.
+    compared
+        All coordinates that were compared, the largest evidence first.
+    """
+
+    law: LawType
+    equation: str
+    basis: SmoothBasis
+    weights: Floats
+    covariance: Floats
+    zero_at: float | None
+    holds_nothing_of: tuple[str, ...]
+    visited: Floats
+    evidence: float
+    shares: Mapping[str, float]
+    descriptions: tuple[Description, ...]
+    compared: tuple[Compared, ...]
+
+    @property
+    def claimed(self) -> bool:
+        """Whether there is a discrepancy, by strong evidence."""
+        return self.evidence > CLAIMED
+
+    def __call__(self, coordinate: ArrayLike) -> Floats:
+        """Return the function at values of the coordinate, in their shape."""
+        values = np.asarray(coordinate, dtype=np.float64)
+        return np.asarray((self.basis.values(values.ravel()) @ self.weights).reshape(values.shape))
+
+    def std(self, coordinate: ArrayLike) -> Floats:
+        """Return the standard deviation of the function at values of the coordinate, in their shape."""
+        values = np.asarray(coordinate, dtype=np.float64)
+        functions = self.basis.values(values.ravel())
+        variances = np.sum((functions @ self.covariance) * functions, axis=1)
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)).reshape(values.shape))
+
+    def to_frame(self, points: int = 41, level: float = 0.95) -> "pd.DataFrame":
+        """Return a table over the visited range: coordinate, function, both ends of its band, share of the samples."""
+        import pandas as pd
+
+        edges = np.linspace(self.basis.low, self.basis.high, points + 1)
+        middles = (edges[:-1] + edges[1:]) / 2
+        counts, half = np.histogram(self.visited, edges)[0], normal_quantile(level) * self.std(middles)
+        function = self(middles)
+        columns = {
+            self.basis.coordinate: middles,
+            "discrepancy": function,
+            "low": function - half,
+            "high": function + half,
+            "share of samples": counts / len(self.visited),
+        }
+        return pd.DataFrame(columns)
+
+    def terms_frame(self) -> "pd.DataFrame":
+        """Return a table of terms that would say the same."""
+        import pandas as pd
+
+        rows = []
+        for each in self.descriptions:
+            triples = zip(each.coefficients, each.errors, each.terms, strict=True)
+            written = " + ".join(f"{with_error(value, error, bracket=True)} {term}" for value, error, term in triples)
+            rows.append({"terms": written.replace("+ -", "- "), "2 log B": each.evidence})
+        return pd.DataFrame(rows)
+
+    def coordinates_frame(self) -> "pd.DataFrame":
+        """Return a table of the coordinates that were compared."""
+        import pandas as pd
+
+        return pd.DataFrame(self.compared, columns=["coordinate", "equation", "2 log B"])
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found in words, what matters most first."""
+        return tuple(self._sentences())
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+    def _sentences(self) -> Iterator[str]:
+        named = f"f({self.basis.coordinate})"
+        added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
+        how = "Discrepancy" if self.claimed else "No discrepancy is sure"
+        yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
+        span = f"{self.basis.coordinate} from {self.basis.low:.3g} to {self.basis.high:.3g}"
+        parts = ", ".join(f"{100 * share:z.0f} % {name}" for name, share in self.shares.items())
+        yield f"Visited: {span}. The law's squared misfit is {parts}."
+        if self.zero_at is not None:
+            yield f"The law alone holds where {self.basis.coordinate} = {self.zero_at:g}: f is zero there."
+        if self.holds_nothing_of:
+            yield f"f holds nothing of {', '.join(self.holds_nothing_of)}, over what was visited."

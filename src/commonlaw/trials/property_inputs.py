@@ -1,0 +1,44 @@
+"""Properties of objects as inputs that do not change, for functions of both."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.trials.trial import property_names
+from commonlaw.trials.trials import Trials
+
+
+def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
+    """Return trials with these properties of their objects as further inputs, the same throughout a trial.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such property, or it is no number for some object.
+    """
+    if not names:
+        return trials
+    changed = []
+    for trial in trials:
+        own = trials.properties.get(trial.object, {})
+        values = [_number(name, own.get(name), trial.object, trials) for name in names]
+        inputs = np.column_stack([trial.inputs, np.tile(values, (len(trial), 1))])
+        changed.append(replace(trial, inputs=inputs))
+    schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
+    left = {
+        name: {key: value for key, value in own.items() if key not in names} for name, own in trials.properties.items()
+    }
+    return replace(trials, trials=tuple(changed), schema=schema, properties=left)
+
+
+def _number(name: str, value: object, owner: str, trials: Trials) -> float:
+    if value is None:
+        known = property_names(trials.properties)
+        if name not in known:
+            raise unknown("property", name, known)
+        raise CommonlawError(f"{owner} has no property {name!r}: give it, or leave the object out")
+    if not isinstance(value, float):
+        raise CommonlawError(f"property {name!r} of {owner} is {value!r}: a number is needed here")
+    return value
