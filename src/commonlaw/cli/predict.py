@@ -47,6 +47,7 @@ _BYTES_A_VALUE = 200
     help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline.  "
     "[default: as the law was learned]",
 )
+@click.option("--discrepancy", is_flag=True, help="Forecast with the discrepancy that `discrepancy --save` found.")
 @click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
 @click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
@@ -56,6 +57,7 @@ def predict(
     start: int | None,
     from_time: float | None,
     input_between: str | None,
+    discrepancy: bool,
     save: str | None,
     plot: str | None,
     as_json: bool,
@@ -89,6 +91,7 @@ def predict(
             from_time=from_time,
             return_std=return_std,
             input_between=input_between,
+            discrepancy=discrepancy,
         )
         errors = forecast.errors()
         outputs = {}
@@ -110,12 +113,14 @@ def predict(
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:
-    """Return all trials, with the properties that the law's relations take, if the table has them.
+    """Return all trials, with the properties that the law's relations and discrepancy take, if the table has them.
 
     In a table of one object a column that does not change is a property only where one is looked for.
     """
     trials = source.load(law.schema)
     taken = law.explanation.properties if law.explanation else ()
+    if law.with_discrepancy:
+        taken = (*taken, *law.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
     if source.path and not source.properties and not {*taken} <= known:
         with suppress(CommonlawError):

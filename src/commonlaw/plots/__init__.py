@@ -13,6 +13,7 @@ except ValueError as error:
     raise CommonlawError(f"matplotlib cannot start: {error}; unset the environment variable MPLBACKEND") from None
 
 from commonlaw.plots.coefficients import plot_coefficients
+from commonlaw.plots.discrepancy import plot_discrepancy
 from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.intervals import plot_intervals
 from commonlaw.plots.law import plot_law
@@ -28,6 +29,7 @@ __all__ = [
     "ForecastPanels",
     "figure_format",
     "plot_coefficients",
+    "plot_discrepancy",
     "plot_forecast",
     "plot_intervals",
     "plot_law",

@@ -1,0 +1,40 @@
+"""`commonlaw discrepancy` and `predict --discrepancy` as a user meets them."""
+
+import json
+
+import pytest
+
+import commonlaw as cl
+
+
+@pytest.fixture
+def drops(tmp_path):
+    """Drops of two balls with drag."""
+    drops = cl.datasets.linear_drag(noise=0.05, drag=(-0.3, -0.3), trials=1)
+    drops.to_csv(tmp_path / "drops.csv")
+
+
+@pytest.mark.usefixtures("drops")
+def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, tmp_path):
+    assert run("fit", "x'' = -g", "drops.csv", "--save", "law.json")[0] == 0
+    given = ("law.json", "drops.csv", "--of", "v", "--noise", "x=0.05")
+    code, out, err = run("discrepancy", *given, "--save", "with.json", "--plot", "discrepancy.svg")
+    assert (code, "drag: taken as properties" in err) == (0, True)
+    assert out.startswith("Discrepancy: x'' = law + f(v), 2 log B = ")
+    assert "Terms that would say the same" in out
+    assert (tmp_path / "discrepancy.svg").stat().st_size > 0
+    scores = [
+        json.loads(run("predict", "with.json", "drops.csv", "--start", "15", "--json", *how)[1])["score"]
+        for how in ([], ["--discrepancy"])
+    ]
+    assert scores[0] < 0.9999 < scores[1]
+    code, out, _ = run("discrepancy", *given, "--zero-at", "none", "--json")
+    assert (json.loads(out)["claimed"], json.loads(out)["zero at"], json.loads(out)["holds nothing of"]) == (
+        True,
+        None,
+        ["1"],
+    )
+    code, _, err = run("discrepancy", "law.json", "drops.csv", "--zero-at", "rest")
+    assert (code, "--zero-at rest: give a number, 'none' or 'auto'" in err) == (1, True)
+    code, _, err = run("predict", "law.json", "drops.csv", "--discrepancy")
+    assert (code, "carries no discrepancy" in err) == (1, True)
