@@ -1,7 +1,5 @@
 """`commonlaw data`: look at tables and data sets before learning from them."""
 
-import re
-
 import click
 
 from commonlaw.cli.options import in_options
@@ -36,12 +34,8 @@ def check(source: Source, as_json: bool) -> None:
         f"states {in_line(', '.join(trials.schema.states))}"
     )
     print_frame(report.to_frame())
-    kinds: dict[str, list[str]] = {}
-    for each in report.oddities:
-        kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
-    for same in kinds.values():
-        for each in same if len(same) < 4 else [f"in {len(same)} cases, such as {same[0]}"]:
-            say(in_line(f"Odd: {in_options(each)}"))
+    for line in report.lines():
+        say(in_line(f"Odd: {in_options(line)}"))
     if not report.oddities:
         say("Nothing odd was found.")
     print_notes(trials.notes)

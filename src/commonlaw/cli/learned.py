@@ -11,7 +11,6 @@ import numpy as np
 from commonlaw.cli.options import option, with_options
 from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, say
 from commonlaw.cli.source import Source
-from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
 from commonlaw.names import in_line
 
@@ -31,11 +30,6 @@ _OPTIONS = (
     _output("--history", is_flag=True, help="Print every choice on the way to the law, and why."),
     _output("--json", "as_json", is_flag=True, help="Print the result as JSON."),
 )
-
-_MORE_TERMS = 2
-
-_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability")
-"""What is shown of a candidate, as far as it is there."""
 
 
 @dataclass(frozen=True)
@@ -91,32 +85,21 @@ class Learned:
 
     @classmethod
     def check(cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool) -> "Learned":
-        """Return a law with forecasts, and their bands if wanted.
-
-        They are of the trials that the law was not learned from, or if there is none whose object it knows, of the
-        others, later samples included.
-        """
+        """Return a law with forecasts, and their bands if wanted, see `checked_forecast`."""
         from commonlaw.datasets import truth_of
+        from commonlaw.verdict import checked_forecast
 
-        learned_from = {(trial.object, trial.name) for trial in training}
-        others = [each for each in trials if (each.object, each.name) not in learned_from]
-        held_out = [each for each in others if each.object in law.objects]
-        checked = held_out or [each for each in trials if (each.object, each.name) in learned_from]
         truth = truth_of(source.dataset) if source.dataset else None
         verdict = law.verdict(trials, training)
-        try:
-            forecast = law.predict(trials.with_trials(checked), return_std=bands and law.has_std)
-        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
-            lacking = f"the law was not checked by forecasts, nor drawn: {error}"
-            return cls(training, law, None, truth, verdict, (lacking,))
-        return cls(training, law, forecast, truth, verdict)
+        forecast, lacking = checked_forecast(law, trials, training, bands)
+        return cls(training, law, forecast, truth, verdict, lacking)
 
     @property
     def forecast_of(self) -> str:
         """Whether the forecasts are of trials ``"held out"``, or of those of ``"training"``."""
-        learned_from = {(trial.object, trial.name) for trial in self.training}
-        first = self.forecast and self.forecast.trials[0]
-        return "training" if first and (first.object, first.name) in learned_from else "held out"
+        from commonlaw.verdict import is_of_training
+
+        return "training" if self.forecast and is_of_training(self.forecast, self.training) else "held out"
 
     def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
         """Return the contents of the files to write, all made before the first is written."""
@@ -131,6 +114,8 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
+        from commonlaw.law.tables import readable_candidates
+
         law, training = self.law, self.training
         say(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
         if law.shared and law.explanation is None:
@@ -141,7 +126,7 @@ class Learned:
             say(str(law))
         if law.alternatives:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
-            print_frame(_shown_candidates(law))
+            print_frame(readable_candidates(law.alternatives))
         if self.compared is not None:
             say("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
             print_frame(self.compared)
@@ -205,17 +190,6 @@ class Learned:
             head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
             columns[head] = missed[state].reindex(law.objects).tolist()
         return columns
-
-
-def _shown_candidates(law: "Law") -> "pd.DataFrame":
-    """Return the candidates up to a few terms more than were chosen, with the measures that are there."""
-    frame = law.candidates()
-    chosen = frame[frame["chosen"]].groupby("equation")["size"].first()
-    measures = [name for name in _MEASURES if name in frame and frame[name].notna().any()]
-    frame["terms"] = [" + ".join(each.terms) or "0" for each in law.alternatives]
-    frame[""] = np.where(frame["chosen"], "*", "")
-    few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
-    return frame.loc[few, ["", "equation", "terms", *measures]]
 
 
 def _with_unit(name: str, unit: str | None) -> str:

@@ -74,7 +74,7 @@ _HELD_OUT = (
     ),
 )
 
-_INPUTS, _OUTPUTS = ("path", "law_path", "against"), ("save", "plot")
+_INPUTS, _OUTPUTS = ("path", "law_path", "against"), ("save", "plot", "out")
 """Parameters of commands that name files."""
 
 

@@ -13,6 +13,7 @@ from commonlaw.integration import Event, InitialValueProblem, Trajectory, Vector
 from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
+from commonlaw.law.page import Page
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -274,3 +275,26 @@ class AbstractPredictions(AbstractEquations):
         judge = resolve_name("commonlaw.verdict:judge")
         verdict: LawVerdict = judge(self, trials, learned)
         return verdict
+
+    def report(self, trials: Trials, learned: Trials | None = None) -> Page:
+        """Return a page on the law that needs nothing else: save it, send it, print it, or look at it in a notebook.
+
+        The verdict and the law as a formula, trials beside forecasts, coefficients, what else it could be, what it
+        leaves, where it may be used, what was odd in the data, every choice, and how to make it again.
+
+        Parameters
+        ----------
+        trials
+            What was measured.
+        learned
+            What of it the law was learned from, see `verdict`; all by default.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05, trials=1)
+        >>> cl.fit("x'' = -g - c v", drops).report(drops).html[:15]
+        '<!DOCTYPE html>'
+        """
+        page: Page = resolve_name("commonlaw.report:law_page")(self, trials, learned)
+        return page

@@ -84,7 +84,13 @@ def _default(field: Any) -> Any:
 
 def _same(one: Any, other: Any) -> bool:
     """Return whether two values are the same; arrays and frames are the same only if they are one."""
+    if _is_nothing(one) and _is_nothing(other):
+        return True
     try:
         return one is other or bool(one == other)
     except (TypeError, ValueError):
         return False
+
+
+def _is_nothing(value: Any) -> bool:
+    return value is None or (isinstance(value, Mapping | list | tuple) and not value)

@@ -11,6 +11,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.uncertainty import normal_quantile
 
+_MORE_TERMS = 2
+
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", "forecast error")
+"""What is shown of a candidate, as far as it is there."""
+
 
 def coefficient_frame(
     objects: Sequence[str],
@@ -80,6 +85,19 @@ def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
         for each in alternatives
     ]
     return pd.DataFrame(rows)
+
+
+def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
+    """Return the candidates up to a few terms more than were chosen, with the measures that people compare."""
+    frame = candidate_frame(alternatives)
+    chosen = frame[frame["chosen"]].groupby("equation")["size"].first()
+    # What the chosen one alone has compares nothing
+    others = frame if frame["chosen"].all() else frame[~frame["chosen"]]
+    measures = [name for name in _MEASURES if name in frame and others[name].notna().any()]
+    frame["terms"] = [" + ".join(each.terms) or "0" for each in alternatives]
+    frame[""] = np.where(frame["chosen"], "*", "")
+    few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
+    return frame.loc[few, ["", "equation", "terms", *measures]]
 
 
 def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) -> pd.DataFrame:

@@ -95,7 +95,7 @@ class LawVerdict:
         if self.diverged:
             return ""
         if self.measurements < _FEW:
-            few = f"too few, {_counted(self.measurements, 'measurement')}, to compare with"
+            few = f"too few, {counted(self.measurements, 'measurement')}, to compare with"
             return few if self.measurements else "nothing was measured in what it forecasts"
         still = self.persistence < _SMALL and self.error < _SMALL and self.horizon == self.longest
         return "the states hardly move in what was judged" if still else ""
@@ -105,7 +105,7 @@ class LawVerdict:
         """What speaks against using the law for forecasts."""
         found = []
         if self.diverged:
-            found.append(f"its forecasts run away in {self.diverged} of {_counted(self.stretches, 'stretch', 'es')}")
+            found.append(f"its forecasts run away in {self.diverged} of {counted(self.stretches, 'stretch', 'es')}")
         if not self.horizon and not self.diverged:
             found.append("even the nearest are off by more than half of the states' spread")
         if self._is_no_better and not self.diverged:
@@ -146,7 +146,7 @@ class LawVerdict:
 
     def _errors(self) -> Iterator[str]:
         seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
-        compared = f"{_counted(self.measurements, 'measurement')} in {_counted(self.stretches, 'stretch', 'es')}"
+        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.stretches, 'stretch', 'es')}"
         yield f"Judged on {self.judged_on}: {compared}{seen}."
         if self.unknown_objects:
             yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
@@ -174,7 +174,7 @@ def _number(value: float, unit: str = "") -> str:
     return f"{value:.3g} {unit}".rstrip() if abs(value) < 1000 else f"{value:.0f} {unit}".rstrip()
 
 
-def _counted(number: int, word: str, plural: str = "s") -> str:
+def counted(number: int, word: str, plural: str = "s") -> str:
     return f"{number} {word}{plural if number != 1 else ''}"
 
 

@@ -14,6 +14,7 @@ except ValueError as error:
 
 from commonlaw.plots.coefficients import plot_coefficients
 from commonlaw.plots.discrepancy import plot_discrepancy
+from commonlaw.plots.errors import plot_errors
 from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.intervals import plot_intervals
 from commonlaw.plots.law import plot_law
@@ -30,6 +31,7 @@ __all__ = [
     "figure_format",
     "plot_coefficients",
     "plot_discrepancy",
+    "plot_errors",
     "plot_forecast",
     "plot_intervals",
     "plot_law",

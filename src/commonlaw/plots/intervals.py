@@ -26,7 +26,7 @@ def plot_intervals(law: Law) -> Figure:
     dots = DotPlot(law)
     if len(law.objects) > _NAMED:
         return _in_order(dots)
-    figure = Figure(figsize=(dots.width + 1, 0.8 + dots.height), layout="constrained")
+    figure = Figure(figsize=(dots.width, 0.8 + dots.height), layout="constrained")
     dots.draw(figure, figure.add_gridspec(1, 1)[0])
     add_legend(figure, dots.keys(), above=True)
     return frozen_layout(figure)

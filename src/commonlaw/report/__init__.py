@@ -1,6 +1,7 @@
 """Reports: what was asked, done and found, as one self-contained page with its figures and numbers beside it."""
 
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict
+from commonlaw.report.law_report import law_page, law_report
 from commonlaw.report.values import to_json
 from commonlaw.report.write import contents, to_page, write_report
 
@@ -15,6 +16,8 @@ __all__ = [
     "Text",
     "Verdict",
     "contents",
+    "law_page",
+    "law_report",
     "to_json",
     "to_page",
     "write_report",

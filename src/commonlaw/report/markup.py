@@ -39,6 +39,27 @@ def inline(text: str) -> str:
     return str(_parser().renderInline(visible(text)))
 
 
+def literal(text: str) -> str:
+    r"""Return a text as Markdown that shows it as it stands.
+
+    >>> print(inline(literal("a *b* $c$ [d](e)")))
+    a *b* $c$ [d](e)
+    """
+    return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", text)
+
+
+def code(text: str, language: str = "") -> str:
+    """Return lines of code as Markdown.
+
+    >>> print(code("x = 1").strip())
+    ```
+    x = 1
+    ```
+    """
+    fence = "`" * max(3, *(1 + len(each) for each in re.findall("`+", text)), 3)
+    return f"\n\n{fence}{language}\n{text.rstrip()}\n{fence}\n\n"
+
+
 def plain(text: str) -> str:
     """Return one line as bare text, for those who hear it.
 
@@ -59,7 +80,8 @@ def formula(latex: str, display: str = "inline") -> str:
     from latex2mathml.converter import convert_to_element
 
     try:
-        tree = convert_to_element(latex, display=display)
+        # That package draws the other name of this environment alone
+        tree = convert_to_element(latex.replace("{aligned}", "{split}"), display=display)
     # The errors of that package have no class in common
     except Exception as error:
         raise CommonlawError(f"cannot read the formula {latex!r}: {type(error).__name__}; mend its LaTeX") from error

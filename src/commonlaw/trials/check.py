@@ -1,5 +1,6 @@
 """What there is to know about trials before they are used."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -64,6 +65,14 @@ class Report:
     trials: tuple[TrialCheck, ...]
     oddities: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    def lines(self) -> tuple[str, ...]:
+        """Return what is odd; of what is odd in the same way in more than three cases, how many there are, and one."""
+        kinds: dict[str, list[str]] = {}
+        for each in self.oddities:
+            kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
+        few = (same if len(same) < 4 else [f"in {len(same)} cases, such as {same[0]}"] for same in kinds.values())
+        return tuple(line for same in few for line in same)
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``.

@@ -1,0 +1,97 @@
+"""What law is looked for, and how: the options that `discover` and `report` share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from commonlaw.cli.methods import with_method
+from commonlaw.cli.options import numbers, option, with_options
+
+if TYPE_CHECKING:
+    from commonlaw.discovery import AbstractMethod
+    from commonlaw.law import Law
+    from commonlaw.trials import Trials
+
+_law = partial(option, "Law")
+
+_OPTIONS = (
+    _law(
+        "--order",
+        type=click.IntRange(0, 2),
+        default=1,
+        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
+    ),
+    _law(
+        "--library",
+        metavar="SPEC",
+        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), or sums such as 'poly:2 + fourier:1'.  "
+        "[default: poly:3]",
+    ),
+    _law(
+        "--known",
+        metavar="TERM=VALUE",
+        multiple=True,
+        help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
+    ),
+    _law(
+        "--universal",
+        metavar="TERM",
+        multiple=True,
+        help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
+    ),
+    _law(
+        "--explain",
+        is_flag=True,
+        help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What these options say."""
+
+    order: int
+    library: str | None
+    known: tuple[str, ...]
+    universal: tuple[str, ...]
+    explain: bool
+    method: "AbstractMethod | None"
+
+    def answer(self, training: "Trials", show: Callable[[str], None]) -> "Law":
+        """Return the law of trials; `show` takes the text of each step."""
+        import commonlaw as cl
+
+        law = cl.discover(
+            training,
+            order=self.order,
+            library=self.library,
+            method=self.method,
+            known={_key(name): value for name, value in numbers("--known", self.known).items()},
+            universal=[_key(name) for name in self.universal],
+            progress=show,
+        )
+        if self.explain:
+            show("explaining coefficients")
+            law = law.explain()
+        return law
+
+
+def with_question(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of the law and of the methods to a command; it receives them as `question`."""
+
+    @wraps(command)
+    def wrapped(**values: Any) -> None:
+        question = Question(**{field.name: values.pop(field.name) for field in fields(Question)})
+        command(question=question, **values)
+
+    return with_options(with_method(wrapped), _OPTIONS)
+
+
+def _key(name: str) -> str | tuple[str, str]:
+    """Return a term, or state and term of ``state:term``."""
+    state, colon, term = name.partition(":")
+    return (state, term) if colon else name

@@ -1,0 +1,64 @@
+"""A law as formulas that a page shows."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.law.text import Addend, aligned, latex_factor, latex_left_hand_sides
+from commonlaw.library.naming import latex_name
+from commonlaw.report.markup import code, formula, literal
+
+_MOST_OWN = 6
+"""Objects with terms of their own whose equations are shown."""
+
+
+def law_markdown(law: Law) -> str:
+    """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters."""
+    if len(law.objects) == 1 or law.explanation is not None:
+        return _displayed(law.to_latex(), law.equations())
+    if not law.shared:
+        return "".join(_own(law))
+    if law.provenance.equations:
+        return code("\n".join(law.structure()))
+    return _displayed(structure_latex(law), law.structure())
+
+
+def structure_latex(law: Law) -> str:
+    """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
+    rows: list[list[Addend]] = [[] for _ in law.states]
+    terms = [latex_factor(term, law.terms.variables.names) for term in law.terms.terms]
+    for letter, (j, k) in zip(law.letters, np.argwhere(law.support).tolist(), strict=True):
+        rows[j].append(Addend(False, latex_name(letter), "1" if law.terms.names[k] == "1" else terms[k]))
+    return aligned(zip(latex_left_hand_sides(law.states, law.order), rows, strict=True))
+
+
+def _own(law: Law) -> Iterator[str]:
+    """Yield the equations of the first objects, each with terms of its own."""
+    for name in law.objects[:_MOST_OWN]:
+        yield f"\n\n**{literal(name)}**" + _displayed(law.to_latex(name), law.equations(name))
+    if len(law.objects) > _MOST_OWN:
+        yield f"\n\nand {len(law.objects) - _MOST_OWN} more objects with terms of their own."
+
+
+def _spelled(latex: str) -> str:
+    """Return LaTeX in which words that are multiplied have a space between them, and rates of words are fractions."""
+
+    def rate(found: re.Match[str]) -> str:
+        power = "^2" * (found[1] == "dd")
+        return rf"\frac{{\mathrm{{d}}{power}\, {found[2]}}}{{\mathrm{{d}}t{power}}}"
+
+    latex = re.sub(r"\\(d+)ot\{(\\mathrm\{(?:[^{}]|\{[^{}]*\})*\})\}", rate, latex)
+    return re.sub(r"(?<=[\w}]) (?=\\mathrm)", r"\\, ", latex)
+
+
+def _displayed(latex: str, text: tuple[str, ...]) -> str:
+    """Return a formula on its own lines; as code where it cannot be drawn, as with names that LaTeX cannot write."""
+    latex = _spelled(latex)
+    try:
+        formula(latex)
+    except CommonlawError:
+        return code("\n".join(text))
+    return f"\n\n$${' '.join(latex.split())}$$\n\n"

@@ -1,0 +1,66 @@
+"""The report of a law: what it says, what it is good for, how it was found, on one page."""
+
+from collections.abc import Callable
+
+from commonlaw.law import Law
+from commonlaw.law.page import Page
+from commonlaw.report import law_sections, making
+from commonlaw.report.document import Report
+from commonlaw.report.formulas import law_markdown
+from commonlaw.report.law_case import LawCase
+from commonlaw.report.markup import literal
+from commonlaw.report.write import to_page
+from commonlaw.trials import Trials
+
+
+def law_page(law: Law, trials: Trials, learned: Trials | None = None) -> Page:
+    """Return the report of a law as a page, see `Law.report`."""
+    return Page(to_page(law_report(law, trials, learned)).decode())
+
+
+def law_report(
+    law: Law,
+    trials: Trials,
+    learned: Trials | None = None,
+    command: str = "",
+    table: str = "trials.csv",
+    words: Callable[[str], str] = str,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Report:
+    """Return the report of a law.
+
+    Parameters
+    ----------
+    law
+        The law.
+    trials
+        What was measured.
+    learned
+        What of it the law was learned from; all by default.
+    command, table
+        The command that asked for the report, and the file of the trials, as the report shows them; empty if there is
+        none.
+    words
+        Turns messages of the library into the words of whoever asked.
+    progress
+        Takes what is being done.
+    """
+    case = LawCase(law, trials, learned or trials, words)
+    progress("judging the law")
+    first, *others = map(literal, case.verdict.sentences)
+    summary = f"**{first}**{law_markdown(law)}" + " ".join(others)
+    title = f"A law of {', '.join(law.states)}"
+    parts = (
+        law_sections.forecasts,
+        law_sections.coefficients,
+        law_sections.candidates,
+        law_sections.residuals,
+        law_sections.ranges,
+        making.oddities,
+        making.choices,
+    )
+    sections = []
+    for part in parts:
+        progress(part.__name__)
+        sections.append(part(case))
+    return Report(title, summary, (*sections, making.again(case, command, table)))

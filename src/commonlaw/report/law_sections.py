@@ -1,0 +1,247 @@
+"""The parts of a law's report that say what it says and how well it holds."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from commonlaw.inference import CandidateLaw, candidate_laws
+from commonlaw.law import Forecast, Law
+from commonlaw.law.tables import readable_candidates
+from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.verdict import counted
+from commonlaw.plots import ForecastPanels, plot_errors, plot_intervals, plot_relations
+from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
+from commonlaw.report.law_case import LawCase, folded, listed
+from commonlaw.report.markup import literal
+
+_EACH, _ALL = 3, 12
+"""Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""
+
+_REFITTED = 100
+"""Objects up to which candidates are fitted again, as it takes long."""
+
+_INTERVAL = "These hold with a probability of 95 % what is true, if the law holds."
+
+
+def forecasts(case: LawCase) -> Section:
+    """Return the part on trials as measured beside forecasts."""
+    title, forecast = "Measured and forecast", case.forecast
+    if forecast is None:
+        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.lacking])),))
+    bands = ""
+    if forecast.std is not None:
+        bands = " Bands are those that 95 % of the measurements should lie in."
+    diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
+    intro = (
+        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each from its own initial state: "
+        f"$R^2 = {_finite(forecast.score())}$.{diverged} Points were measured, lines are forecasts, and below them "
+        f"stands what these are off.{bands}"
+    )
+    errors = Table("forecast-errors", "Errors of the forecasts, in the unit of the state.", _errors(forecast))
+    return Section("forecasts", title, (Text(intro), *_gallery(case, forecast), folded(errors, "Errors of each trial")))
+
+
+def _errors(forecast: Forecast) -> pd.DataFrame:
+    frame = forecast.errors()
+    return frame if forecast.outcomes else frame.drop(columns="diverged after")
+
+
+def _finite(score: float) -> str:
+    return f"{score:.4g}" if np.isfinite(score) else r"-\infty"
+
+
+def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
+    """Yield small pictures of the best, typical and worst objects, and the rest of them folded."""
+    panels, names = ForecastPanels(forecast), [str(name) for name in case.misses.index]
+    places = {name: i for i, name in enumerate(forecast.trials.objects)}
+
+    def picture(name: str, kind: str = "") -> Picture:
+        off = f"off by {case.misses[name]:.2g} of the states' spread"
+        caption = f"**{literal(name)}**{kind}: {off}"
+        return Picture(f"forecast-{places[name] + 1}", caption, partial(panels.draw, name))
+
+    if len(names) <= _ALL:
+        yield Gallery(tuple(picture(name) for name in forecast.trials.objects))
+        return
+    middle = (len(names) - _EACH) // 2
+    chosen = {"best": names[:_EACH], "typical": names[middle : middle + _EACH], "worst": names[-_EACH:]}
+    shown = [(name, kind) for kind, own in chosen.items() for name in own]
+    yield Gallery(tuple(picture(name, f" ({kind})") for name, kind in shown))
+    rest = [name for name in forecast.trials.objects if name not in {name for name, _ in shown}]
+    yield Fold(f"The other {counted(len(rest), 'object')}", (Gallery(tuple(map(picture, rest))),))
+
+
+def coefficients(case: LawCase) -> Section:
+    """Return the part on coefficients, and on what decides them."""
+    law, blocks = case.law, list[Block]()
+    if law.explanation is not None and len(law.objects) > 1:
+        blocks += _relations(law)
+    if law.support.any():
+        known = f"{_INTERVAL} " if law.covariance is not None else "How accurate they are is not known. "
+        letters = ", ".join(f"{name} ({unit})" if unit else name for name, unit in _letters(law)) if law.shared else ""
+        blocks.append(Text(known + (f"Coefficients: {literal(letters)}." if letters else "")))
+        blocks.append(
+            Picture("intervals", "Coefficients of all objects, with 95 % intervals.", partial(plot_intervals, law))
+        )
+        table = Table("values", "Coefficients by object.", _by_object(law))
+        blocks.append(folded(table, "Coefficients by object"))
+    else:
+        blocks.append(Text("The law has no coefficient: it says that nothing changes."))
+    return Section("coefficients", "Coefficients", tuple(blocks))
+
+
+def _letters(law: Law) -> Iterator[tuple[str, str | None]]:
+    return zip(law.letters, law.letter_units(), strict=True)
+
+
+def _relations(law: Law) -> list[Block]:
+    caption = "What decides each coefficient: its kind, the properties that it follows, and how far objects stray."
+    relations = law.relations().dropna(axis=1, how="all")
+    return [
+        Table("relations", caption, relations),
+        Picture(
+            "relation-plots", "Each object's own estimates against what decides them.", partial(plot_relations, law)
+        ),
+    ]
+
+
+def _by_object(law: Law) -> pd.DataFrame:
+    """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
+    if not law.shared:
+        return law.to_frame().reset_index() if law.covariance is None else law.intervals()
+    columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
+    values, errors = law.letter_values()
+    for (name, unit), own, known in zip(_letters(law), values.T, errors.T, strict=True):
+        head = f"{name} ({unit})" if unit else name
+        columns[head] = own.tolist()
+        if np.isfinite(known).all():
+            half = normal_quantile(0.95) * known
+            columns |= {f"{name} from": (own - half).tolist(), f"{name} to": (own + half).tolist()}
+    return pd.DataFrame(columns)
+
+
+def candidates(case: LawCase) -> Section:
+    """Return the part on what else the law could be."""
+    law, blocks = case.law, list[Block]()
+    if not law.alternatives:
+        text = "The terms were given, and nothing else was compared."
+        return Section("candidates", "What else it could be", (Text(text),))
+    if len(law.objects) <= _REFITTED:
+        blocks += _refitted(case, candidate_laws(law, case.training, most=6))
+    caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
+    if any("2 log B" in each.measures for each in law.alternatives):
+        caption += " 2 log B is 0 for the most probable, and above 10 for those out of the question."
+    if any(each.measures.get("forecast error") is not None for each in law.alternatives):
+        caption += (
+            " Forecast error is what free forecasts of the later part of every trial are off, in standard deviations; "
+            "where no law is exact it decides."
+        )
+    table = Table("compared", caption, readable_candidates(law.alternatives))
+    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
+
+
+def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
+    """Yield how laws of other sizes forecast the same trials."""
+    if len(found) < 2 or case.forecast is None:
+        return
+    rows = [
+        {
+            "": "*" * each.chosen,
+            "terms": each.size,
+            "law": "; ".join(each.law.structure()),
+            "2 log B": each.evidence,
+            "R² of forecasts": _score(each.law, case.forecast),
+        }
+        for each in found
+    ]
+    caption = (
+        f"Laws from few terms to many, fitted to the same trials, and how they forecast trials {case.forecast_of}; * "
+        "marks the law."
+    )
+    if case.forecast_of.startswith("that it was learned from"):
+        caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
+    yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
+
+
+def _score(law: Law, forecast: Forecast) -> float:
+    try:
+        return law.predict(forecast.trials).score()
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return float("nan")
+
+
+def residuals(case: LawCase) -> Section:
+    """Return the part on what the law leaves unexplained."""
+    forecast, blocks = case.forecast, list[Block]()
+    if forecast is None:
+        return Section("residuals", "What it leaves", (Text("Without forecasts there are no errors to show."),))
+    frame = forecast.to_frame()
+    rows = []
+    for state in case.law.states:
+        off = frame[f"{state} error"].to_numpy(dtype=np.float64)
+        row: dict[str, object] = {
+            "state": state,
+            "unit": case.trials.schema.units.get(state),
+            "measurements": int(np.isfinite(off).sum()),
+            "mean error": float(np.nanmean(off)) if np.isfinite(off).any() else None,
+            "rms error": float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else None,
+        }
+        if f"{state} measured low" in frame:
+            low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
+            inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(off)]
+            row["within 95 % band"] = f"{100 * inside.mean():.0f} %" if len(inside) else None
+        rows.append(row)
+    table = Table("residuals-by-state", "Forecast less measured.", pd.DataFrame(rows).dropna(axis=1, how="all"))
+    caption = "Errors of all forecasts. A law that lacks nothing leaves errors without a course."
+    blocks += [table, Picture("errors", caption, partial(plot_errors, forecast))]
+    noise = case.law.noise
+    if noise is not None:
+        said = [
+            f"{name} {level:.3g} {case.trials.schema.units.get(name, '')}".rstrip() for name, level in _levels(case)
+        ]
+        blocks.append(Text(f"Noise of the measurements, by the law: {literal(', '.join(said))}."))
+    errors = case.law.uncertainty.error_model
+    if errors.of_law:
+        blocks.append(Text("The law is not exact: it has a model error besides, which its bands hold."))
+    return Section("residuals", "What it leaves", tuple(blocks))
+
+
+def _levels(case: LawCase) -> list[tuple[str, float]]:
+    assert case.law.noise is not None
+    return list(zip(case.law.states, case.law.noise.tolist(), strict=True))
+
+
+def ranges(case: LawCase) -> Section:
+    """Return the part on where the law may be used: what was visited when it was learned."""
+    law, trials = case.law, case.training
+    schema = trials.schema
+    columns = {
+        name: np.concatenate([getattr(trial, part)[:, j] for trial in trials])
+        for part, names in (("states", schema.states), ("inputs", schema.inputs))
+        for j, name in enumerate(names)
+    }
+    columns[f"length of a trial ({schema.time})"] = np.array([np.ptp(trial.times) for trial in trials])
+    for name in dict.fromkeys(name for own in trials.properties.values() for name in own):
+        values = [own[name] for own in trials.properties.values() if name in own]
+        if all(isinstance(each, float) for each in values):
+            columns[f"{name} of objects"] = np.array(values)
+    rows = [
+        {"": name, "from": float(np.nanmin(each)), "to": float(np.nanmax(each)), "unit": _unit(case, name)}
+        for name, each in columns.items()
+    ]
+    text = "The law was learned from the ranges below, and says nothing certain outside of them. " + " ".join(
+        literal(each) for each in case.verdict.sentences[:1]
+    )
+    if law.explanation is None and len(law.objects) > 1:
+        text += " Of objects that were not measured it knows the mean coefficients only."
+    frame = pd.DataFrame(rows).dropna(axis=1, how="all")
+    return Section("ranges", "Where it may be used", (Text(text), Table("visited", "What was visited.", frame)))
+
+
+def _unit(case: LawCase, name: str) -> str | None:
+    units, schema = case.trials.schema.units, case.trials.schema
+    if name.startswith("length of a trial"):
+        return units.get(schema.time)
+    return units.get(name.removesuffix(" of objects"))

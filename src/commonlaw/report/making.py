@@ -1,0 +1,63 @@
+"""The parts of a law's report that say what it was made from, how, and how to make it again."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+import pandas as pd
+
+from commonlaw.law.verdict import counted
+from commonlaw.report.document import Block, Section, Table, Text
+from commonlaw.report.law_case import LawCase, folded, listed
+from commonlaw.report.markup import code
+
+_SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
+_PACKAGES = ("commonlaw", "numpy", "scipy", "pandas", "matplotlib", "heyoka")
+
+
+def oddities(case: LawCase) -> Section:
+    """Return the part on what was odd in the data."""
+    found = case.trials.check()
+    remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.outcomes)]
+    said = "Nothing odd was found." if not remarks else listed([case.said(each) for each in remarks])
+    trials = case.trials
+    objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
+    counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
+    held_out = "" if case.training is trials else f" Learned from {len(case.training)} of these trials."
+    frame = found.to_frame()
+    frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
+    table = Table("trials", "All trials.", frame)
+    return Section("oddities", "What was odd", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
+
+
+def choices(case: LawCase) -> Section:
+    """Return the part on every choice on the way."""
+    rows = [
+        {"stage": each.stage, "choice": each.choice, "reason": case.words(each.reason)} for each in case.law.history
+    ]
+    block: Block = Text("No choices are on record.")
+    if rows:
+        block = Table("history", "Every choice on the way to the law, and why.", pd.DataFrame(rows))
+    return Section("choices", "How it was found", (block,))
+
+
+def again(case: LawCase, command: str, table: str) -> Section:
+    """Return the part that says how to make the law again."""
+    asked = f"The command:{code(command, 'sh')}" if command else ""
+    text = asked
+    if table:
+        some = "" if case.training is case.trials else ", which learns from all trials of the table"
+        text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
+    versions = [{"package": "Python", "version": platform.python_version()}, *_versions()]
+    return Section(
+        "again", "How to make it again", (Text(text), Table("versions", "Made with.", pd.DataFrame(versions)))
+    )
+
+
+def _versions() -> list[dict[str, str]]:
+    found = []
+    for name in _PACKAGES:
+        try:
+            found.append({"package": name, "version": version(name)})
+        except PackageNotFoundError:
+            continue
+    return found

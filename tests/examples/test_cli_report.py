@@ -1,0 +1,28 @@
+"""`commonlaw report`: one command, one page that opens by itself."""
+
+import commonlaw as cl
+
+
+def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
+    cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).to_csv(tmp_path / "drops.csv")
+    arguments = ("drops.csv", "--order", 2, "--library", "poly:1", "--hold-out", "trial=2")
+    code, out, _ = run("report", *arguments, "--out", "drops.html")
+    assert (code, out.strip()) == (0, "Wrote drops.html")
+    page = (tmp_path / "drops.html").read_text()
+    assert "commonlaw report drops.csv --order 2" in page
+    assert "trials that were held out" in page
+    check_page(tmp_path / "drops.html")
+
+    code, _, _ = run("discover", *arguments, "--save", "law.json")
+    code, _, _ = run("report", "drops.csv", "--hold-out", "trial=2", "--law", "law.json")
+    saved = (tmp_path / "report.html").read_text()
+    assert code == 0
+    assert "--law law.json" in saved
+    assert saved.split("<section")[1] == page.split("<section")[1]
+
+
+def test_a_page_that_cannot_be_written_is_refused_before_work(run):
+    code, out, err = run("report", "--dataset", "lorenz", "--out", "absent/report.html")
+    assert code == 1
+    assert "there is no folder 'absent'" in err
+    assert "Traceback" not in out + err

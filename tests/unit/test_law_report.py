@@ -1,0 +1,124 @@
+"""The report of a law: all its parts, on data whose law is known, unknown and hopeless."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.report import law_report, to_page
+from commonlaw.report.document import Fold, Gallery, Table
+from commonlaw.report.law_case import LawCase
+from commonlaw.report.law_sections import forecasts
+
+SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "oddities", "choices", "again"]
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=2, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    return cl.discover(drops.select(trial=1), order=2, library="poly:1")
+
+
+def blocks_of(report, name):
+    return next(section.blocks for section in report.sections if section.name == name)
+
+
+def table_of(report, name):
+    return next(each.frame for each in report.named_blocks() if isinstance(each, Table) and each.name == name)
+
+
+def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(law, drops):
+    report = law_report(law, drops, drops.select(trial=1), "commonlaw report drops.csv", "drops.csv")
+    assert [section.name for section in report.sections] == SECTIONS
+    verdict = law.verdict(drops, drops.select(trial=1))
+    assert verdict.usable
+    words = re.sub(r"\\(.)", r"\1", report.summary)
+    assert all(sentence in words for sentence in verdict.sentences)
+    assert r"\ddot{x} &= a + b\, v" in report.summary
+    page = to_page(report).decode()
+    assert "commonlaw report drops.csv" in page
+    assert "held out" in page
+    assert "&quot;drops.csv&quot;" in page or "'drops.csv'" in page or "&#39;drops.csv&#39;" in page
+
+
+def test_tables_hold_the_numbers_of_the_law(law, drops):
+    report = law_report(law, drops)
+    values, errors = law.letter_values()
+    shown = table_of(report, "values")
+    np.testing.assert_allclose(shown["a (m/s²)"], values[:, 0])
+    np.testing.assert_allclose((shown["a to"] - shown["a from"]) / 2, 1.959964 * errors[:, 0], rtol=1e-6)
+    sizes = table_of(report, "sizes")
+    assert sizes["terms"].tolist() == [1, 2, 3]
+    assert sizes.loc[sizes[""] == "*", "R² of forecasts"].item() == pytest.approx(law.score(drops))
+    visited = table_of(report, "visited").set_index("")
+    heights = np.concatenate([trial.states for trial in drops])
+    assert visited.loc["x", ["from", "to"]].tolist() == [heights.min(), heights.max()]
+    frame = law.predict(drops).to_frame()
+    left = table_of(report, "residuals-by-state")
+    assert left["rms error"].item() == pytest.approx(np.sqrt(np.mean(frame["x error"] ** 2)))
+
+
+def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops):
+    def late(times):
+        return np.maximum(times[:, None] - 1.5, 0) ** 2
+
+    first = [each for each in drops if each.name == "1"]
+    off = np.linspace(0, 3, 15)
+    copies = [
+        replace(
+            trial,
+            object=f"ball {2 * i + j}",
+            states=trial.states + bend * np.maximum(trial.times[:, None] - 1.5, 0) ** 2,
+        )
+        for i, bend in enumerate(off)
+        for j, trial in enumerate(first)
+    ]
+    some = np.tile([0, 1], len(off))
+    many = replace(
+        law,
+        objects=tuple(each.object for each in copies),
+        coefficients=law.coefficients[some],
+        uncertainty=replace(law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None),
+        properties={},
+    )
+    trials = replace(drops, trials=tuple(copies), properties={})
+    blocks = forecasts(LawCase(many, trials, trials, str)).blocks
+    gallery, rest = (next(each for each in blocks if isinstance(each, kind)) for kind in (Gallery, Fold))
+    kinds = [re.search(r"\((\w+)\)", each.caption)[1] for each in gallery.pictures]
+    assert kinds == ["best"] * 3 + ["typical"] * 3 + ["worst"] * 3
+    missed = [float(re.search(r"off by (\S+)", each.caption)[1]) for each in gallery.pictures]
+    assert missed == sorted(missed)
+    assert len(rest.blocks[0].pictures) == 30 - 9
+
+
+def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):
+    runaway = cl.Law.from_text("x'' = a v^3", {"a": 5.0})
+    trials = cl.Trials.from_arrays(drops[0].times, drops[0].states[:, 0], names=["x"])
+    report = law_report(runaway, trials)
+    assert report.summary.startswith("**Do not use this law for forecasts")
+    assert "run away" in str(blocks_of(report, "forecasts")[0])
+    assert "diverged after" in table_of(report, "forecast-errors")
+    to_page(report)
+
+
+def test_names_cannot_write_into_the_page(drops):
+    name = "<script>alert(1)</script> *b* $x$ `c`"
+    trials = cl.Trials.from_arrays(drops[0].times, drops[0].states, object=name, names=["x"])
+    law = cl.fit("x'' = -g - c v", trials)
+    page = law.report(trials).html
+    assert "<script" not in page
+    assert "*b* $x$ `c`" in page
+
+
+def test_a_law_that_was_explained_shows_its_relations():
+    drops = cl.datasets.linear_drag(trials=1, noise=0.02)
+    explained = cl.fit("x'' = -g - c v", drops).explain([])
+    report = law_report(explained, drops)
+    assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
+    assert "\\ddot{x}" in report.summary
