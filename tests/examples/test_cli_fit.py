@@ -66,9 +66,9 @@ def test_evidence_is_compared_with_that_of_another_law(run):
     code, out, _ = run(
         "fit", "T' = a T + b light", "cups.csv", *ROLES, "--against", "linear.json", "--save", "light.json"
     )
-    assert "Evidence, with the same noise" in out
+    assert "Evidence from the same measurements" in out
     code, out, err = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "light.json")
-    assert "Evidence, with the same noise" in out
+    assert "Evidence from the same measurements" in out
     code, out, err = run("fit", "T'' = a T", "cups.csv", *ROLES, "--against", "light.json")
     assert code == 0
     assert "Note: the laws were not compared: laws of different orders" in err

@@ -7,6 +7,7 @@ from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
 from commonlaw.names import in_line
+from commonlaw.wording import counted
 
 
 @click.group()
@@ -30,7 +31,7 @@ def check(source: Source, as_json: bool) -> None:
         print_json(report.to_dict())
         return
     say(
-        f"{in_line(source.name)}: {len(trials)} trials of {len(trials.objects)} objects, "
+        f"{in_line(source.name)}: {counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, "
         f"states {in_line(', '.join(trials.schema.states))}"
     )
     print_frame(report.to_frame())

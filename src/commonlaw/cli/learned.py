@@ -13,6 +13,7 @@ from commonlaw.cli.output import print_frame, print_history, print_json, print_n
 from commonlaw.cli.source import Source
 from commonlaw.files import write_all
 from commonlaw.names import in_line
+from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,7 +118,10 @@ class Learned:
         from commonlaw.law.tables import readable_candidates
 
         law, training = self.law, self.training
-        say(f"{len(training)} trials of {len(law.objects)} objects, {sum(map(len, training))} samples\n")
+        say(
+            f"{counted(len(training), 'trial')} of {counted(len(law.objects), 'object')}, "
+            f"{counted(sum(map(len, training)), 'sample')}\n"
+        )
         if law.shared and law.explanation is None:
             say("\n".join((*map(in_line, law.structure()), "")))
             columns = self._coefficient_columns()
@@ -128,16 +132,16 @@ class Learned:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
             print_frame(readable_candidates(law.alternatives))
         if self.compared is not None:
-            say("\nEvidence, with the same noise for all; 2 log B above 10 is out of the question:\n")
+            say("\nEvidence from the same measurements; 2 log B above 10 is out of the question:\n")
             print_frame(self.compared)
-        where = "held-out trials"
+        kind, learned = "held-out trial", ""
         if self.forecast_of == "training":
             later = self.forecast and sum(map(len, self.forecast.trials)) > sum(map(len, training))
-            where = f"trials it was learned from{', later samples included' if later else ''}"
+            kind, learned = "trial", f" it was learned from{', later samples included' if later else ''}"
         if self.forecast:
             say(
-                f"\nForecasts of {len(self.forecast.trials)} {where}, each from its own initial state: "
-                f"R^2 = {self.forecast.score():.5g}"
+                f"\nForecasts of {counted(len(self.forecast.trials), kind)}{learned}, each from its own "
+                f"initial state: R^2 = {self.forecast.score():.5g}"
             )
         say(f"\n{self.verdict}")
 

@@ -10,6 +10,7 @@ from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.validation import check_whole_number
+from commonlaw.wording import counted
 
 
 class NormalSource(Protocol):
@@ -52,7 +53,11 @@ def measure(
     if not hasattr(seed, "standard_normal"):
         check_whole_number("seed", seed, 0)
     size = trials * len(paths) * (_BYTES_A_TRIAL + _BYTES_A_VALUE * len(times) * len(schema.states))
-    check_memory(f"{trials} trials of {len(paths)} objects, {len(times)} samples each,", size, "take fewer")
+    check_memory(
+        f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,",
+        size,
+        "take fewer",
+    )
     source = np.random.default_rng(seed) if isinstance(seed, int | np.integer) else seed
     measured = [
         Trial(name, str(number), times, states + noise * source.standard_normal(states.shape))

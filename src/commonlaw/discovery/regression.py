@@ -41,6 +41,7 @@ from commonlaw.solvers import (
 )
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.validation import check_whole_number
+from commonlaw.wording import counted
 
 _MANY_TERMS = 60
 """More are too many for the solvers that look closely."""
@@ -144,7 +145,7 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
     """Refuse more terms than memory can hold the factors of, and announce it if choosing from them takes long."""
     states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
     counts = Counter(trial.object for trial in listed) or {"": 1}
-    what = f"{terms} terms for {states} {'equation' if states == 1 else 'equations'} and {len(counts)} objects"
+    what = f"{counted(terms, 'term')} for {counted(states, 'equation')} and {counted(len(counts), 'object')}"
     kept = sum(min(count, MOST_GROUPS) for count in counts.values()) * (segments + _MERGERS)
     rows = _EVALUATIONS * terms * max(map(len, listed), default=1)
     check_memory(f"regression with {what}", 8 * (kept * (terms + states) ** 2 + rows), "take a smaller library")

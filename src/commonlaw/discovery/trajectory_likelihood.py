@@ -32,6 +32,7 @@ from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.wording import counted
 
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
@@ -159,7 +160,8 @@ class TrajectoryLikelihood(AbstractMethod):
 def _check_effort(trials: Trials, terms: int) -> None:
     """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
     objects, samples = len(trials.objects), sum(map(len, trials))
-    what = f"the trajectory likelihood of {len(trials)} trials of {objects} objects with {terms} terms"
+    of = f"{counted(len(trials), 'trial')} of {counted(objects, 'object')} with {counted(terms, 'term')}"
+    what = f"the trajectory likelihood of {of}"
     size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)
     check_memory(what, size, "take a smaller library")
     seconds = _SECONDS_AN_OBJECT * objects + _SECONDS_A_TRIAL * len(trials) + _SECONDS_A_SAMPLE * samples

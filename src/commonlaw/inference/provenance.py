@@ -12,6 +12,7 @@ from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema
+from commonlaw.wording import counted
 
 _LISTED = 12
 """Supports of each equation that are kept as alternatives, besides the chosen one."""
@@ -74,7 +75,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
         Outcome(
             OutcomeKind.FEW_SAMPLES,
             side,
-            f"it has {most} terms, as many as so few samples can tell apart",
+            f"it has {counted(most, 'term')}, as many as so few samples can tell apart",
             "measure more samples or trials, or offer fewer terms",
         )
         for side, support in zip(law.left_hand_sides, state.supports, strict=True)
@@ -92,7 +93,8 @@ def history(
         noise_step(problem),
         Step(
             "library",
-            f"{len(law.terms)} terms" + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
+            counted(len(law.terms), "term")
+            + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
             ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
         ),
         Step(

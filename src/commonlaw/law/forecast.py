@@ -15,6 +15,7 @@ from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import as_measured, natural
 from commonlaw.trials.trial import with_typical
+from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +60,7 @@ class Forecast:
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
-        return f"<Forecast of {len(self.trials)} trials{lost}>"
+        return f"<Forecast of {counted(len(self.trials), 'trial')}{lost}>"
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:

@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from commonlaw.wording import counted
+
 NO_BETTER = 0.9
 """Forecasts whose error is above this share of that of the last measured value are no better."""
 
@@ -172,10 +174,6 @@ class LawVerdict:
 
 def _number(value: float, unit: str = "") -> str:
     return f"{value:.3g} {unit}".rstrip() if abs(value) < 1000 else f"{value:.0f} {unit}".rstrip()
-
-
-def counted(number: int, word: str, plural: str = "s") -> str:
-    return f"{number} {word}{plural if number != 1 else ''}"
 
 
 def _percent(share: float) -> str:

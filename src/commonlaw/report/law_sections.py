@@ -10,11 +10,11 @@ from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.tables import readable_candidates
 from commonlaw.law.uncertainty import normal_quantile
-from commonlaw.law.verdict import counted
 from commonlaw.plots import ForecastPanels, plot_errors, plot_intervals, plot_relations
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import literal
+from commonlaw.wording import counted
 
 _EACH, _ALL = 3, 12
 """Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""

@@ -5,10 +5,10 @@ from importlib.metadata import PackageNotFoundError, version
 
 import pandas as pd
 
-from commonlaw.law.verdict import counted
 from commonlaw.report.document import Block, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import code
+from commonlaw.wording import counted
 
 _SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
 _PACKAGES = ("commonlaw", "numpy", "scipy", "pandas", "matplotlib", "heyoka")

@@ -27,6 +27,7 @@ from commonlaw.trials.trial import (
     normalized,
     property_names,
 )
+from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -181,7 +182,7 @@ class Trials:
         --------
         >>> trials = Trials.from_arrays([0.0, 0.1], [5.0, 4.9], object="ball", names=["height"], units={"height": "m"})
         >>> trials, trials.schema.units
-        (<Trials: 1 trials of 1 objects, 2 samples of height>, {'height': 'm'})
+        (<Trials: 1 trial of 1 object, 2 samples of height>, {'height': 'm'})
         """
         return cls(*trials_from_arrays(times, states, object, trial, inputs, noise, names, units, properties))
 
@@ -216,9 +217,8 @@ class Trials:
         return self.with_trials([self.trials[i] for i in chosen])
 
     def __repr__(self) -> str:
-        samples = sum(map(len, self.trials))
-        states = ", ".join(self.schema.states)
-        return f"<Trials: {len(self)} trials of {len(self.objects)} objects, {samples} samples of {states}>"
+        of = f"{counted(len(self), 'trial')} of {counted(len(self.objects), 'object')}"
+        return f"<Trials: {of}, {counted(sum(map(len, self.trials)), 'sample')} of {', '.join(self.schema.states)}>"
 
     def with_trials(self, trials: Sequence[Trial], note: str | None = None) -> "Trials":
         """Return a collection of `trials` with this one's schema, properties of their objects, and notes."""

@@ -1,0 +1,10 @@
+"""How things are counted in words."""
+
+
+def counted(count: int, noun: str, ending: str = "s") -> str:
+    """Return a number of things.
+
+    >>> counted(1, "trial"), counted(3, "stretch", "es")
+    ('1 trial', '3 stretches')
+    """
+    return f"{count} {noun}{'' if count == 1 else ending}"
