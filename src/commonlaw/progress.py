@@ -6,6 +6,7 @@ from contextlib import suppress
 from time import monotonic
 
 from commonlaw.names import in_line
+from commonlaw.notebooks import ProgressBar, in_notebook
 
 PATIENCE = 2.0
 """Seconds after which people want to know."""
@@ -14,7 +15,12 @@ ProgressCallback = Callable[[str], None]
 
 
 def on_terminal() -> ProgressCallback:
-    """Return what writes steps of work to a terminal on stderr, when they take long; elsewhere it writes nothing."""
+    """Return what shows steps of work where people see it, elsewhere nothing.
+
+    That is a terminal on stderr, when they take long, or a notebook.
+    """
+    if in_notebook():
+        return ProgressBar()
     # Where standard error is closed there is none
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda _: None

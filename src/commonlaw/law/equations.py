@@ -19,6 +19,7 @@ from commonlaw.law.from_text import Coefficient, read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, term_unit
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
 from commonlaw.trials.units import parse_unit
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     import sympy
 
 
-class AbstractEquations(ABC):
+class AbstractEquations(ShownInNotebooks, ABC):
     """What a law says: everything that follows from its terms and coefficients and how accurate these are."""
 
     terms: Terms

@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import as_measured, natural
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class Forecast(ShownInNotebooks):
     """Each trial forecast from its own initial state.
 
     Parameters

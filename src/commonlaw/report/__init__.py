@@ -2,6 +2,7 @@
 
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict
 from commonlaw.report.law_report import law_page, law_report
+from commonlaw.report.notebook import notebook_html
 from commonlaw.report.values import to_json
 from commonlaw.report.write import contents, to_page, write_report
 
@@ -18,6 +19,7 @@ __all__ = [
     "contents",
     "law_page",
     "law_report",
+    "notebook_html",
     "to_json",
     "to_page",
     "write_report",

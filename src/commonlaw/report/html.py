@@ -57,7 +57,7 @@ def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str
         case Text(text):
             return {"kind": "text", "text": text}
         case Picture(name, caption) if alone:
-            return {"kind": "picture", "name": name, "caption": caption, "drawing": _within(drawings[name], name)}
+            return {"kind": "picture", "name": name, "caption": caption, "drawing": within(drawings[name], name)}
         case Picture(name, caption):
             source = _data("image/svg+xml", drawings[name])
             return {"kind": "picture", "name": name, "caption": caption, "source": source}
@@ -75,7 +75,7 @@ def _data(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{b64encode(content).decode()}"
 
 
-def _within(svg: bytes, name: str) -> str:
+def within(svg: bytes, name: str) -> str:
     """Return a drawing as a part of a page: without what only files have, its anchors its own."""
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg.decode(), flags=re.DOTALL)
     text = re.sub(r" font-family: [^;\"]*sans-serif;?", "", text)  # That of the page

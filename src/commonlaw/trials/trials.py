@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
+class Trials(ShownInNotebooks):
     """An immutable collection of trials with their objects' properties, variable names and units.
 
     Parameters

@@ -1,0 +1,67 @@
+"""Values as notebooks show them: a line, a formula or table, and a small figure."""
+
+from collections.abc import Callable
+from hashlib import sha256
+
+import pandas as pd
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Forecast, Law
+from commonlaw.names import visible
+from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
+from commonlaw.report.formulas import law_markdown
+from commonlaw.report.html import within
+from commonlaw.report.markup import code, inline, literal, markdown
+from commonlaw.trials import Trials
+
+_ROWS, _OBJECTS = 10, 6
+"""Of a table, and objects in a figure."""
+
+
+def notebook_html(value: Law | Trials | Forecast) -> str:
+    """Return a value as HTML for a notebook; figures of many objects show the first ones."""
+    match value:
+        case Law():
+            return _law(value)
+        case Trials():
+            return _trials(value)
+        case _:
+            return _forecast(value)
+
+
+def _law(law: Law) -> str:
+    try:
+        shown = markdown(law_markdown(law))
+    except CommonlawError:  # Without the extra that draws formulas
+        shown = markdown(code(str(law)))
+    notes = "".join(f"<p>{inline(literal(f'Note: {each}'))}</p>" for each in law.outcomes)
+    table = law.intervals() if law.covariance is not None else law.to_frame().reset_index()
+    drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
+    return _joined(repr(law), shown + _table(table) + notes, drawn)
+
+
+def _trials(trials: Trials) -> str:
+    frame = trials.check().to_frame().iloc[:, :5]
+    few = trials.select(object=list(trials.objects[:_OBJECTS]))
+    return _joined(repr(trials), _table(frame), _drawn(lambda: plot_trials(few)))
+
+
+def _forecast(forecast: Forecast) -> str:
+    names = list(forecast.trials.objects[:_OBJECTS])
+    return _joined(repr(forecast), _table(forecast.errors()), _drawn(lambda: plot_forecast(forecast, names)))
+
+
+def _table(frame: pd.DataFrame) -> str:
+    more = f"<p>... and {len(frame) - _ROWS} more rows</p>" if len(frame) > _ROWS else ""
+    return str(frame.head(_ROWS).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
+
+
+def _drawn(draw: Callable[[], Figure]) -> str:
+    drawing = render(draw(), ".svg", text=True)
+    # A notebook is one page: no anchor of a figure may be that of another
+    return within(drawing, f"figure-{sha256(drawing).hexdigest()[:8]}")
+
+
+def _joined(line: str, content: str, drawing: str) -> str:
+    sized = f'<div style="max-width: 44rem; overflow-x: auto">{drawing}</div>'
+    return visible(f"<div><p>{inline(literal(line))}</p>{content}{sized}</div>")

@@ -1,0 +1,95 @@
+"""What notebooks show of laws, trials and forecasts, and of work that goes on."""
+
+import re
+import sys
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import pytest
+
+import commonlaw as cl
+from commonlaw import progress
+from commonlaw.plots import Figure
+from commonlaw.report import notebook
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    return cl.fit("x'' = -9.8 - c v", drops)
+
+
+def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
+    one = law.select(["Ball 1"])
+    for value, words in ((one, "<math"), (law, "-9.8 - c v"), (drops, "Ball 2"), (law.predict(drops), "rms error")):
+        shown = value._repr_html_()
+        HTMLParser().feed(shown)
+        assert words in shown.replace("&#x27;", "'")
+        assert "<table" in shown
+        assert shown.count("<svg") == 1
+    assert law.letters[0] == "c"
+
+
+def test_anchors_of_two_figures_differ(law, drops):
+    first, second = ({*re.findall(r' id="([^"]+)"', each._repr_html_())} for each in (law, drops))
+    assert first
+    assert not first & second
+
+
+def test_names_of_strangers_are_shown_as_they_stand(drops):
+    trials = cl.Trials.from_arrays(drops[0].times, drops[0].states, object="<script>a</script>\x1b", names=["x"])
+    shown = trials._repr_html_()
+    assert "<script" not in shown
+    assert "\x1b" not in shown
+
+
+def test_a_law_without_formulas_shows_its_text(law, monkeypatch):
+    def missing(_):
+        raise cl.CommonlawError("needs latex2mathml")
+
+    monkeypatch.setattr(notebook, "law_markdown", missing)
+    monkeypatch.setattr(notebook, "plot_intervals", lambda _: Figure())
+    assert "x'' = -9.8 - c v" in law._repr_html_().replace("&#x27;", "'")
+
+
+class ZMQInteractiveShell:
+    """What stands for the shell of a notebook."""
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """All that a notebook was asked to show, the last state of each display."""
+    displays = []
+
+    def display(content, **named):
+        assert named == {"display_id": True}
+        displays.append(content)
+        at = len(displays) - 1
+        return SimpleNamespace(update=lambda new: displays.__setitem__(at, new))
+
+    python = SimpleNamespace(get_ipython=ZMQInteractiveShell, display=SimpleNamespace(display=display, HTML=str))
+    monkeypatch.setitem(sys.modules, "IPython", python)
+    monkeypatch.setitem(sys.modules, "IPython.display", python.display)
+    return displays
+
+
+def test_work_in_a_notebook_shows_one_bar_that_ends(shown):
+    tell = progress.on_terminal()
+    assert not shown
+    tell("fitting <b>")
+    tell("choosing")
+    assert shown == ["<progress></progress> choosing (0 s)"]
+    tell("<b>")
+    assert "&lt;b&gt;" in shown[0]
+    del tell
+    assert shown == ["<progress value='1'></progress> done (0 s)"]
+
+
+def test_a_search_ends_its_bar(shown, drops):
+    cl.discover(drops, order=2, library="poly:1")
+    assert len(shown) == 1
+    assert "done" in shown[0]
