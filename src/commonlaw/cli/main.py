@@ -12,7 +12,7 @@ from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "discrepancy", "report", "show", "data")
+_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "check", "discrepancy", "report", "show", "data")
 
 
 class _Commands(click.Group):
@@ -44,6 +44,7 @@ def commonlaw() -> None:
       commonlaw fit "height'' = -9.81 - c v" drops.csv --object ball --trial drop --time t
       commonlaw predict law.json drops.csv
       commonlaw explain law.json --property diameter,mass
+      commonlaw check law.json drops.csv --plot residuals.png
       commonlaw discrepancy law.json drops.csv --of v
       commonlaw report drops.csv --object ball --trial drop --time t --state height --order 2
       commonlaw show law.json --latex

@@ -1,5 +1,6 @@
-"""What a law leaves unexplained, as a function of a coordinate that all objects share."""
+"""What a law leaves unexplained: residuals and their patterns, and functions that all objects share."""
 
 from commonlaw.discrepancy.find import discrepancy
+from commonlaw.discrepancy.residuals import residuals
 
-__all__ = ["discrepancy"]
+__all__ = ["discrepancy", "residuals"]

@@ -14,6 +14,7 @@ from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.page import Page
+from commonlaw.law.residuals import Residuals
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -242,6 +243,34 @@ class AbstractPredictions(AbstractEquations):
         options: dict[str, Any] = {"times": times, "equation": equation, "zero_at": zero_at}
         find = resolve_name("commonlaw.discrepancy:discrepancy")
         found: Discrepancy[Self] = find(self, trials, of, noise=noise, huber_threshold=huber_threshold, **options)
+        return found
+
+    def residuals(self, trials: Trials) -> Residuals:
+        """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.
+
+        Each trial's initial state is fitted to all of its samples; the coefficients stay as they are. Tests compare the
+        residuals with the noise, hold them against time, states, rates, inputs and each other, and look for memory, for
+        scatter that grows, and for errors that are not normal (Ljung and Box, Spearman, Shapiro and Wilk, F tests).
+        P-values are adjusted for their number (Benjamini and Yekutieli 2001).
+
+        Parameters
+        ----------
+        trials
+            Of objects of the law, or of others that `predict` takes.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is of discrete time, or the trials cannot be used.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> print(cl.fit("x'' = -g - c v", drops).residuals(drops))
+        The residuals look like white noise: no pattern is more than chance.
+        """
+        found: Residuals = resolve_name("commonlaw.discrepancy:residuals")(self, trials)
         return found
 
     def score(self, trials: Trials) -> float:

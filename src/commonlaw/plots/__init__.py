@@ -23,6 +23,7 @@ from commonlaw.plots.panels import ForecastPanels
 from commonlaw.plots.path import plot_path
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.render import figure_format, render, save_figure
+from commonlaw.plots.residuals import plot_residuals
 from commonlaw.plots.trials import plot_trials
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "plot_library",
     "plot_path",
     "plot_relations",
+    "plot_residuals",
     "plot_trials",
     "render",
     "save_figure",

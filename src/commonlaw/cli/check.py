@@ -1,0 +1,47 @@
+"""`commonlaw check`: how well a saved law fits trials, by its residuals."""
+
+from dataclasses import asdict
+
+import click
+
+from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.source import Source, with_source
+from commonlaw.files import write_all
+
+
+@click.command()
+@click.argument("law_path", metavar="LAW.json")
+@with_source
+@click.option("--save", metavar="RESIDUALS.csv", help="Write measured and fitted states, and residuals over noise.")
+@click.option("--plot", metavar="FIGURE", help="Write a figure of the residuals (.png, .svg, .pdf).")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def check(law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool) -> None:
+    """Say how well LAW.json fits FILE: what its trajectories leave of the measurements, and which patterns that has.
+
+    Each trial's start is fitted, the coefficients stay. Residuals are compared with the noise, and held against time,
+    states, rates, inputs and each other; tests look for memory, growing scatter, and errors that are not normal.
+
+    \b
+    Example:
+      commonlaw check law.json drops.csv --plot residuals.png
+    """
+    from commonlaw.law import Law
+
+    law = Law.load(law_path)
+    with working("Checking ..."):
+        trials = source.select(source.load(law.schema))
+        found = law.residuals(trials)
+        outputs = {save: found.to_frame().to_csv(index=False).encode()} if save else {}
+        if plot:
+            from commonlaw.plots import plot_residuals, render
+
+            outputs[plot] = render(plot_residuals(found), plot)
+    write_all(outputs)
+    if as_json:
+        print_json({"patterns": [asdict(each) | {"there": each.there} for each in found.patterns]})
+    else:
+        print_frame(found.tests().drop(columns="meaning"))
+        say(f"\n{found}")
+        for path in outputs:
+            say(f"\nWrote {path}")
+    print_notes(found.trials.notes)

@@ -1,0 +1,44 @@
+"""From a law and trials to what the measurements are off its trajectories."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import noise_level
+from commonlaw.discrepancy.residual_tests import patterns
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law
+from commonlaw.law.residuals import Residuals
+from commonlaw.likelihood import NO_ERRORS
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import with_typical
+
+
+def residuals(law: Law, trials: Trials) -> Residuals:
+    """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
+    if law.order == 0:
+        raise CommonlawError("a law in discrete time has no trajectories that are fitted: score its forecasts instead")
+    trials = trials.with_trials([each.measured() for each in trials])
+    noise = _noise(trials) if law.noise is None else law.noise
+    known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
+    longest = max(map(len, trials))
+    forecast = replace(law, uncertainty=known).predict(trials, start=longest)
+    forecast = forecast.followed or forecast
+    fitted = tuple(each.states for each in forecast.trajectories)
+    states, errors = len(law.states), law.uncertainty.error_model
+    off = []
+    for trial, own in zip(forecast.trials, fitted, strict=True):
+        std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
+        off.append((trial.states - own[:, :states]) / std)
+    found = Residuals(forecast.trials, fitted, tuple(off), law.rates, ())
+    spent = law.order * len(trials)
+    return replace(found, patterns=patterns(law.states, off, found.columns, law.schema.time, spent))
+
+
+def _noise(trials: Trials) -> Floats:
+    """Return the noise of each state from differences of neighbouring samples, shape (states,)."""
+    squares = [noise_level(each.times, each.states) ** 2 for each in trials if each.complete]
+    if not squares:
+        raise CommonlawError("this law does not know its noise, and no trial is complete to tell it: refine the law")
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))

@@ -1,0 +1,93 @@
+"""How well a law fits trials: residuals, and the patterns that tests find in them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import commonlaw as cl
+from commonlaw import CommonlawError, Law, Trials
+from commonlaw.law.residuals import correlations
+from commonlaw.plots import plot_residuals, render
+
+
+def decays(disturb, samples: int = 60) -> Trials:
+    """Return ten decays with noise of 0.01, to which disturbances of shape (samples,) by time and state are added."""
+    times, rng = np.linspace(0.0, 3.0, samples), np.random.default_rng(3)
+    states = [start * np.exp(-times) for start in np.linspace(1.0, 2.0, 10)]
+    noisy = [own + disturb(times, own, rng) for own in states]
+    return Trials.from_arrays([times] * 10, noisy, trial=list(range(10)))
+
+
+DECAY = Law.from_text("x' = -k x", {"k": 1.0})
+WHITE = replace(DECAY, uncertainty=replace(DECAY.uncertainty, noise=[0.01]))
+
+
+def white(times, _states, rng):
+    return rng.normal(0.0, 0.01, len(times))
+
+
+def found(disturb) -> dict[str, str]:
+    """Return what the patterns that are there mean, by pattern."""
+    return {each.pattern: each.meaning for each in WHITE.residuals(decays(disturb)).odd}
+
+
+def test_white_noise_has_no_pattern():
+    assert found(white) == {}
+    assert "no pattern is more than chance" in str(WHITE.residuals(decays(white)))
+
+
+@pytest.mark.parametrize(
+    ("disturb", "pattern", "meaning"),
+    [
+        (lambda t, x, r: 2 * white(t, x, r), "size over noise", "the law lacks something, or the noise is larger"),
+        (lambda t, x, r: white(t, x, r) + 0.03 * np.sin(t), "trend with t", "something changes with time"),
+        (lambda t, x, r: white(t, x, r) + 0.03 * (x - 0.5) ** 2, "trend with x", "the law lacks a term in x"),
+        (lambda t, x, r: white(t, x, r) * 2 * x, "scatter with size", "errors='proportional'"),
+        (lambda t, _, r: np.convolve(r.normal(0, 0.006, len(t) + 3), np.ones(4), "valid"), "correlation of neighbours",
+         "neighbours err alike"),
+        (lambda t, _, r: np.diff(r.normal(0, 0.007, len(t) + 1)), "correlation of neighbours", "to opposite sides"),
+        (lambda t, _, r: 0.006 * r.standard_t(3, len(t)), "normality (excess kurtosis)", "tails are heavy"),
+        (lambda t, _, r: 0.01 * (r.exponential(size=len(t)) - 1), "normality (excess kurtosis)", "lean to one side"),
+    ],
+)  # fmt: skip
+def test_each_pattern_is_found_and_has_its_meaning(disturb, pattern, meaning):
+    assert meaning in found(disturb).get(pattern, "")
+
+
+def test_residuals_of_states_that_err_together_are_correlated():
+    truth = Law.from_text(["x' = -k x", "y' = -c y"], {"k": 1.0, "c": 1.0})
+    law = replace(truth, uncertainty=replace(truth.uncertainty, noise=[0.01, 0.01]))
+    times, rng = np.linspace(0.0, 3.0, 100), np.random.default_rng(1)
+    decay = np.exp(-times)[:, np.newaxis] * [1.0, 2.0]
+    both = rng.normal(0.0, 0.009, (100, 1)) + rng.normal(0.0, 0.004, (100, 2))
+    trials = Trials.from_arrays(times, decay + both, names=["x", "y"])
+    found = law.residuals(trials)
+    (pattern,) = [each for each in found.patterns if each.pattern == "correlation with residuals of x"]
+    assert pattern.there
+    own = np.concatenate(found.standardized)
+    assert pattern.statistic == pytest.approx(stats.pearsonr(*own.T).statistic)
+    assert render(plot_residuals(found), "svg").startswith(b"<?xml")
+
+
+def test_correlations_are_within_trials_and_leave_gaps_out():
+    first, second = np.array([1.0, -1.0, np.nan, 1.0, 2.0]), np.array([3.0, -3.0])
+    mean, variance = np.nanmean(np.append(first, second)), np.nanvar(np.append(first, second))
+    pairs = [(1, -1), (1, 2), (3, -3)]
+    value, count = correlations([first, second], 1)
+    assert count[0] == 3
+    assert value[0] == pytest.approx(np.mean([(a - mean) * (b - mean) for a, b in pairs]) / variance)
+
+
+def test_few_samples_are_not_tested_and_discrete_time_is_refused():
+    short = decays(white, 60).select(trial=0).until(0.5)
+    assert str(WHITE.residuals(short)) == "There are too few residuals to test."
+    steps = cl.discover(decays(white), order=0, library="poly:1", method=cl.DiscreteTimeRegression())
+    with pytest.raises(CommonlawError, match="discrete time"):
+        steps.residuals(short)
+
+
+def test_a_law_that_does_not_know_its_noise_takes_it_from_the_samples():
+    table = DECAY.residuals(decays(white)).to_frame()
+    assert table["x residual/noise"].std() == pytest.approx(1.0, rel=0.1)
