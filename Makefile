@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-cost clean
+.PHONY: help demo study layers fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -72,6 +72,9 @@ bench-errors: $(STAMP) ## Laws under other errors than white noise: half an hour
 
 bench-universal: $(STAMP) ## What decides coefficients, and forecasts of unseen objects: half an hour; less with ARGS="--seeds 1"
 	$(BIN)/python -m benchmarks.universal $(ARGS)
+
+bench-discrepancy: $(STAMP) ## What laws leave unexplained: ten minutes; less with ARGS="--draws 20"
+	$(BIN)/python -m benchmarks.discrepancy $(ARGS)
 
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from benchmarks import cost, coverage, cramer_rao, discovery, universal
+from benchmarks import cost, coverage, cramer_rao, discovery, discrepancy, universal
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of, solve
@@ -184,3 +184,9 @@ def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
     assert "| heights of balls | 0.1 | 1 of 1 | 10 | " in capsys.readouterr().out
     cost.main(["--objects", "1", "--repeats", "1", "--noise", "0.01"])
     assert capsys.readouterr().out.endswith("| yes |\n")
+
+
+def test_falls_and_drops_are_compared_with_their_truth():
+    held, *_, claimed = discrepancy.fallen(0, 1.5)[:7]
+    assert (held, claimed) == (True, True)
+    assert discrepancy.claimed(0)[0] == 0
