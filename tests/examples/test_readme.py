@@ -24,7 +24,8 @@ def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
         with pytest.raises(SystemExit) as ended:
             main()
         assert ended.value.code == 0, line
-    assert {path.name for path in tmp_path.iterdir()} == {"drops.csv", "law.json", "law.png", "forecast.csv"}
+    written = {"drops.csv", "law.json", "law.png", "forecast.csv", "report.html"}
+    assert {path.name for path in tmp_path.iterdir()} == written
 
 
 def test_the_python_runs_and_says_what_its_comments_say(monkeypatch, tmp_path, ball_drops_folder):

@@ -12,7 +12,7 @@ from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "check", "discrepancy", "report", "show", "data")
+_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "check", "discrepancy", "report", "app", "show", "data")
 
 
 class _Commands(click.Group):
@@ -47,6 +47,7 @@ def commonlaw() -> None:
       commonlaw check law.json drops.csv --plot residuals.png
       commonlaw discrepancy law.json drops.csv --of v
       commonlaw report drops.csv --object ball --trial drop --time t --state height --order 2
+      commonlaw app drops.csv
       commonlaw show law.json --latex
 
     \b

@@ -17,16 +17,24 @@ _MOST_OWN = 6
 
 def law_markdown(law: Law) -> str:
     """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters."""
-    if len(law.objects) == 1 or law.explanation is not None:
-        return _displayed(law.to_latex(), law.equations())
-    if not law.shared:
+    if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
-    if law.provenance.equations:
+    if law.provenance.equations and not _has_numbers(law):
         return code("\n".join(law.structure()))
-    return _displayed(structure_latex(law), law.structure())
+    return _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
 
 
-def structure_latex(law: Law) -> str:
+def law_latex(law: Law) -> str:
+    """Return the equations of a law whose objects share them as LaTeX that pages draw, see `law_markdown`."""
+    return _spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law))
+
+
+def _has_numbers(law: Law) -> bool:
+    """Whether the equations hold for all objects with numbers in place of letters."""
+    return len(law.objects) == 1 or law.explanation is not None
+
+
+def _structure_latex(law: Law) -> str:
     """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
     rows: list[list[Addend]] = [[] for _ in law.states]
     terms = [latex_factor(term, law.terms.variables.names) for term in law.terms.terms]

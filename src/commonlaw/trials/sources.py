@@ -13,13 +13,17 @@ from commonlaw.trials.workbook import workbook_table
 
 def read_table(path: str | os.PathLike[str], sheet: str | None = None) -> Table:
     """Return the table in a file: text with separators, Parquet, or a workbook."""
-    file, content = Path(path), read_file(path)
+    return table_in(Path(path).name, read_file(path), sheet)
+
+
+def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
+    """Return the table in the content of a file that has this name in messages."""
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
-        raise CommonlawError(f"{file.name} is empty: give a file with a header and rows")
+        raise CommonlawError(f"{name} is empty: give a file with a header and rows")
     if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        return workbook_table(file.name, content, sheet)
+        return workbook_table(name, content, sheet)
     if sheet is not None:
-        raise CommonlawError(f"{file.name} is not a workbook and has no sheet {sheet!r}: leave the sheet out")
+        raise CommonlawError(f"{name} is not a workbook and has no sheet {sheet!r}: leave the sheet out")
     if content.startswith(b"PAR1"):
-        return parquet_table(file.name, content)
-    return text_table(file.name, content)
+        return parquet_table(name, content)
+    return text_table(name, content)

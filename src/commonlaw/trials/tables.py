@@ -20,7 +20,7 @@ from commonlaw.trials.properties import (
     given_properties,
     object_codes,
 )
-from commonlaw.trials.sources import read_table
+from commonlaw.trials.sources import read_table, table_in
 from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
 from commonlaw.trials.units import known_unit
 
@@ -33,8 +33,16 @@ _CLOCKS = (
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
     """Return the trials in a file, see `Trials.read`."""
-    table = read_table(path, sheet)
-    return _collected(read_rows(table, Path(path).stem, cast(Roles, {**table.roles, **_checked(roles)})))
+    return _trials_in(read_table(path, sheet), Path(path).stem, roles)
+
+
+def trials_in(name: str, content: bytes, **roles: Unpack[Roles]) -> TrialData:
+    """Return the trials in the content of a file of this name, see `Trials.read`."""
+    return _trials_in(table_in(name, content), Path(name).stem, roles)
+
+
+def _trials_in(table: Table, default_object: str, roles: Roles) -> TrialData:
+    return _collected(read_rows(table, default_object, cast(Roles, {**table.roles, **_checked(roles)})))
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> TrialData:

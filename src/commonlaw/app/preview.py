@@ -1,0 +1,116 @@
+"""What a table holds, before a law is looked for, and what a law says of a start of one's own."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from commonlaw.app.question import Columns, Table
+from commonlaw.app.result import Found
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.trials import Trials
+from commonlaw.trials.sources import table_in
+
+_ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 200
+"""Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
+
+SAMPLES = {
+    "linear-drag": "linear-drag:noise=0.05",
+    "nonlinear-oscillator": "nonlinear-oscillator:noise=0.01",
+    "lotka-volterra": "lotka-volterra:noise=0.05",
+    "lorenz": "lorenz:noise=0.1",
+}
+"""Data sets that the page offers, by what it calls them."""
+
+
+class Sample(msgspec.Struct, forbid_unknown_fields=True):
+    """A start of one's own, which a candidate of the law is to forecast."""
+
+    candidate: int
+    object: str
+    start: tuple[float, ...]
+    duration: float
+
+
+def sample_table(name: str) -> Table:
+    """Return a simulated data set as a table, as if its file had been sent."""
+    from commonlaw.datasets import DATASETS
+    from commonlaw.spec import parse_spec
+
+    if name not in SAMPLES:
+        raise unknown("data set of the app", name, SAMPLES)
+    trials: Trials = parse_spec("data set", SAMPLES[name], DATASETS)
+    units = trials.schema.units
+    frame = trials.to_frame()
+    frame.columns = [f"{each} [{units[each]}]" if each in units else each for each in frame.columns]
+    return Table(f"{name}.csv", frame.to_csv(index=False).encode())
+
+
+def preview(table: Table, columns: Columns) -> dict[str, Any]:
+    """Return the columns of a table, its first rows, its trials by these columns, and what is odd about them.
+
+    Where columns do not make trials, the reason stands in place of these.
+    """
+    held = table_in(table.name, table.content)
+    shown = [[str(each) for each in column[:_ROWS]] for column in held.columns.values()]
+    found: dict[str, Any] = {
+        "name": table.name,
+        "columns": list(held.columns),
+        "rows": [list(row) for row in zip(*shown, strict=True)],
+        "problem": "",
+    }
+    try:
+        trials = columns.trials(table)
+    except CommonlawError as error:
+        return found | {"problem": str(error)}
+    return found | _of_trials(trials)
+
+
+def _of_trials(trials: Trials) -> dict[str, Any]:
+    schema, check = trials.schema, trials.check()
+    return {
+        "roles": {
+            "object": schema.object,
+            "trial": schema.trial,
+            "time": schema.time,
+            "states": schema.states,
+            "inputs": schema.inputs,
+            "properties": sorted({name for own in trials.properties.values() for name in own}),
+        },
+        "objects": trials.objects,
+        "labels": list(dict.fromkeys(each.name for each in trials)),
+        "count": len(trials),
+        "samples": sum(map(len, trials)),
+        "odd": [*check.lines(), *check.notes],
+        "units": dict(schema.units),
+        "trials": [
+            {
+                "object": each.object,
+                "name": each.name,
+                "t": each.times[:: _every(len(each))].tolist(),
+                "states": [_numbers(column[:: _every(len(each))]) for column in each.states.T],
+            }
+            for each in trials.trials[:_TRIALS]
+        ],
+    }
+
+
+def _every(samples: int) -> int:
+    return -(-samples // _SAMPLES)
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [each if np.isfinite(each) else None for each in values.tolist()]
+
+
+def simulated(found: Found, asked: Sample) -> dict[str, Any]:
+    """Return the course of the states from a start, by a candidate of the law."""
+    if not 0 <= asked.candidate < len(found.candidates):
+        raise CommonlawError(f"there is no candidate {asked.candidate}: choose one of {len(found.candidates)}")
+    if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
+        raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")
+    law = found.candidates[asked.candidate].law
+    times = np.linspace(0.0, asked.duration, _POINTS)
+    trajectory = law.simulate(times, {asked.object: asked.start})[asked.object]
+    states = [_numbers(column) for column in trajectory.states[:, : len(law.states)].T]
+    return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}

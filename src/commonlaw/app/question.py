@@ -1,0 +1,71 @@
+"""What the page asks: a table, which column is what, and which law is looked for."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials
+from commonlaw.trials.tables import trials_in
+
+
+class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """Which column is what; empty where the table says it itself."""
+
+    object: str | None = None
+    trial: str | None = None
+    time: str | None = None
+    states: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    properties: tuple[str, ...] = ()
+
+    def trials(self, table: "Table") -> Trials:
+        """Return the trials in a table."""
+        said: dict[str, Any] = {name: each for name, each in msgspec.structs.asdict(self).items() if each}
+        return Trials(*trials_in(table.name, table.content, **said))
+
+
+class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What is kept from learning: nothing, an object, the trials of a label, or samples after a time."""
+
+    kind: Literal["nothing", "object", "trial", "after"] = "nothing"
+    value: str = ""
+
+    def training(self, trials: Trials) -> Trials:
+        """Return the trials to learn from."""
+        if self.kind == "nothing":
+            return trials
+        if self.kind == "after":
+            try:
+                return trials.until(float(self.value))
+            except ValueError:
+                raise CommonlawError(f"hold out what was measured after which time? {self.value!r} is none") from None
+        return trials.split(**{self.kind: [self.value]})[1]
+
+
+class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """All that a search is asked."""
+
+    table: str
+    columns: Columns = Columns()
+    order: Literal[1, 2] = 1
+    library: str = "poly:3"
+    hold_out: HoldOut = HoldOut()
+    known: Mapping[str, float] = {}
+    explain: bool = False
+    law: str | None = None
+    """A saved law, which is then shown with these trials, and nothing is learned."""
+
+
+class Table(msgspec.Struct, frozen=True):
+    """A file that the page sent: its name as shown, and what is in it."""
+
+    name: str
+    content: bytes
+
+
+def named(name: str, content: bytes) -> Table:
+    """Return what was sent under a name, of which only the last part is taken."""
+    return Table(Path(name.replace("\\", "/")).name[:120] or "table", content)

@@ -1,0 +1,132 @@
+"""What the page is sent of a law: every candidate with its equations, coefficients, forecasts and errors at once.
+
+So nothing is fitted or asked for when somebody moves along the candidates.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import CandidateLaw, candidate_laws
+from commonlaw.law import Forecast, Law
+from commonlaw.law.numbers import with_error
+from commonlaw.report.formulas import law_latex
+from commonlaw.report.markup import formula
+from commonlaw.trials import Trials
+from commonlaw.verdict import checked_forecast, is_of_training
+
+_CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
+"""Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search found: the law, its trials, and what the page is sent."""
+
+    law: Law
+    trials: Trials
+    training: Trials
+    candidates: tuple[CandidateLaw, ...]
+    shown: dict[str, Any]
+
+
+def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Found:
+    """Return a law with all that the page needs."""
+    show("judging the law")
+    verdict = law.verdict(trials, training)
+    laws = candidate_laws(law, training, _CANDIDATES, show)
+    show("forecasting with every candidate")
+    forecast, lacking = checked_forecast(law, trials, training, bands=True)
+    trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
+    schema, check = trials.schema, trials.check()
+    shown = {
+        "verdict": verdict.sentences,
+        "usable": verdict.usable,
+        "held_out": forecast is not None and not is_of_training(forecast, training),
+        "objects": law.objects,
+        "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
+        "rates": law.rates,
+        "inputs": schema.inputs,
+        "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
+        "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
+        "candidates": [_candidate(each, forecast, law) for each in laws],
+        "odd": [*check.lines(), *check.notes, *map(str, law.outcomes), *lacking],
+        "history": [[each.stage, each.choice, each.reason] for each in law.history],
+    }
+    return Found(law, trials, training, laws, shown)
+
+
+def _candidate(candidate: CandidateLaw, checked: Forecast | None, chosen: Law) -> dict[str, Any]:
+    """Return what the page shows of a candidate."""
+    law = candidate.law
+    forecast = None if checked is None else _forecast(law, checked, candidate.chosen, chosen)
+    score = None if forecast is None else forecast.score()
+    return {
+        "size": candidate.size,
+        "chosen": candidate.chosen,
+        "evidence": candidate.evidence,
+        "text": list(law.structure()) if law.shared else list(law.equations(law.objects[0])),
+        "formula": _mathml(law),
+        "terms": _terms(law),
+        "table": _table(law),
+        "score": score if score is not None and np.isfinite(score) else None,
+        "curves": [] if forecast is None else list(_curves(forecast)),
+    }
+
+
+def _forecast(law: Law, checked: Forecast, is_chosen: bool, chosen: Law) -> Forecast | None:
+    """Return a candidate's forecasts of the trials that the law was checked on, few enough to be drawn."""
+    trials = checked.trials.with_trials(checked.trials.trials[:_TRIALS])
+    # Candidates are fitted without model errors: their bands would not hold where the law has one
+    bands = law.has_std and (is_chosen or not chosen.uncertainty.error_model)
+    try:
+        return law.predict(trials, return_std=bands)
+    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+
+
+def _mathml(law: Law) -> str:
+    try:
+        return formula(law_latex(law), "block")
+    except CommonlawError:
+        return ""
+
+
+def _terms(law: Law) -> list[dict[str, Any]]:
+    """Return for each equation its left-hand side and which terms are in it, of those that any candidate has."""
+    return [
+        {"left": left, "in": [name for name, there in zip(law.terms.names, row, strict=True) if there]}
+        for left, row in zip(law.left_hand_sides, law.support, strict=True)
+    ]
+
+
+def _table(law: Law) -> dict[str, Any]:
+    if not law.shared:
+        return {"head": [], "rows": []}
+    values, errors = law.letter_values()
+    units = [f"{name} ({unit})" if unit else name for name, unit in zip(law.letters, law.letter_units(), strict=True)]
+    pairs = zip(law.objects, values, np.nan_to_num(errors), strict=True)
+    rows = [[name, *(with_error(*pair) for pair in zip(*each, strict=True))] for name, *each in pairs]
+    return {"head": [law.schema.object, *units], "rows": rows}
+
+
+def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
+    """Yield for each trial times, and by state what was measured, forecast, and the ends of the band."""
+    smooth, states = forecast.smooth(_POINTS), len(forecast.trials.schema.states)
+    bands = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
+    for i, (trial, trajectory) in enumerate(zip(smooth.trials, smooth.trajectories, strict=True)):
+        every = slice(None, None, -(-len(trial.times) // (_SAMPLES + _POINTS)))
+        columns = [trial.states, trajectory.states[:, :states], *((None, None) if bands is None else bands[i])]
+        yield {
+            "t": _numbers(trial.times[every]),
+            "states": [[None if each is None else _numbers(each[every, j]) for each in columns] for j in range(states)],
+        }
+
+
+def _numbers(values: Floats) -> list[float | None]:
+    """Return numbers with a few digits; what is not finite is None."""
+    return [float(f"{each:.{_DIGITS}g}") if np.isfinite(each) else None for each in values.tolist()]

@@ -1,0 +1,167 @@
+"""What the page may ask of the server."""
+
+from collections.abc import Awaitable, Callable
+from functools import wraps
+from pkgutil import get_data
+from threading import Lock
+from typing import Any
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from commonlaw.app.guard import TooLargeError
+from commonlaw.app.preview import Sample, preview, sample_table, simulated
+from commonlaw.app.question import Columns, Question, named
+from commonlaw.app.result import Found
+from commonlaw.app.searching import Search
+from commonlaw.app.sessions import Sessions
+from commonlaw.errors import CommonlawError
+from commonlaw.foreign import read_json
+from commonlaw.report import law_page
+from commonlaw.trials.sources import table_in
+
+ASSETS = {
+    "": ("index.html", "text/html"),
+    "app.js": ("app.js", "text/javascript"),
+    "plots.js": ("plots.js", "text/javascript"),
+    "app.css": ("app.css", "text/css"),
+    "uplot.js": ("uplot.js", "text/javascript"),
+    "uplot.css": ("uplot.css", "text/css"),
+}
+"""All files that are served, by their address: no other can be named."""
+
+_one_draws = Lock()
+"""Matplotlib draws in one thread at a time."""
+
+Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
+    table: str
+    columns: Columns = Columns()
+
+
+class _DataSet(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+
+
+def application(sessions: Sessions, first: str | None) -> Starlette:
+    """Return what answers; `first` is the name of a table that the page opens with."""
+
+    async def opened(_: Request) -> Response:
+        return _json({"table": first})
+
+    routes = [Route(f"/{name}", _asset(*each)) for name, each in ASSETS.items()]
+    routes.append(Route("/first", opened))
+    for path, method, answer in (
+        ("/tables", "POST", _add_table),
+        ("/datasets", "POST", _add_data_set),
+        ("/previews", "POST", _preview),
+        ("/searches", "POST", _search),
+        ("/searches/{name}", "GET", _state),
+        ("/searches/{name}", "DELETE", _cancel),
+        ("/searches/{name}/forecasts", "POST", _forecast),
+        ("/searches/{name}/{file}", "GET", _file),
+    ):
+        routes.append(Route(path, _mended(answer), methods=[method]))
+    made = Starlette(routes=routes)
+    made.state.sessions = sessions
+    return made
+
+
+def _asset(name: str, kind: str) -> Endpoint:
+    content = get_data("commonlaw.app", f"page/{name}")
+
+    async def answer(_: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return answer
+
+
+def _mended(answer: Callable[[Sessions, Request], Awaitable[Response]]) -> Endpoint:
+    """Return an endpoint that says what a user can mend."""
+
+    @wraps(answer)
+    async def answering(request: Request) -> Response:
+        try:
+            return await answer(request.app.state.sessions, request)
+        except CommonlawError as error:
+            return _json({"error": str(error)}, 422)
+        except TooLargeError:
+            return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
+
+    return answering
+
+
+async def _add_table(sessions: Sessions, request: Request) -> Response:
+    table = named(request.query_params.get("name", "table"), await request.body())
+    await run_in_threadpool(table_in, table.name, table.content)
+    return _json({"table": sessions.tables.add(table)})
+
+
+async def _add_data_set(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), _DataSet)
+    return _json({"table": sessions.tables.add(await run_in_threadpool(sample_table, asked.name))})
+
+
+async def _preview(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), _Recognised)
+    return _json(await run_in_threadpool(preview, sessions.tables.get(asked.table), asked.columns))
+
+
+async def _search(sessions: Sessions, request: Request) -> Response:
+    question = read_json(await request.body(), Question)
+    return _json({"search": await run_in_threadpool(sessions.search, question)})
+
+
+async def _state(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    return _json(await run_in_threadpool(search.state))
+
+
+async def _cancel(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    await run_in_threadpool(search.cancel)
+    return _json({})
+
+
+async def _forecast(sessions: Sessions, request: Request) -> Response:
+    found = _found(sessions.searches.get(request.path_params["name"]))
+    asked = read_json(await request.body(), Sample)
+    return _json(await run_in_threadpool(simulated, found, asked))
+
+
+async def _file(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    name = request.path_params["file"]
+    makers: dict[str, Callable[[Search, Found], str]] = {
+        "law.json": lambda _, found: found.law.to_json(),
+        "law.py": lambda search, found: found.law.to_script(search.table.name),
+        "law.tex": lambda _, found: found.law.to_latex(found.law.objects[0]),
+        "coefficients.csv": lambda _, found: str(found.law.to_frame().to_csv()),
+        "report.html": _report,
+    }
+    if name not in makers:
+        raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(makers)}")
+    content = await run_in_threadpool(makers[name], search, _found(search))
+    headers = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type="application/octet-stream", headers=headers)
+
+
+def _report(_: Search, found: Found) -> str:
+    with _one_draws:
+        return law_page(found.law, found.trials, found.training).html
+
+
+def _found(search: Search) -> Found:
+    if search.is_running or search.found is None:
+        raise CommonlawError("the search has found no law yet: wait for it")
+    return search.found
+
+
+def _json(value: Any, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(value), status, media_type="application/json")

@@ -1,0 +1,23 @@
+"""`commonlaw app`: the same in a browser."""
+
+import click
+
+from commonlaw.cli.output import say
+
+
+@click.command()
+@click.argument("path", required=False, metavar="[FILE]")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
+@click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
+def app(path: str | None, port: int, open_browser: bool) -> None:
+    """Find laws in a browser, without code: open a table, choose, look, take away.
+
+    The page is served to this machine alone, at an address that nobody can guess, and needs no network. Ctrl-C ends it.
+
+    \b
+    Example:
+      commonlaw app drops.csv
+    """
+    from commonlaw.app import serve
+
+    serve(path, port, lambda address: say(f"The app is at {address}\nCtrl-C ends it."), open_browser)

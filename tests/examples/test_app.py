@@ -1,0 +1,186 @@
+"""A newcomer's way through the app in a browser: tables good and bad, a law, a search cancelled, reloads, two tabs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
+import pytest
+from axe_core_python.selenium import Axe
+
+import commonlaw as cl
+
+MOVES = """
+const slider = document.getElementById("slider"), times = [];
+for (let i = 0; i < 100; i++) {
+  slider.value = i % (Number(slider.max) + 1);
+  const began = performance.now();
+  slider.dispatchEvent(new Event("input"));
+  document.body.getBoundingClientRect();
+  times.push(performance.now() - began);
+}
+return times.sort((a, b) => a - b)[50];
+"""
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    path = tmp_path_factory.mktemp("app") / "drops.csv"
+    cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).to_csv(path)
+    return path
+
+
+@contextmanager
+def served(*arguments):
+    """The address of an app that runs."""
+    command = [sys.executable, "-m", "commonlaw", "app", "--no-browser", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 0
+
+
+@pytest.fixture
+def page(browser):
+    """A browser with an empty log, and what waits for something in its page."""
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    return browser
+
+
+def text(page, name):
+    return page.find_element("id", name).get_attribute("textContent")
+
+
+def wait(page, what, seconds=60):
+    """Wait until an expression of the page is true, and return it."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        found = page.execute_script(f"const $ = id => document.getElementById(id); return {what}")
+        if found:
+            return found
+        time.sleep(0.1)
+    raise AssertionError(f"not within {seconds} s: {what}; {text(page, 'failure')} {text(page, 'failed')}")
+
+
+def choose(page, name, value):
+    page.execute_script(
+        f"const each = document.getElementById('{name}'); each.value = arguments[0];"
+        "each.dispatchEvent(new Event('change'))",
+        value,
+    )
+
+
+def serious(page):
+    found = Axe().run(page)["violations"]
+    return [(each["id"], each["impact"]) for each in found if each["impact"] in ("serious", "critical")]
+
+
+def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
+    with served(table) as address:
+        page.get(address)
+        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+        assert "x" in text(page, "counts")
+        assert serious(page) == []
+        choose(page, "order", "2")
+        choose(page, "library", "poly:1")
+        choose(page, "hold_out", "trial")
+        choose(page, "held", "2")
+        page.find_element("id", "start").click()
+        wait(page, "!$('result').hidden")
+
+        trials = cl.Trials.read(table)
+        law = cl.discover(trials.select(trial=1), order=2, library="poly:1")
+        assert law.verdict(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
+        assert "--hold-out trial=2" in text(page, "command")
+        terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
+        assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
+        assert page.execute_script(MOVES) < 100
+
+        page.execute_script("document.getElementById('slider').value = 0")
+        page.execute_script("document.getElementById('slider').dispatchEvent(new Event('input'))")
+        assert text(page, "which").startswith("1 term")
+        assert len(page.find_elements("css selector", "#terms button[aria-pressed=true]")) == 1
+        page.find_element("css selector", "#terms button[aria-pressed=false]:enabled").click()
+        assert not text(page, "which").startswith("1 term")
+        wait(page, "$('own_plot').querySelector('canvas')")
+        assert serious(page) == []
+        for width in (390, 2560):
+            window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
+            page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+            assert page.execute_script("return document.documentElement.scrollWidth") <= width
+
+        files = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
+        taken = {name: urllib.request.urlopen(link).read().decode() for name, link in files.items()}
+        assert str(cl.Law.from_json(taken["law.json"])) == str(law)
+        assert "Trials.read('drops.csv'" in taken["law.py"]
+        assert taken["report.html"].startswith("<!DOCTYPE html>")
+
+        page.refresh()  # and all is there again
+        wait(page, "!$('result').hidden")
+        assert [each for each in page.get_log("browser") if each["level"] == "SEVERE"] == []
+        check_others_are_refused(address)
+
+
+def check_others_are_refused(address):
+    """Check that no other site may ask, and that no path of the machine can be named."""
+    parts = urlsplit(address)
+    root = f"{parts.scheme}://{parts.netloc}"
+    asked = [
+        (f"{root}/", {}, 404),
+        (f"{address}../../etc/passwd", {}, 404),
+        (f"{address}%2e%2e/routes.py", {}, 404),
+        (address, {"Host": "evil.example"}, 403),
+        (f"{address}datasets", {"Origin": "http://evil.example"}, 403),
+    ]
+    for link, headers, status in asked:
+        data = json.dumps({"name": "lorenz"}).encode() if "Origin" in headers else None
+        with pytest.raises(urllib.error.HTTPError, match=str(status)):
+            urllib.request.urlopen(urllib.request.Request(link, data, headers))
+
+
+def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_not_meet(page, table, tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("object,length\na,1\na,2\n")
+    with served() as address:
+        page.get(address)
+        page.find_element("id", "file").send_keys(os.fspath(bad))
+        assert "which column holds the time" in wait(page, "$('problem').textContent")
+        assert not page.find_element("id", "ask").is_displayed()
+        (tmp_path / "empty.csv").write_text("")
+        page.find_element("id", "file").send_keys(os.fspath(tmp_path / "empty.csv"))
+        assert "is empty" in wait(page, "$('failure').textContent")
+
+        choose(page, "sample", "lorenz")
+        wait(page, "$('counts').textContent.includes('lorenz')")
+        page.find_element("id", "start").click()
+        wait(page, "!$('cancel').hidden && $('stage').textContent")
+        first = page.current_window_handle
+        page.switch_to.new_window("tab")
+        page.get(address)
+        page.find_element("id", "file").send_keys(os.fspath(table))
+        wait(page, "$('counts').textContent.includes('drops.csv')")
+        assert page.execute_script("return document.getElementById('going').hidden")
+        page.close()
+        page.switch_to.window(first)
+        assert "lorenz" in text(page, "counts")
+        page.find_element("id", "cancel").click()
+        assert wait(page, "$('failed').textContent") == "cancelled"
+        assert page.find_element("id", "start").is_enabled()
+
+
+def test_the_page_weighs_little():
+    from pkgutil import get_data
+
+    from commonlaw.app.routes import ASSETS
+
+    assert sum(len(get_data("commonlaw.app", f"page/{name}")) for name, _ in ASSETS.values()) < 1e6
