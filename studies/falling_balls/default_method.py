@@ -113,8 +113,8 @@ def _compared(found: Forecasts) -> str:
         f"degree to choose from: it takes {cubic['1']} on drop 1 and {cubic['2']} on drop 2, and has a median of "
         f"{found.medians[0][CUBIC]['both']:.3f} m. "
         f"Of the heights measured at sample {HORIZON}, {found.inside} of {len(default)} lie in the default's 95 % "
-        "bands. These count the noise, the errors of the coefficients and of the law; that another drop of the same ball "
-        "is another fall, with another wind, they cannot know from one drop of each ball."
+        "bands. These count the noise, the errors of the coefficients and of the law; that another drop of the same "
+        "ball is another fall, with another wind, they cannot know from one drop of each ball."
     )
 
 
