@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
@@ -93,6 +93,7 @@ class Learned:
         truth = truth_of(source.dataset) if source.dataset else None
         verdict = law.verdict(trials, training)
         forecast, lacking = checked_forecast(law, trials, training, bands)
+        law = replace(law, provenance=law.provenance.judged(verdict))
         return cls(training, law, forecast, truth, verdict, lacking)
 
     @property

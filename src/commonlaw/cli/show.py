@@ -25,6 +25,11 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
         if law.covariance is not None:
             say("\nIntervals that hold the coefficients with a probability of 95 %:\n")
             print_frame(law.intervals())
+        if law.provenance.domain.visited:
+            say("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
+            print_frame(law.domain())
+        if law.provenance.domain.horizon is not None:
+            say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
         if history:
             print_history(law)
         return

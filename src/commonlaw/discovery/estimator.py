@@ -13,6 +13,7 @@ from commonlaw.discovery.model_structure import Key, Known, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law
+from commonlaw.law.domain import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -111,7 +112,8 @@ class LawDiscovery:
         with one_blas_thread():
             law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
         made = call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials")
-        self.law_ = replace(law, provenance=replace(law.provenance, calls=(made,)))
+        domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
+        self.law_ = replace(law, provenance=replace(law.provenance, calls=(made,), domain=domain))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":

@@ -113,5 +113,5 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
         noise=told.noise_factor * problem.noise,
         error_model=errors_of(problem, found.model_error if found.has_model_error else 0.0),
     )
-    schema, provenance = setting.law.schema, Provenance(law.differentiation)
+    schema, provenance = setting.law.schema, Provenance(law.differentiation, domain=law.provenance.domain)
     return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
+from commonlaw.forecast.leaving import with_remarks
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
@@ -47,7 +48,8 @@ def predict(
     )
     forecaster = _Forecaster(law, followed, tuple(beginnings), from_time, return_std, method, tolerance, seed)
     found = forecaster.forecast()
-    return found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
+    found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
+    return with_remarks(law, found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fi
 from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
+from commonlaw.law.domain import Domain
 from commonlaw.law.log_scale import on_log_scale
 from commonlaw.law.script import call
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -122,7 +123,7 @@ def refine(
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
     history = (*law.history, *steps, noise_step(found.problem), *fit_steps(found.problem, found.state))
-    provenance = replace(law.provenance, history=history, calls=calls)
+    provenance = replace(law.provenance, history=history, calls=calls, domain=Domain.of(trials, law.rates))
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 

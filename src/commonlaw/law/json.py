@@ -13,6 +13,7 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.domain import Domain
 from commonlaw.law.earlier_versions import compared_with_the_best, renamed
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Alternative, Provenance, Step
@@ -92,6 +93,7 @@ class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     history: tuple[Step, ...] = ()
     equations: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
+    domain: Domain = Domain()
 
 
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -156,6 +158,7 @@ def _document(law: SavedLaw) -> _Law:
             history=provenance.history,
             equations=provenance.equations,
             calls=provenance.calls,
+            domain=provenance.domain,
         ),
         properties={name: {**values} for name, values in law.properties.items()},
         explanation=None if law.explanation is None else _saved_explanation(law.explanation),
@@ -268,7 +271,8 @@ def _fields(document: _Law) -> Fields:
     uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
-    provenance = Provenance(method, saved.outcomes, saved.alternatives, saved.history, saved.equations, saved.calls)
+    own = {field.name: getattr(saved, field.name) for field in fields(Provenance)}
+    provenance = Provenance(**own | {"differentiation": method})
     explanation = None if document.explanation is None else _read_explanation(document.explanation)
     found = terms, schema, document.order, objects, coefficients, uncertainty, provenance
     return *found, document.properties, explanation

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,9 @@ from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class AbstractPredictions(AbstractEquations):
@@ -244,6 +247,28 @@ class AbstractPredictions(AbstractEquations):
         find = resolve_name("commonlaw.discrepancy:discrepancy")
         found: Discrepancy[Self] = find(self, trials, of, noise=noise, huber_threshold=huber_threshold, **options)
         return found
+
+    def domain(self) -> "pd.DataFrame":
+        """Return a table of where the law may be used: the ranges of what it was learned from, with their units.
+
+        Rates are those of smooth curves through the samples. Forecasts that leave a range by more than a tenth of it
+        say so, in ``Forecast.trials.notes``.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.0))
+        >>> print(law.domain().round(1).drop(columns="unit").to_string(index=False))
+        variable   low  high
+               x   2.1  47.3
+               v -26.7  -0.2
+            drag  -0.7  -0.1
+        """
+        import pandas as pd
+
+        units = self.schema.units
+        rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
+        return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
 
     def residuals(self, trials: Trials) -> Residuals:
         """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.

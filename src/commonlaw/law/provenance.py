@@ -2,10 +2,12 @@
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 
 from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.law.domain import Domain
+from commonlaw.law.verdict import LawVerdict
 from commonlaw.outcomes import Outcome
 
 _WIDTH = 60
@@ -101,6 +103,8 @@ class Provenance:
     calls
         The calls that made it of ``trials``, one after the other, as Python: ``cl.discover(trials, order=2)``; none if
         they are not known.
+    domain
+        What it was learned from, and how far ahead its forecasts are good.
     """
 
     differentiation: AbstractDifferentiator | None = None
@@ -109,6 +113,11 @@ class Provenance:
     history: tuple[Step, ...] = ()
     equations: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
+    domain: Domain = field(default_factory=Domain)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))
+
+    def judged(self, verdict: LawVerdict) -> "Provenance":
+        """Return the same for a law that was judged: it knows how far ahead its forecasts are good."""
+        return replace(self, domain=self.domain.with_verdict(verdict))

@@ -1,0 +1,111 @@
+"""Where a law may be used: what it was learned from, and how far ahead its forecasts are good."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import RobustSpline
+from commonlaw.law.verdict import LawVerdict
+from commonlaw.trials import Trial, Trials
+
+_BEYOND = 0.1
+"""Share of a range that values may lie beyond it before it counts as left."""
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Where a law may be used.
+
+    Parameters
+    ----------
+    visited
+        The least and the largest value of states, rates, inputs and properties in what it was learned from, by name.
+    horizon
+        How far ahead the error of its forecasts stays within half of the states' spread; None if that was not judged.
+    judged
+        How far ahead was judged.
+    """
+
+    visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    horizon: float | None = None
+    judged: float | None = None
+
+    @classmethod
+    def of(cls, trials: Trials, rates: Sequence[str]) -> "Domain":
+        """Return what trials have visited; rates, of laws of second order, by smooth curves through the samples."""
+        schema, columns = trials.schema, dict[str, list[Floats]]()
+        for trial in trials:
+            values = np.exp(trial.states), trial.states
+            for j, name in enumerate(schema.states):
+                columns.setdefault(name, []).append(values[name not in schema.logarithmic][:, j])
+            others = [*zip(schema.inputs, trial.inputs.T, strict=True)]
+            if rates:
+                others += zip(rates, _rates(trial).T, strict=True)
+            for name, each in others:
+                columns.setdefault(name, []).append(each)
+        for values_of in trials.properties.values():
+            for name, value in values_of.items():
+                if isinstance(value, float):
+                    columns.setdefault(name, []).append(np.array([value]))
+        ranges = {name: np.concatenate(each) for name, each in columns.items()}
+        return cls({name: (float(np.nanmin(each)), float(np.nanmax(each))) for name, each in ranges.items()})
+
+    def with_verdict(self, verdict: LawVerdict) -> "Domain":
+        """Return the same with what a verdict says of how far ahead forecasts are good, if it could be judged."""
+        if verdict.usable is None:
+            return self
+        return Domain(self.visited, verdict.horizon if verdict.usable else 0.0, verdict.longest)
+
+    def horizon_sentence(self, unit: str) -> str:
+        """Return how far ahead forecasts are good, in words, given the unit of time."""
+        upto, farthest = (f"{value or 0.0:.3g} {unit}".rstrip() for value in (self.horizon, self.judged))
+        return f"Forecasts were off by less than half of the states' spread up to {upto} ahead; {farthest} were judged."
+
+    def left_by(self, name: str, values: Floats) -> float | None:
+        """Return the value that lies farthest beyond what was visited of a variable; None if none does."""
+        if name not in self.visited or not np.isfinite(values).any():
+            return None
+        low, high = self.visited[name]
+        least, largest, more = float(np.nanmin(values)), float(np.nanmax(values)), _BEYOND * (high - low)
+        ends = (low - least, least), (largest - high, largest)
+        beyond, farthest = max(ends)
+        return farthest if beyond > max(more, 1e-9 * max(abs(low), abs(high))) else None
+
+    def remarks(self, left: Mapping[str, Mapping[str, float]], unit: str, ahead: float) -> Iterator[str]:
+        """Yield what to know of forecasts that leave it.
+
+        Parameters
+        ----------
+        left
+            Of variables that were left the farthest value by trial.
+        unit
+            Of time.
+        ahead
+            How far ahead of what was measured the forecasts go.
+        """
+        parts = []
+        for name, values in left.items():
+            low, high = self.visited[name]
+            where = next(iter(values)) + (f" and {len(values) - 1} more" if len(values) > 1 else "")
+            farthest = next(iter(values.values()))
+            parts.append(f"{name} comes to {farthest:.3g} in {where}, and was {low:.3g} to {high:.3g}")
+        if parts:
+            yield f"forecasts leave what the law was learned from, and may be worse there: {'; '.join(parts)}"
+        if self.horizon is not None and ahead > (1 + _BEYOND) * self.horizon:
+            good = f"were good up to {self.horizon:.3g} {unit}".rstrip() if self.horizon else "were not good"
+            yield f"forecasts go {ahead:.3g} {unit} ahead; when the law was judged they {good}".replace("  ", " ")
+
+
+def _rates(trial: Trial) -> Floats:
+    """Return the rates of all states at the samples, shape (n, states)."""
+    found = np.full(trial.states.shape, np.nan)
+    for j, column in enumerate(trial.states.T):
+        seen = np.isfinite(column)
+        times, values = trial.times[seen], column[seen, np.newaxis]
+        if RobustSpline().takes(times, values):
+            found[seen, j] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
+        elif len(times) > 1:
+            found[seen, j] = np.gradient(values[:, 0], times)
+    return found
