@@ -9,8 +9,10 @@ import pytest
 import commonlaw as cl
 from commonlaw.report import law_report, to_page
 from commonlaw.report.document import Fold, Gallery, Table
+from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
 from commonlaw.report.law_sections import forecasts
+from commonlaw.report.markup import formula
 
 SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "oddities", "choices", "again"]
 
@@ -122,3 +124,16 @@ def test_a_law_that_was_explained_shows_its_relations():
     report = law_report(explained, drops)
     assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
     assert "\\ddot{x}" in report.summary
+
+
+def test_long_equations_go_on_in_further_lines():
+    names = [f"x^{i} v^{j}" for i in range(3) for j in range(1, 3)]
+    law = cl.Law.from_text("x'' = " + " + ".join(f"{2 + i}.25 {name}" for i, name in enumerate(names)))
+    whole, shown = law.to_latex(), law_latex(law)
+    assert shown.count("&=") == 1
+    assert shown.count(r"&\quad") >= 1
+    bare = [re.sub(r"\\quad|\\\\|[&\s]", "", each) for each in (whole, shown)]
+    assert bare[0] == bare[1]
+    formula(shown)
+    short = cl.Law.from_text("x'' = -9.8 - 0.2 v")
+    assert law_latex(short).count("\n") == 2

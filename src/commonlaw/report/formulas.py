@@ -11,6 +11,9 @@ from commonlaw.law.text import Addend, aligned, latex_factor, latex_left_hand_si
 from commonlaw.library.naming import latex_name
 from commonlaw.report.markup import code, formula, literal
 
+_LINE = 45
+"""Characters after which an equation goes on in another line."""
+
 _MOST_OWN = 6
 """Objects with terms of their own whose equations are shown."""
 
@@ -26,7 +29,7 @@ def law_markdown(law: Law) -> str:
 
 def law_latex(law: Law) -> str:
     """Return the equations of a law whose objects share them as LaTeX that pages draw, see `law_markdown`."""
-    return _spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law))
+    return _broken(_spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law)))
 
 
 def _has_numbers(law: Law) -> bool:
@@ -46,7 +49,7 @@ def _structure_latex(law: Law) -> str:
 def _own(law: Law) -> Iterator[str]:
     """Yield the equations of the first objects, each with terms of its own."""
     for name in law.objects[:_MOST_OWN]:
-        yield f"\n\n**{literal(name)}**" + _displayed(law.to_latex(name), law.equations(name))
+        yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(law.to_latex(name))), law.equations(name))
     if len(law.objects) > _MOST_OWN:
         yield f"\n\nand {len(law.objects) - _MOST_OWN} more objects with terms of their own."
 
@@ -62,9 +65,34 @@ def _spelled(latex: str) -> str:
     return re.sub(r"(?<=[\w}]) (?=\\mathrm)", r"\\, ", latex)
 
 
+def _broken(latex: str) -> str:
+    """Return an ``aligned`` block whose long equations go on in further lines."""
+    head, *lines, foot = latex.splitlines()
+    rows = [row for line in lines for row in _rows(line.removesuffix(r"\\").rstrip())]
+    return "\n".join([head, " \\\\\n".join(rows), foot])
+
+
+def _rows(line: str) -> list[str]:
+    """Return an equation as rows, none much longer than a line of text is, cut before signs outside of brackets."""
+    rows, depth, begin = list[str](), 0, 0
+    for found in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
+        if found[0].strip() in ("+", "-"):
+            if depth == 0 and _width(line[begin : found.start()]) > _LINE:
+                rows.append(line[begin : found.start()])
+                begin = found.start()
+        else:
+            depth += 1 if found[0] in (r"\left(", "{") else -1
+    rows.append(line[begin:])
+    return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
+
+
+def _width(latex: str) -> int:
+    """Return about how many characters a formula is wide."""
+    return len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", latex))
+
+
 def _displayed(latex: str, text: tuple[str, ...]) -> str:
     """Return a formula on its own lines; as code where it cannot be drawn, as with names that LaTeX cannot write."""
-    latex = _spelled(latex)
     try:
         formula(latex)
     except CommonlawError:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from commonlaw.law import Law
 from commonlaw.law.page import Page
-from commonlaw.report import law_sections, making
+from commonlaw.report import law_sections, leftovers, making
 from commonlaw.report.document import Report
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.law_case import LawCase
@@ -54,7 +54,7 @@ def law_report(
         law_sections.forecasts,
         law_sections.coefficients,
         law_sections.candidates,
-        law_sections.residuals,
+        leftovers.residuals,
         law_sections.ranges,
         making.oddities,
         making.choices,

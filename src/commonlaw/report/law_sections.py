@@ -10,7 +10,7 @@ from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.tables import readable_candidates
 from commonlaw.law.uncertainty import normal_quantile
-from commonlaw.plots import ForecastPanels, plot_errors, plot_intervals, plot_relations
+from commonlaw.plots import ForecastPanels, plot_intervals, plot_relations
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import literal
@@ -109,7 +109,7 @@ def _relations(law: Law) -> list[Block]:
 
 def _by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
-    if not law.shared:
+    if not law.shared or len(law.objects) == 1:
         return law.to_frame().reset_index() if law.covariance is None else law.intervals()
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
     values, errors = law.letter_values()
@@ -170,47 +170,6 @@ def _score(law: Law, forecast: Forecast) -> float:
         return law.predict(forecast.trials).score()
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
-
-
-def residuals(case: LawCase) -> Section:
-    """Return the part on what the law leaves unexplained."""
-    forecast, blocks = case.forecast, list[Block]()
-    if forecast is None:
-        return Section("residuals", "What it leaves", (Text("Without forecasts there are no errors to show."),))
-    frame = forecast.to_frame()
-    rows = []
-    for state in case.law.states:
-        off = frame[f"{state} error"].to_numpy(dtype=np.float64)
-        row: dict[str, object] = {
-            "state": state,
-            "unit": case.trials.schema.units.get(state),
-            "measurements": int(np.isfinite(off).sum()),
-            "mean error": float(np.nanmean(off)) if np.isfinite(off).any() else None,
-            "rms error": float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else None,
-        }
-        if f"{state} measured low" in frame:
-            low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
-            inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(off)]
-            row["within 95 % band"] = f"{100 * inside.mean():.0f} %" if len(inside) else None
-        rows.append(row)
-    table = Table("residuals-by-state", "Forecast less measured.", pd.DataFrame(rows).dropna(axis=1, how="all"))
-    caption = "Errors of all forecasts. A law that lacks nothing leaves errors without a course."
-    blocks += [table, Picture("errors", caption, partial(plot_errors, forecast))]
-    noise = case.law.noise
-    if noise is not None:
-        said = [
-            f"{name} {level:.3g} {case.trials.schema.units.get(name, '')}".rstrip() for name, level in _levels(case)
-        ]
-        blocks.append(Text(f"Noise of the measurements, by the law: {literal(', '.join(said))}."))
-    errors = case.law.uncertainty.error_model
-    if errors.of_law:
-        blocks.append(Text("The law is not exact: it has a model error besides, which its bands hold."))
-    return Section("residuals", "What it leaves", tuple(blocks))
-
-
-def _levels(case: LawCase) -> list[tuple[str, float]]:
-    assert case.law.noise is not None
-    return list(zip(case.law.states, case.law.noise.tolist(), strict=True))
 
 
 def ranges(case: LawCase) -> Section:
