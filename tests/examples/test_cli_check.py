@@ -1,4 +1,4 @@
-"""`commonlaw check` as a user meets it."""
+"""`commonlaw check`, and `discover --known`, as a user meets them."""
 
 import json
 
@@ -26,3 +26,15 @@ def test_a_law_without_drag_leaves_patterns_and_one_with_drag_none(run, tmp_path
     assert "Residuals of x, trend with v: the law lacks a term in v" in out
     patterns = json.loads(run("check", "law.json", "drops.csv", "--json")[1])["patterns"]
     assert next(each for each in patterns if each["pattern"] == "trend with v")["there"]
+
+
+@pytest.mark.usefixtures("drops")
+@pytest.mark.parametrize("known", ["x'' = -9.8", "gravity.json"])
+def test_known_physics_is_a_base_as_an_equation_and_as_a_law(run, tmp_path, known):
+    cl.Law.from_text("x'' = -g", {"g": 9.8}).save(tmp_path / "gravity.json")
+    how = ("--order", "2", "--state", "x", "--library", "poly:1", "--known", known)
+    code, out, _ = run("discover", "drops.csv", *how, "--json")
+    law = cl.Law.from_json(json.dumps(json.loads(out)["law"]))
+    assert code == 0
+    assert law.coefficients[0, 0, law.terms.index("1")] == -9.8
+    assert law.coefficients[0, 0, law.terms.index("v")] == pytest.approx(-0.3, rel=0.02)

@@ -1,6 +1,6 @@
 """What law is looked for, and how: the options that `discover` and `report` share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from commonlaw.cli.options import numbers, option, with_options
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
+    from commonlaw.discovery.known_physics import Base
     from commonlaw.law import Law
     from commonlaw.trials import Trials
 
@@ -34,7 +35,8 @@ _OPTIONS = (
         "--known",
         metavar="TERM=VALUE",
         multiple=True,
-        help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more.",
+        help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more. Or a base, "
+        "and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json.",
     ),
     _law(
         "--universal",
@@ -70,7 +72,7 @@ class Question:
             order=self.order,
             library=self.library,
             method=self.method,
-            known={_key(name): value for name, value in numbers("--known", self.known).items()},
+            known=_known(self.known),
             universal=[_key(name) for name in self.universal],
             progress=show,
         )
@@ -89,6 +91,17 @@ def with_question(command: Callable[..., None]) -> Callable[..., None]:
         command(question=question, **values)
 
     return with_options(with_method(wrapped), _OPTIONS)
+
+
+def _known(texts: Sequence[str]) -> "Base":
+    """Return what is known: coefficients by term, equations, or the law in a file."""
+    from commonlaw.law import Law
+
+    if len(texts) == 1 and texts[0].endswith(".json"):
+        return Law.load(texts[0])
+    if any(set("'[") & set(each.partition("=")[0]) for each in texts):
+        return "; ".join(texts)
+    return {_key(name): value for name, value in numbers("--known", texts).items()}
 
 
 def _key(name: str) -> str | tuple[str, str]:

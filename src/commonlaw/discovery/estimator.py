@@ -1,15 +1,16 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
 from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
+from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import AbstractMethod
-from commonlaw.discovery.model_structure import Key, Known, ModelStructure
+from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law
@@ -51,7 +52,10 @@ class LawDiscovery:
         `DiscreteTimeRegression`. Default: see `default_method`.
     known
         Known coefficients: term to number (``{"1": -9.8}``), or to numbers by object; with several states the term is
-        given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side.
+        given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side. Or known physics
+        as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, letters being properties of
+        the objects), a law, or a function of variables and properties that gives the highest derivatives,
+        ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
     universal
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
     progress
@@ -79,7 +83,7 @@ class LawDiscovery:
         order: int = 1,
         library: AbstractLibrary | str | None = None,
         method: AbstractMethod | None = None,
-        known: Known | None = None,
+        known: Base | None = None,
         universal: Sequence[Key] = (),
         progress: ProgressCallback | None = None,
     ) -> None:
@@ -106,12 +110,18 @@ class LawDiscovery:
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
                 "Trials.read"
             )
-        structure = ModelStructure(self.order, self._library(), self.known or {}, self.universal)
+        library, known = self._library(), self.known or {}
+        if not isinstance(known, Mapping):
+            if isinstance(trials, TrialStream):
+                raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
+            library, known = with_base(library, known, self.order, trials)
+        structure = ModelStructure(self.order, library, known, self.universal)
         method = self.method or default_method(trials, structure)
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with one_blas_thread():
             law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
-        made = call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials")
+        said = {} if isinstance(self.known, Mapping | str | None) else {"library": library, "known": known}
+        made = call(LawDiscovery, self.get_params(deep=False) | said, "cl.discover", "trials")
         domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
         self.law_ = replace(law, provenance=replace(law.provenance, calls=(made,), domain=domain))
         return self

@@ -1,0 +1,118 @@
+"""Known physics as a base of a law: equations as text, another law, or a function of Python."""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from commonlaw.discovery.model_structure import Known
+from commonlaw.errors import CommonlawError
+from commonlaw.formulation import law_variables
+from commonlaw.law import Law
+from commonlaw.law.from_text import read_equations
+from commonlaw.law.population import law_of
+from commonlaw.library import AbstractLibrary, ExpressionLibrary
+from commonlaw.library.tracing import summands, traced
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
+
+Base = Known | str | Law | Callable[..., Any]
+"""What is known of a law: coefficients by term, equations with numbers, a law, or a function of variables and
+properties that gives the highest derivatives."""
+
+Numbers = dict[tuple[str, str], dict[str, float]]
+"""Known coefficients by state and term, and by object."""
+
+
+def with_base(library: AbstractLibrary, base: Base, order: int, trials: Trials) -> tuple[AbstractLibrary, Known]:
+    """Return a library with the terms of what is known, and their coefficients.
+
+    Raises
+    ------
+    CommonlawError
+        If what is known cannot be read, is of another order or other states, or lacks a property.
+    """
+    if isinstance(base, Mapping):
+        return library, base
+    if isinstance(base, Law):
+        found = _of_law(base, order, trials)
+    elif callable(base):
+        found = _of_function(base, order, trials)
+    else:
+        found = _of_text(base, order, trials)
+    texts = list(dict.fromkeys(term for _, term in found))
+    if not texts:
+        raise CommonlawError("what is known says nothing: it has no summand other than zero")
+    variables = law_variables(trials.schema, order)
+    whole = Numbers()
+    for (state, text), values in found.items():
+        (term,) = ExpressionLibrary(text).bind(variables).names
+        own = whole.setdefault((state, term), dict.fromkeys(trials.objects, 0.0))
+        for name, value in values.items():
+            own[name] += value
+    return library + ExpressionLibrary(*texts), dict(whole.items())
+
+
+def _of_law(law: Law, order: int, trials: Trials) -> Numbers:
+    if law.order != order or law.states != trials.schema.states:
+        raise CommonlawError(
+            f"the known law is of order {law.order} for {', '.join(law.states)}, and one of order {order} for "
+            f"{', '.join(trials.schema.states)} is sought: give one of the same"
+        )
+    law, names = law_of(law, trials)[0], law.terms.variables.names
+    texts = [each.expression(names) for each in law.terms.terms]
+    return {
+        (state, text): {name: float(law.coefficients_of(name)[j, k]) for name in trials.objects}
+        for j, state in enumerate(law.states)
+        for k, text in enumerate(texts)
+        if law.support[j, k]
+    }
+
+
+def _of_text(text: str, order: int, trials: Trials) -> Numbers:
+    schema = trials.schema
+    if "=" not in text and len(schema.states) == 1:
+        text = f"{schema.states[0]}{'[k+1]' if order == 0 else order * chr(39)} = {text}"
+    given = read_equations(text, schema)
+    if given.order != order:
+        raise CommonlawError(f"the known equations are of order {given.order}, and a law of order {order} is sought")
+    names, found = given.terms.variables.names, Numbers()
+    texts = [each.expression(names) for each in given.terms.terms]
+    letters = {(each.equation, each.term): each for each in given.coefficients}
+    for j, state in enumerate(schema.states):
+        for k, term in enumerate(texts):
+            letter = letters.get((j, k))
+            if letter is None and given.known[j, k]:
+                found[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
+            elif letter is not None:
+                values = {name: _property(trials, name, letter.name) for name in trials.objects}
+                found[state, term] = {name: letter.factor * each**letter.power for name, each in values.items()}
+    return found
+
+
+def _of_function(function: Callable[..., Any], order: int, trials: Trials) -> Numbers:
+    schema, names = trials.schema, law_variables(trials.schema, order).names
+    found = Numbers()
+    for owner in trials.objects:
+        wanted = inspect.signature(function).parameters
+        values = {name: None if name in names else _property(trials, owner, name) for name in wanted}
+        for state, result in zip(schema.states, _by_state(traced(function, values), schema.states), strict=True):
+            for number, term in summands(result, names):
+                own = found.setdefault((state, term), {})
+                own[owner] = own.get(owner, 0.0) + number
+    return found
+
+
+def _by_state(result: Any, states: Sequence[str]) -> Iterable[Any]:
+    if len(states) == 1:
+        return [result]
+    if not isinstance(result, Sequence) or len(result) != len(states):
+        raise CommonlawError(f"a known function gives one derivative for each of {', '.join(states)}, in this order")
+    return result
+
+
+def _property(trials: Trials, owner: str, name: str) -> float:
+    value = trials.properties.get(owner, {}).get(name)
+    if isinstance(value, float):
+        return value
+    known = ", ".join((*law_variables(trials.schema, 2).names, *property_names(trials.properties)))
+    raise CommonlawError(f"what is known takes {name!r}, which is no number for {owner}: known are {known}")

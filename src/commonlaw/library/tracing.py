@@ -1,0 +1,167 @@
+"""Functions of Python as sums of terms: they are called with what writes down how it is computed with."""
+
+import ast
+from collections.abc import Callable
+from functools import reduce
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES, constant, read, with_names, write
+from commonlaw.library.naming import quoted
+
+_MOST = 200
+"""Summands of a function."""
+
+
+class Traced:
+    """A variable, or what was computed of variables, as an expression of the language of terms."""
+
+    __array_priority__ = 1000
+
+    def __init__(self, code: str) -> None:
+        self.code = code
+
+    def __add__(self, other: Any) -> "Traced":
+        return _joined(self, "+", other)
+
+    def __radd__(self, other: Any) -> "Traced":
+        return _joined(other, "+", self)
+
+    def __sub__(self, other: Any) -> "Traced":
+        return _joined(self, "-", other)
+
+    def __rsub__(self, other: Any) -> "Traced":
+        return _joined(other, "-", self)
+
+    def __mul__(self, other: Any) -> "Traced":
+        return _joined(self, "*", other)
+
+    def __rmul__(self, other: Any) -> "Traced":
+        return _joined(other, "*", self)
+
+    def __truediv__(self, other: Any) -> "Traced":
+        return _joined(self, "/", other)
+
+    def __rtruediv__(self, other: Any) -> "Traced":
+        return _joined(other, "/", self)
+
+    def __pow__(self, other: Any) -> "Traced":
+        return _joined(self, "**", other)
+
+    def __neg__(self) -> "Traced":
+        return Traced(f"(-{self.code})")
+
+    def __pos__(self) -> "Traced":
+        return self
+
+    def __abs__(self) -> "Traced":
+        return Traced(f"abs({self.code})")
+
+    def __bool__(self) -> bool:
+        return self._chosen(None)
+
+    def _chosen(self, _: Any) -> bool:
+        raise CommonlawError(
+            "a known function chooses by the value of a variable: write it without 'if', 'and', 'max', with abs or sign"
+        )
+
+    __lt__ = __le__ = __gt__ = __ge__ = _chosen
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *values: Any, **_: Any) -> "Traced":
+        name = {"absolute": "abs"}.get(function.__name__, function.__name__)
+        name = OTHER_NAMES.get(name, name)
+        signs = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "power": "**"}
+        if method == "__call__" and name in signs:
+            return _joined(values[0], signs[name], values[1])
+        if method == "__call__" and name == "square":
+            return _joined(values[0], "**", 2)
+        if method == "__call__" and name in FUNCTIONS:
+            return Traced(f"{name}({_code(values[0])})")
+        raise CommonlawError(f"a known function calls numpy.{function.__name__}: it may call {', '.join(FUNCTIONS)}")
+
+
+def traced(function: Callable[..., Any], values: dict[str, float | None]) -> Any:
+    """Return what a function gives of numbers, and of variables for which None stands."""
+    return function(**{name: Traced(quoted(name)) if value is None else value for name, value in values.items()})
+
+
+def summands(result: Any, names: tuple[str, ...]) -> list[tuple[float, str]]:
+    """Return the numbers and the terms, as texts over names, whose products are the summands of what was traced.
+
+    Raises
+    ------
+    CommonlawError
+        If it is neither a number nor traced, or has too many summands.
+    """
+    tree = read(_code(result), names)
+    found = [(number, with_names(write(each), [quoted(name) for name in names])) for number, each in _expanded(tree)]
+    if len(found) > _MOST:
+        raise CommonlawError(f"a known function has {len(found)} summands, of at most {_MOST}: write it shorter")
+    return [(number, text) for number, text in found if number]
+
+
+Summands = list[tuple[float, ast.expr]]
+_ONE = ast.Constant(1)
+
+
+def _expanded(tree: ast.expr) -> Summands:
+    """Return a tree as summands: numbers, and trees without numeric factors."""
+    number = constant(tree)
+    if number is not None:
+        return [(number, _ONE)]
+    match tree:
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return [(-factor, each) for factor, each in _expanded(operand)]
+        case ast.BinOp(op=ast.Add(), left=left, right=right):
+            return [*_expanded(left), *_expanded(right)]
+        case ast.BinOp(op=ast.Sub(), left=left, right=right):
+            return [*_expanded(left), *((-factor, each) for factor, each in _expanded(right))]
+        case ast.BinOp(op=ast.Mult(), left=left, right=right):
+            pairs = product(_expanded(left), _expanded(right))
+            return [(f * g, _product(one, ast.Mult(), other)) for (f, one), (g, other) in pairs]
+        case ast.BinOp(op=ast.Div(), left=left, right=right):
+            factor, below = _single(right)
+            return [(f / factor, _product(each, ast.Div(), below)) for f, each in _expanded(left)]
+        case ast.BinOp(op=ast.Pow() as op, left=base, right=exponent) if (power := constant(exponent)) is not None:
+            factor, inner = _single(base)
+            if factor > 0 or power.is_integer():
+                return [(factor**power, ast.BinOp(inner, op, exponent))]
+        case ast.Call(func=name, args=[argument]):
+            return [(1.0, ast.Call(name, [_sum(_expanded(argument))], []))]
+    return [(1.0, tree)]
+
+
+def _single(tree: ast.expr) -> tuple[float, ast.expr]:
+    """Return a tree as one number and one tree, a sum as it is."""
+    found = _expanded(tree)
+    return found[0] if len(found) == 1 else (1.0, _sum(found))
+
+
+def _sum(found: Summands) -> ast.expr:
+    """Return the sum of summands."""
+    parts = [each if number == 1 else _product(ast.Constant(number), ast.Mult(), each) for number, each in found]
+    return reduce(lambda left, right: ast.BinOp(left, ast.Add(), right), parts)
+
+
+def _product(left: ast.expr, op: ast.operator, right: ast.expr) -> ast.expr:
+    """Return a product or a quotient, without the factor one."""
+    if right is _ONE:
+        return left
+    return right if left is _ONE and isinstance(op, ast.Mult) else ast.BinOp(left, op, right)
+
+
+def _joined(left: Any, sign: str, right: Any) -> Traced:
+    return Traced(f"({_code(left)} {sign} {_code(right)})")
+
+
+def _code(value: Any) -> str:
+    if isinstance(value, Traced):
+        return value.code
+    try:
+        return f"({float(value)!r})"
+    except (TypeError, ValueError):
+        what = type(value).__name__
+        raise CommonlawError(f"a known function gives {what}, and is to give one number for each state") from None
