@@ -2,6 +2,7 @@
 
 BIN := .venv/bin
 STAMP := .venv/.installed
+DOCS_STAMP := .venv/.docs-installed
 BENCH_STAMP := .venv/.bench-installed
 DEMO := demo
 DEMO_RUN := commonlaw discover --dataset linear-drag:noise=0.05:seed=1 --order 2 \
@@ -17,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
+.PHONY: help demo study layers docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -44,6 +45,9 @@ layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
+
+docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: two minutes
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs
 
 fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
 	$(BIN)/python -m tests.hostile.fuzz $(ARGS)
@@ -85,6 +89,10 @@ clean: ## Remove the environment, caches and products
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,all]'
+	@touch $@
+
+$(DOCS_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
 $(BENCH_STAMP): $(STAMP)

@@ -1,6 +1,7 @@
 """What notebooks show: values as tables and figures, and how far long work has come."""
 
 import sys
+from collections.abc import Callable
 from html import escape
 from pkgutil import resolve_name
 from time import monotonic
@@ -26,6 +27,13 @@ def in_notebook() -> bool:
     """Return whether Python runs in a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return type(shell).__name__ == _SHELL
+
+
+def show_type(kind: type, svg: Callable[[Any], str]) -> None:
+    """Have the notebook that runs, if one does, show values of a class as drawings."""
+    if in_notebook():
+        shell: Any = resolve_name("IPython:get_ipython")()
+        shell.display_formatter.formatters["image/svg+xml"].for_type(kind, svg)
 
 
 class ProgressBar:

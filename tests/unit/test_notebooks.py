@@ -9,6 +9,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import progress
+from commonlaw.notebooks import show_type
 from commonlaw.plots import Figure
 from commonlaw.report import notebook
 
@@ -58,6 +59,15 @@ def test_a_law_without_formulas_shows_its_text(law, monkeypatch):
 
 class ZMQInteractiveShell:
     """What stands for the shell of a notebook."""
+
+
+def test_a_notebook_shows_figures_as_drawings(monkeypatch):
+    known, shell = [], ZMQInteractiveShell()
+    formatters = {"image/svg+xml": SimpleNamespace(for_type=lambda kind, svg: known.append((kind, svg)))}
+    vars(shell)["display_formatter"] = SimpleNamespace(formatters=formatters)
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    show_type(Figure, lambda _: "<svg/>")
+    assert [(kind, svg(None)) for kind, svg in known] == [(Figure, "<svg/>")]
 
 
 @pytest.fixture

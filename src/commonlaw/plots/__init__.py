@@ -12,6 +12,7 @@ try:
 except ValueError as error:
     raise CommonlawError(f"matplotlib cannot start: {error}; unset the environment variable MPLBACKEND") from None
 
+from commonlaw.notebooks import show_type
 from commonlaw.plots.coefficients import plot_coefficients
 from commonlaw.plots.discrepancy import plot_discrepancy
 from commonlaw.plots.errors import plot_errors
@@ -44,3 +45,6 @@ __all__ = [
     "render",
     "save_figure",
 ]
+
+# Notebooks show figures by themselves only once pyplot is there, which draws nothing here
+show_type(Figure, lambda figure: render(figure, ".svg").decode())
