@@ -28,8 +28,10 @@ def test_objects_drawn_one_by_one_have_the_axes_that_they_have_side_by_side(law,
         assert above.get_ylim() == pytest.approx(together[0].get_ylim())
         assert below.get_ylim() == pytest.approx(together[1].get_ylim())
         assert above.get_ylabel() == "x (m)"
-        measured = [line.get_ydata() for line in above.lines if line.get_marker() == "o"]
-        np.testing.assert_array_equal(measured, [trial.states[:, 0] for trial in drops if trial.object == name])
+        measured = [line for line in above.lines if line.get_marker() == "o"]
+        expected = [trial.states[:, 0] for trial in drops if trial.object == name]
+        np.testing.assert_array_equal([line.get_ydata() for line in measured], expected)
+        assert {line.get_markevery() for line in measured} == {2}
 
 
 def test_many_objects_stand_in_the_order_of_their_coefficients(law):

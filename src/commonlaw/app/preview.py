@@ -8,7 +8,9 @@ import numpy as np
 from commonlaw.app.question import Columns, Table
 from commonlaw.app.result import Found
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials import Trials
+from commonlaw.law import Law
+from commonlaw.law.population import law_of
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.sources import table_in
 
 _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 200
@@ -30,6 +32,8 @@ class Sample(msgspec.Struct, forbid_unknown_fields=True):
     object: str
     start: tuple[float, ...]
     duration: float
+    properties: dict[str, float] = {}
+    """Of an object that was never measured; the object is then one of your own."""
 
 
 def sample_table(name: str) -> Table:
@@ -103,6 +107,15 @@ def _numbers(values: Any) -> list[float | None]:
     return [each if np.isfinite(each) else None for each in values.tolist()]
 
 
+def _of_own_object(law: Law, asked: Sample) -> Law:
+    """Return the law of an object that has these properties."""
+    if law.explanation is None:
+        raise CommonlawError("this candidate does not say what properties do: choose the law, explained, or an object")
+    trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.states))))
+    trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
+    return law_of(law, trials)[0]
+
+
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     """Return the course of the states from a start, by a candidate of the law."""
     if not 0 <= asked.candidate < len(found.candidates):
@@ -110,6 +123,8 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
         raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")
     law = found.candidates[asked.candidate].law
+    if asked.properties:
+        law = _of_own_object(law, asked)
     times = np.linspace(0.0, asked.duration, _POINTS)
     trajectory = law.simulate(times, {asked.object: asked.start})[asked.object]
     states = [_numbers(column) for column in trajectory.states[:, : len(law.states)].T]

@@ -51,6 +51,8 @@ def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
         "rates": law.rates,
         "inputs": schema.inputs,
+        "terms": law.terms.names,
+        "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
         "candidates": [_candidate(each, forecast, law) for each in laws],

@@ -21,8 +21,11 @@ from commonlaw.app.searching import Search
 from commonlaw.app.sessions import Sessions
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
+from commonlaw.law import Forecast
+from commonlaw.plots import plot_law, render
 from commonlaw.report import law_page
 from commonlaw.trials.sources import table_in
+from commonlaw.verdict import checked_forecast
 
 ASSETS = {
     "": ("index.html", "text/html"),
@@ -144,6 +147,8 @@ async def _file(sessions: Sessions, request: Request) -> Response:
         "law.tex": lambda _, found: found.law.to_latex(found.law.objects[0]),
         "coefficients.csv": lambda _, found: str(found.law.to_frame().to_csv()),
         "report.html": _report,
+        "law.svg": _figure,
+        "forecasts.csv": _forecasts,
     }
     if name not in makers:
         raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(makers)}")
@@ -155,6 +160,22 @@ async def _file(sessions: Sessions, request: Request) -> Response:
 def _report(_: Search, found: Found) -> str:
     with _one_draws:
         return law_page(found.law, found.trials, found.training).html
+
+
+def _figure(_: Search, found: Found) -> str:
+    with _one_draws:
+        return render(plot_law(found.law, _forecast_of(found)), ".svg").decode()
+
+
+def _forecasts(_: Search, found: Found) -> str:
+    return str(_forecast_of(found).to_frame().to_csv(index=False))
+
+
+def _forecast_of(found: Found) -> Forecast:
+    forecast, lacking = checked_forecast(found.law, found.trials, found.training, bands=True)
+    if forecast is None:
+        raise CommonlawError("; ".join(lacking))
+    return forecast
 
 
 def _found(search: Search) -> Found:

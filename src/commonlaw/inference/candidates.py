@@ -46,9 +46,9 @@ def candidate_laws(
 ) -> tuple[CandidateLaw, ...]:
     """Return the law among those that it was chosen from, from the fewest terms to the most.
 
-    Of each number of terms that an equation may have, the best candidate stands for the others; of several equations
-    one after the other grows. Coefficients are fitted as `refine` does it, with the noise of the law and no other
-    errors.
+    Of each number of terms that an equation may have, the best candidate comes first; of several equations one after
+    the other grows. If there is room, others follow that differ in one equation. Coefficients are fitted as `refine`
+    does it, with the noise of the law and no other errors.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def candidate_laws(
     trials
         Those that it was learned from.
     most
-        How many laws there may be: those nearest to the chosen one in their number of terms.
+        How many laws there may be.
     progress
         Takes what is being done.
 
@@ -66,34 +66,56 @@ def candidate_laws(
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
     >>> law = cl.discover(drops, order=2, library="poly:1")
-    >>> [each.law.structure()[0] for each in candidate_laws(law, drops)]
+    >>> [each.law.structure()[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
     chosen = CandidateLaw(law, _evidence(law, law.support), True)
     if law.order == 0 or not law.shared:
         return (chosen,)
     found = [chosen]
-    near = sorted(_supports(law), key=lambda each: abs(int(each.sum()) - chosen.size))
-    for support in near[: most - 1]:
+    for support in _supports(law, most - 1):
         progress(f"fitting the candidate with {support.sum()} terms")
         try:
             found.append(CandidateLaw(_fitted(law, support, trials), _evidence(law, support), False))
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
             continue  # What cannot be fitted is no rival
-    return tuple(sorted(found, key=lambda each: (each.size, each.chosen)))
+    return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
 
 
-def _supports(law: Law) -> Iterator[Bools]:
-    """Yield the supports of other candidates, shape (equations, terms), each once, none of them empty.
+def _supports(law: Law, most: int) -> list[Bools]:
+    """Return the supports of so many other candidates, shape (equations, terms), each once, none of them empty.
+
+    Those along the path come first, the nearest to the law in their number of terms before others; then those that
+    differ in one equation, by what speaks for them.
+    """
+    size, found = int(law.support.sum()), dict[bytes, Bools]()
+    along = sorted(_along_path(law), key=lambda each: abs(int(each.sum()) - size))
+    for support in (*along, *_in_one_equation(law)):
+        if support.any() and not np.array_equal(support, law.support):
+            found.setdefault(support.tobytes(), support)
+    return list(found.values())[:most]
+
+
+def _in_one_equation(law: Law) -> Iterator[Bools]:
+    """Yield the supports with another candidate for one of the equations, the best first."""
+    known = ([value for name in _MEASURES if (value := _measure(each, name)) is not None] for each in law.alternatives)
+    values = [own[0] if own else 0.0 for own in known]
+    for i in np.argsort(values, kind="stable"):
+        each = law.alternatives[i]
+        support = law.support.copy()
+        support[law.left_hand_sides.index(each.equation)] = np.isin(law.terms.names, each.terms)
+        yield support
+
+
+def _along_path(law: Law) -> Iterator[Bools]:
+    """Yield supports from few terms to many.
 
     From the smallest candidates of all equations on, that equation grows which gains most by it.
     """
     paths = [_path(law, left) or [_Rung(law.support[j], 0.0)] for j, left in enumerate(law.left_hand_sides)]
     at = [0] * len(paths)
     while True:
-        support = np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
-        if support.any() and not np.array_equal(support, law.support):
-            yield support
+        yield np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
         growing = [j for j, path in enumerate(paths) if at[j] + 1 < len(path)]
         if not growing:
             return

@@ -167,13 +167,13 @@ def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], lis
     return found
 
 
-def draw_pair(pair: Pair) -> None:
-    """Draw measurements and forecasts above, errors below, and where a forecast diverged in both."""
+def draw_pair(pair: Pair, most: int = _MOST_POINTS) -> None:
+    """Draw measurements, at most so many, and forecasts above, errors below, and where a forecast diverged in both."""
     state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)
     for curve in curves:
         seen = ~np.isnan(curve.measured)
-        every = -(-len(curve.times[seen]) // _MOST_POINTS) or 1
+        every = -(-len(curve.times[seen]) // most) or 1
         state.plot(curve.times[seen], curve.measured[seen], "o", color=curve.color, markevery=every, **_POINTS)
     for curve in curves:
         for panel, times, values in ((state, curve.at, curve.forecast), (error, curve.compared, curve.error)):

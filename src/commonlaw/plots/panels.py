@@ -13,8 +13,8 @@ from commonlaw.plots.style import axis_label, styled
 _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
 """Of a figure, of the panels of a state, and of what stands below all of them, in inches."""
 
-_MOST_TIMES = 100
-"""Of a curve: small figures need no more."""
+_MOST_TIMES, _MOST_POINTS = 60, 40
+"""Of a curve, and measurements of a trial: small figures need no more."""
 
 Limits = tuple[float, float]
 
@@ -44,7 +44,7 @@ class ForecastPanels:
         figure.subplots_adjust(left=0.19, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
-            draw_pair(pair)
+            draw_pair(pair, _MOST_POINTS)
             for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, "error"), strict=True):
                 panel.set_ylim(*limits)
                 panel.set_ylabel(axis_label(what, schema.units.get(state, "") if what == state else ""))

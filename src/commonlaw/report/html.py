@@ -80,6 +80,8 @@ def within(svg: bytes, name: str) -> str:
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg.decode(), flags=re.DOTALL)
     text = re.sub(r" font-family: [^;\"]*sans-serif;?", "", text)  # That of the page
     text = re.sub(r'(?<=[ (])(id="|xlink:href="#|clip-path="url\(#|url\(#)', rf"\1{name}-", text)
+    # A hundredth of a point is finer than a pixel
+    text = re.sub(r'(?<= )(?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
     return text[text.index("<svg") :]
 
 

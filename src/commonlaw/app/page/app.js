@@ -219,7 +219,7 @@ function move(index) {
 
 function showTerms(found, candidate) {
   $("terms").replaceChildren(...candidate.terms.map(({ left, in: own }, j) => {
-    const line = element("div"), all = new Set(found.candidates.flatMap(each => each.terms[j].in));
+    const line = element("div"), all = found.terms.filter(term => found.candidates.some(each => each.terms[j].in.includes(term)));
     line.append(element("span", left));
     for (const term of all) {
       const button = element("button", term, { "aria-pressed": String(own.includes(term)), "aria-label": `${term} in ${left}` });
@@ -270,14 +270,18 @@ function showCurves() {
 
 function showOwn(found) {
   $("own").hidden = found.inputs.length > 0;
-  $("own_object").replaceChildren(...found.objects.map(name => element("option", name, { value: name })));
+  const unseen = found.follows.length ? [element("option", "one of your own", { value: "" })] : [];
+  $("own_object").replaceChildren(...found.objects.map(name => element("option", name, { value: name })), ...unseen);
+  $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
+    element("label", name, { for: `property_${j}` }), " ", element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }), " ",
+  ]));
   const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).curves[0];
   $("starts").replaceChildren(...names.flatMap((name, j) => {
     const value = first?.states[j]?.[1]?.find(each => each !== null) ?? 0;
     return [element("label", name, { for: `start_${j}` }), " ", element("input", "", { id: `start_${j}`, type: "number", step: "any", value }), " "];
   }));
   $("duration").value = first ? first.t.at(-1) - first.t[0] || 1 : 1;
-  for (const input of $("starts").querySelectorAll("input")) input.addEventListener("change", forecastOwn);
+  for (const input of $("own").querySelectorAll("#starts input, #own_properties input")) input.addEventListener("change", forecastOwn);
   forecastOwn();
 }
 
@@ -285,18 +289,32 @@ async function forecastOwn() {
   if (state.found.inputs.length) return;
   await trying("own_failed", async () => {
     const start = [...$("starts").querySelectorAll("input")].map(each => Number(each.value));
-    const asked = { candidate: state.at, object: $("own_object").value, start, duration: Number($("duration").value) };
+    const object = $("own_object").value;
+    $("own_properties").hidden = Boolean(object);
+    const properties = object ? {} : Object.fromEntries([...$("own_properties").querySelectorAll("input")].map(each => [each.dataset.name, Number(each.value)]));
+    const asked = { candidate: state.at, object: object || "your own", start, duration: Number($("duration").value), properties };
     const { t, states, outcome } = await ask(`searches/${state.search}/forecasts`, "POST", asked);
     $("own_failed").textContent = outcome;
     const curves = states.map((line, j) => ({ t, line, label: withUnit(state.found.states[j]), color: j }));
-    draw($("own_plot"), curves, { x: withUnit(state.found.time), y: "", height: 220 });
+    draw($("own_plot"), curves, { x: withUnit(state.found.time), y: "", height: 220, dragged });
   });
+}
+
+let waiting = false;
+
+/** The start of a state was dragged to a value; forecasts follow as fast as they come. */
+async function dragged(j, value) {
+  $(`start_${j}`).value = Number(value.toPrecision(4));
+  if (waiting) return;
+  waiting = true;
+  await forecastOwn();
+  waiting = false;
 }
 
 // 6. Take away
 
 function showFiles() {
-  const files = { "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients", "law.tex": "the equations in LaTeX", "law.py": "a Python script that finds it again" };
+  const files = { "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients", "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.tex": "the equations in LaTeX", "law.py": "a Python script that finds it again" };
   $("files").replaceChildren(...Object.entries(files).map(([name, text]) => {
     const line = element("li");
     line.append(element("a", name, { href: `searches/${state.search}/${name}`, download: name }), `: ${text}`);

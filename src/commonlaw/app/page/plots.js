@@ -11,8 +11,11 @@ function axis(label) {
   return { stroke: css("--ink"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line") }, label, labelSize: 22, size: 56 };
 }
 
-/** Draw curves into a place: each has times, values, label, color index, and a kind: points, line, or band with low and high. */
-export function draw(place, curves, { x, y, height = 300 }) {
+/**
+ * Draw curves into a place: each has times, label, color index, and as far as there are any points, a line, and low and high
+ * ends of a band. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
+ */
+export function draw(place, curves, { x, y, height = 300, dragged = null }) {
   const series = [{ label: x }], bands = [], tables = [];
   for (const curve of curves) {
     const color = COLORS[curve.color % COLORS.length], columns = [curve.t];
@@ -37,9 +40,37 @@ export function draw(place, curves, { x, y, height = 300 }) {
   const options = {
     width: Math.max(280, place.clientWidth), height, series, bands,
     scales: { x: { time: false } }, axes: [{ ...axis(x), size: 40 }, axis(y)],
-    legend: { show: curves.length <= 6 }, cursor: { drag: { x: true, y: true, uni: 20 } },
+    legend: { show: curves.length <= 6 }, cursor: { drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
   };
-  shown.set(place, new uPlot(options, data, place));
+  const held = holding.get(place);
+  if (held) options.scales.y = { range: held.range };
+  const plot = new uPlot(options, data, place);
+  shown.set(place, plot);
+  if (dragged) letDrag(place, plot, dragged);
+}
+
+const holding = new Map();
+
+/** Let the curve nearest to the pointer be dragged up and down; the scale stays until it is let go. */
+function letDrag(place, plot, dragged) {
+  const value = event => plot.posToVal(event.clientY - plot.over.getBoundingClientRect().top, "y");
+  const move = event => {
+    const held = holding.get(place);
+    dragged(held.curve, held.start + shown.get(place).posToVal(event.clientY - shown.get(place).over.getBoundingClientRect().top, "y") - held.from);
+  };
+  const end = () => {
+    removeEventListener("pointermove", move);
+    holding.delete(place);
+  };
+  plot.over.style.touchAction = "none";
+  plot.over.addEventListener("pointerdown", event => {
+    const at = plot.posToIdx(event.clientX - plot.over.getBoundingClientRect().left), from = value(event);
+    const far = plot.data.slice(1).map(values => Math.abs((values[at] ?? Infinity) - from));
+    const curve = far.indexOf(Math.min(...far)), { min, max } = plot.scales.y;
+    holding.set(place, { curve, from, start: plot.data[curve + 1][0], range: [min, max] });
+    addEventListener("pointermove", move);
+    addEventListener("pointerup", end, { once: true });
+  });
 }
 
 addEventListener("resize", () => {
