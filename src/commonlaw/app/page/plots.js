@@ -22,8 +22,9 @@ export function draw(place, curves, { x, y, height = 300, dragged = null }) {
     const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", ...settings }); };
     if (curve.low) {
       const at = series.length;
-      add(curve.high, { label: `${curve.label} high`, stroke: "transparent", points: { show: false } });
-      add(curve.low, { label: `${curve.label} low`, stroke: "transparent", points: { show: false } });
+      const end = { stroke: "transparent", points: { show: false }, class: "end" };
+      add(curve.high, { ...end, label: `${curve.label} high` });
+      add(curve.low, { ...end, label: `${curve.label} low` });
       bands.push({ series: [at, at + 1], fill: `${color}2e` });
     }
     if (curve.line) add(curve.line, { label: curve.label, stroke: color, width: 2, points: { show: false } });
@@ -43,10 +44,18 @@ export function draw(place, curves, { x, y, height = 300, dragged = null }) {
     legend: { show: curves.length <= 6 }, cursor: { drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
   };
   const held = holding.get(place);
-  if (held) options.scales.y = { range: held.range };
+  options.scales.y = { range: (_, low, high) => held ? held.range : within(low, high, curves) };
   const plot = new uPlot(options, data, place);
   shown.set(place, plot);
   if (dragged) letDrag(place, plot, dragged);
+}
+
+/** The range of the axis: what is seen, and of bands what lies within half of its span beyond measured points and lines. */
+function within(low, high, curves) {
+  const main = curves.flatMap(each => [...(each.points ?? []), ...(each.line ?? [])]).filter(each => each !== null);
+  const least = Math.min(...main), most = Math.max(...main), span = most - least || Math.abs(most) || 1;
+  const from = Math.max(low ?? least, least - span / 2), to = Math.min(high ?? most, most + span / 2);
+  return [from - span / 20, to + span / 20];
 }
 
 const holding = new Map();

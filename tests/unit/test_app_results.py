@@ -1,0 +1,74 @@
+"""What the page of the app is sent: numbers of a law and its candidates, and forecasts from a start of one's own."""
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.app.preview import Sample, preview, sample_table, simulated
+from commonlaw.app.question import Columns, HoldOut, Table, named
+from commonlaw.app.result import found
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05, trials=1)
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    masses = zip(drops.objects, [0.3, 0.1, 0.06], strict=True)
+    return cl.fit("x'' = -g - c v", drops).explain({name: {"mass": mass} for name, mass in masses})
+
+
+def test_curves_and_coefficients_are_those_of_the_law(law, drops):
+    shown = json.loads(msgspec.json.encode(found(law, drops, drops, lambda _: None).shown))
+    (candidate,) = shown["candidates"]
+    forecast = law.predict(drops, return_std=True)
+    assert candidate["score"] == pytest.approx(forecast.score())
+    for trial, trajectory, curve in zip(drops, forecast.trajectories, candidate["curves"], strict=True):
+        measured, line, low, high = (np.array(each, dtype=float) for each in curve["states"][0])
+        there = np.isfinite(measured)
+        np.testing.assert_allclose(np.array(curve["t"])[there], trial.times, rtol=1e-4)
+        np.testing.assert_allclose(measured[there], trial.states[:, 0], rtol=1e-4)
+        np.testing.assert_allclose(line[there], trajectory.states[:, 0], rtol=1e-4)
+        assert ((low < line) & (line < high)).all()
+    assert [row[0] for row in candidate["table"]["rows"]] == list(drops.objects)
+    assert shown["follows"] == ["mass"]
+
+
+def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
+    asked = found(law, drops, drops, lambda _: None)
+    course = simulated(asked, Sample(0, "stone", (50.0, 0.0), 2.0, {"mass": 0.1}))
+    twin = simulated(asked, Sample(0, drops.objects[1], (50.0, 0.0), 2.0))
+    np.testing.assert_allclose(course["states"][0], twin["states"][0], rtol=0.01)
+    for wrong, words in (
+        (Sample(7, "stone", (50.0, 0.0), 2.0), "no candidate 7"),
+        (Sample(0, "stone", (50.0, 0.0), 2.0), "stone"),
+        (Sample(0, drops.objects[0], (50.0,), 2.0), "expected 2"),
+        (Sample(0, drops.objects[0], (50.0, float("nan")), 2.0), "finite"),
+    ):
+        with pytest.raises(cl.CommonlawError, match=words):
+            simulated(asked, wrong)
+
+
+def test_columns_are_recognised_and_can_be_named():
+    table = sample_table("linear-drag")
+    assert preview(table, Columns())["roles"]["states"] == ("x",)
+    renamed = Table("t.csv", b"who,when,a,b\n" + b"".join(b"p,%d,%d,%d\n" % (i, i * i, -i) for i in range(8)))
+    assert "which column holds the time" in preview(renamed, Columns())["problem"]
+    seen = preview(renamed, Columns(object="who", time="when", states=("a",), inputs=("b",)))
+    assert (seen["roles"]["states"], seen["roles"]["inputs"], seen["objects"]) == (("a",), ("b",), ("p",))
+
+
+def test_what_is_held_out_is_not_learned_from(drops):
+    assert HoldOut("object", drops.objects[0]).training(drops).objects == drops.objects[1:]
+    assert max(trial.times[-1] for trial in HoldOut("after", "1.5").training(drops)) <= 1.5
+    with pytest.raises(cl.CommonlawError, match="after which time"):
+        HoldOut("after", "noon").training(drops)
+
+
+def test_of_a_name_only_the_last_part_is_taken():
+    assert [named(each, b"").name for each in ("../../a.csv", r"C:\x\b.csv", "")] == ["a.csv", "b.csv", "table"]
