@@ -50,6 +50,7 @@ def test_forecasts_with_the_discrepancy_are_better_and_less_sure_where_nothing_w
     drops: Trials, without_drag: Discrepancy[Law]
 ) -> None:
     law = Law.from_json(without_drag.law.to_json())
+    assert law.provenance.calls[1:] == ("law.discrepancy(trials, of='v').law",)
     with_it, alone = (
         law.predict(drops, start=15, discrepancy=how).errors()["rms error"].max() for how in (True, False)
     )
@@ -62,6 +63,7 @@ def test_where_the_law_is_true_no_discrepancy_is_claimed(drops: Trials) -> None:
     assert not found.claimed
     assert {each.coordinate for each in found.compared} == {"x", "v", "t"}
     assert "No discrepancy is sure" in str(found)
+    assert repr(found).startswith("<Discrepancy of x'', a function of ")
 
 
 def test_a_function_of_properties_is_shared_by_objects_that_differ_in_them() -> None:
@@ -77,6 +79,8 @@ def test_a_function_of_properties_is_shared_by_objects_that_differ_in_them() -> 
         assert -drag * mass == pytest.approx(drag_force(speed, 2 * radius), rel=0.05)
     forecast = found.law.predict(drops, start=10, discrepancy=True, return_std=True)
     assert forecast.score() > 0.9999
+    alone = found.law.select(["Ball 5"]).predict(drops.select(object="Ball 5"), start=10, discrepancy=True)
+    np.testing.assert_allclose(alone.trajectories[0].states, forecast.trajectories[-2].states, rtol=1e-6)
 
 
 def test_evidence_and_posterior_are_those_of_the_dense_gaussian_model() -> None:

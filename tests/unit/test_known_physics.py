@@ -49,6 +49,7 @@ def test_a_function_of_speed_and_properties_is_a_base_and_gravity_is_left():
     own = drops.properties["Ball 5"]
     expected = law.coefficients[1, 0, law.terms.index("1")] + sphere_drag(values[:, 1], own["radius"], own["mass"])
     np.testing.assert_allclose(law.vector_field("Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
+    assert law.provenance.calls == ()
     again = Law.from_json(law.to_json())
     np.testing.assert_allclose(again.vector_field("Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
 

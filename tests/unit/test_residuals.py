@@ -35,7 +35,9 @@ def found(disturb) -> dict[str, str]:
 
 def test_white_noise_has_no_pattern():
     assert found(white) == {}
-    assert "no pattern is more than chance" in str(WHITE.residuals(decays(white)))
+    residuals = WHITE.residuals(decays(white))
+    assert "no pattern is more than chance" in str(residuals)
+    assert repr(residuals) == "<Residuals of 10 trials: 0 of 6 patterns are there>"
 
 
 @pytest.mark.parametrize(

@@ -120,10 +120,10 @@ class LawDiscovery:
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with one_blas_thread():
             law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
-        said = {} if isinstance(self.known, Mapping | str | None) else {"library": library, "known": known}
-        made = call(LawDiscovery, self.get_params(deep=False) | said, "cl.discover", "trials")
+        said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
+        made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
-        self.law_ = replace(law, provenance=replace(law.provenance, calls=(made,), domain=domain))
+        self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":

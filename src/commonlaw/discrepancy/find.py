@@ -14,6 +14,7 @@ from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, sett
 from commonlaw.inference.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.discrepancy import Compared, Discrepancy
+from commonlaw.law.script import call
 from commonlaw.library import Terms
 from commonlaw.library.naming import quoted
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -32,6 +33,7 @@ def discrepancy(
     huber_threshold: float = HUBER_THRESHOLD,
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share beside a law, see `Law.discrepancy`."""
+    called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
     trials = with_known_properties(trials, law)
     setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
     names = setting.law.terms.variables.names
@@ -48,7 +50,7 @@ def discrepancy(
     visited = setting.visited.evaluate(first.basis.coordinate)
     left = law.left_hand_sides
     return Discrepancy(
-        law=_refitted(law, setting, found, first),
+        law=_refitted(law, setting, found, first, called),
         equation=left[first.equation],
         basis=first.basis,
         weights=found.posterior.weights,
@@ -65,7 +67,7 @@ def discrepancy(
     )
 
 
-def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate) -> Law:
+def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate, called: str) -> Law:
     """Return the law with coefficients as they are beside the function, which it carries."""
     own, told = law.select(setting.problem.trials.objects), found.posterior
     whole = _whole(law, setting, found)
@@ -86,7 +88,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate)
         own,
         coefficients=coefficients,
         uncertainty=replace(uncertainty, inclusion_probabilities=own.inclusion_probabilities),
-        provenance=replace(law.provenance, history=(*law.history, step)),
+        provenance=replace(law.provenance, history=(*law.history, step), calls=(*law.provenance.calls, called)),
         explanation=None,
         with_discrepancy=whole,
     )
@@ -111,7 +113,7 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
         covariance=covariance[:, kept][:, :, kept],
         shared_factor=shared[:, kept],
         noise=told.noise_factor * problem.noise,
-        error_model=errors_of(problem, found.model_error if found.has_model_error else 0.0),
+        error_model=errors_of(problem, told.noise_factor * found.model_error if found.has_model_error else 0.0),
     )
     schema, provenance = setting.law.schema, Provenance(law.differentiation, domain=law.provenance.domain)
     return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

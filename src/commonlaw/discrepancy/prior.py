@@ -22,6 +22,9 @@ _ALIKE = 0.05
 _ZERO = 0.05
 """Share of a function's largest value below which it is zero."""
 
+_VANISHED = 0.3
+"""The same of a term, whose function is known from one object only, for what is said of it."""
+
 _TOLD = 1e-6
 """Singular values below this share of the largest tell nothing."""
 
@@ -105,20 +108,20 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     both = directions[sizes < _ALIKE]
     weights = (both / singular[told]) @ right[told]
     constraints = both @ left[:, told].T @ whole
-    pairs = list(zip(samples, own, strict=True))
-    terms = np.concatenate([each.terms for each in samples])
-    held = [k for k in range(terms.shape[1]) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
-    there = np.zeros(len(both))
-    if zero_at is not None:
-        at, visited = basis.values(np.array([zero_at])), np.concatenate([each.coordinate for each in samples])
-        there = weights @ at[0] / np.abs(basis.values(visited) @ weights.T).max(initial=0.0)
-        near = np.argmin(np.abs(visited - zero_at))
-    if not np.any(np.abs(there) > _ZERO):
+    pairs, first = list(zip(samples, own, strict=True)), samples[0]
+    count = first.terms.shape[1]
+    held = [k for k in range(count) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
+    at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
+    there = (at @ weights.T)[0]
+    largest = np.abs(basis.values(np.concatenate([each.coordinate for each in samples])) @ weights.T).max(initial=0.0)
+    if zero_at is None or not np.any(np.abs(there) > _ZERO * largest):
         return Meaning(constraints, None, tuple(held))
     from scipy.linalg import null_space
 
     kept = null_space(there[np.newaxis]).T @ constraints
-    vanishing = [k for k in held if np.abs(terms[near, k]) < np.abs(terms[:, k]).max() / 2]
+    said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_TOLD)[0]
+    alive = np.abs(at @ said)[0] >= _VANISHED * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
+    vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
     return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
 
 

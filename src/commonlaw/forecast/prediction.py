@@ -128,6 +128,8 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     wider, own = law.with_discrepancy, law.support.any(axis=0)
     if wider is None:
         raise CommonlawError("this law carries no discrepancy: forecast with law.discrepancy(trials).law")
+    if {*law.objects} <= {*wider.objects}:
+        wider = wider.select(law.objects)
     if not np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own]):
         raise CommonlawError("this law was changed after its discrepancy was found: find it again, law.discrepancy")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}

@@ -145,6 +145,9 @@ class Discrepancy(Generic[LawType]):
         """What was found in words, what matters most first."""
         return tuple(self._sentences())
 
+    def __repr__(self) -> str:
+        return f"<Discrepancy of {self.equation}, a function of {self.basis.coordinate}: 2 log B = {self.evidence:.1f}>"
+
     def __str__(self) -> str:
         return "\n".join(self.sentences)
 

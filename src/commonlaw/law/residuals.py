@@ -110,6 +110,9 @@ class Residuals:
         rows = [(p.state, p.pattern, p.statistic, p.p_value, p.adjusted, p.meaning) for p in self.patterns]
         return pd.DataFrame(rows, columns=columns)
 
+    def __repr__(self) -> str:
+        return f"<Residuals of {len(self.trials)} trials: {len(self.odd)} of {len(self.patterns)} patterns are there>"
+
     def __str__(self) -> str:
         if not self.patterns:
             return "There are too few residuals to test."
