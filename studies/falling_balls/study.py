@@ -19,6 +19,7 @@ from studies.falling_balls.reynolds_drag import reynolds_drag
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.simulated_drops import simulated_drops
 from studies.falling_balls.sparsity_path import sparsity_path
+from studies.falling_balls.universal_laws import universal_laws
 from studies.falling_balls.worked_examples import worked_examples
 
 TITLE = "Falling balls: what data say about a law of physics"
@@ -35,6 +36,7 @@ PARTS: Mapping[str, Callable[[Inquiry], Section]] = {
     "Rates from noisy heights": numerical_differentiation,
     "How the threshold decides": sparsity_path,
     "Worked examples": worked_examples,
+    "Universal laws and discrepancies": universal_laws,
 }
 """The parts by title."""
 
