@@ -132,6 +132,13 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert "Trials.read('drops.csv'" in taken["law.py"]
         assert taken["report.html"].startswith("<!DOCTYPE html>")
 
+        saved = table.parent / "law.json"
+        saved.write_text(taken["law.json"])
+        page.find_element("id", "saved").send_keys(os.fspath(saved))
+        wait(page, "$('start').disabled")
+        wait(page, "!$('start').disabled")
+        assert text(page, "failed") == ""
+        assert text(page, "which").startswith("2 terms, chosen")
         page.refresh()  # and all is there again
         wait(page, "!$('result').hidden")
         assert [each for each in page.get_log("browser") if each["level"] == "SEVERE"] == []
