@@ -13,12 +13,12 @@ def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     assert "trials that were held out" in page
     check_page(tmp_path / "drops.html")
 
-    code, _, _ = run("discover", *arguments, "--save", "law.json")
+    cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}).save(tmp_path / "law.json")
     code, _, _ = run("report", "drops.csv", "--hold-out", "trial=2", "--law", "law.json")
     saved = (tmp_path / "report.html").read_text()
     assert code == 0
     assert "--law law.json" in saved
-    assert saved.split("<section")[1] == page.split("<section")[1]
+    assert "How accurate they are is not known" in saved
 
 
 def test_a_page_that_cannot_be_written_is_refused_before_work(run):
