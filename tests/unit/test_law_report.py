@@ -130,6 +130,9 @@ def test_a_law_that_was_explained_shows_its_relations():
     report = law_report(explained, drops)
     assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
     assert "\\ddot{x}" in report.summary
+    assert table_of(report, "values").columns[1] == "of 1 (m/s²)"
+    intervals = next(each for each in report.named_blocks() if each.name == "intervals")
+    assert [panel.get_xlabel() for panel in intervals.draw().axes] == ["(m/s²)", "(1/s)"]
 
 
 def test_long_equations_go_on_in_further_lines():

@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import with_error
-from commonlaw.report.formulas import law_latex
+from commonlaw.report.formulas import coefficient_names, law_latex
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
 from commonlaw.verdict import checked_forecast, is_of_training
@@ -110,7 +110,7 @@ def _table(law: Law) -> dict[str, Any]:
     if not law.shared:
         return {"head": [], "rows": []}
     values, errors = law.letter_values()
-    units = [f"{name} ({unit})" if unit else name for name, unit in zip(law.letters, law.letter_units(), strict=True)]
+    units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
     pairs = zip(law.objects, values, np.nan_to_num(errors), strict=True)
     rows = [[name, *(with_error(*pair) for pair in zip(*each, strict=True))] for name, *each in pairs]
     return {"head": [law.schema.object, *units], "rows": rows}

@@ -69,7 +69,9 @@ class DotPlot:
             if np.any(np.isfinite([learned, true])):
                 unit = unit_text(units.get((law.left_hand_sides[j], name), ""))
                 errors = np.nan_to_num(law.standard_errors[:, j, k])
-                found.append(Coefficient(j, labels[k], letter_of(law, j, k), unit, learned, true, errors))
+                # The equations of an explained law have letters of their own
+                letter = letter_of(law, j, k) if law.explanation is None else ""
+                found.append(Coefficient(j, labels[k], letter, unit, learned, true, errors))
         return found
 
     @property

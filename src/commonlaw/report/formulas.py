@@ -32,6 +32,15 @@ def law_latex(law: Law) -> str:
     return _broken(_spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law)))
 
 
+def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
+    """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
+    names = law.letters
+    if law.explanation is not None:
+        terms = [(law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.named_coefficients]
+        names = tuple(f"{term} in {left}" if len(law.states) > 1 else f"of {term}" for left, term in terms)
+    return zip(names, law.letter_units(), strict=True)
+
+
 def _has_numbers(law: Law) -> bool:
     """Whether the equations hold for all objects with numbers in place of letters."""
     return len(law.objects) == 1 or law.explanation is not None

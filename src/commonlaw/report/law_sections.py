@@ -12,6 +12,7 @@ from commonlaw.law.tables import readable_candidates
 from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots import ForecastPanels, plot_intervals, plot_relations
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
+from commonlaw.report.formulas import coefficient_names
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import literal
 from commonlaw.wording import counted
@@ -80,7 +81,11 @@ def coefficients(case: LawCase) -> Section:
         blocks += _relations(law)
     if law.support.any():
         known = f"{_INTERVAL} " if law.covariance is not None else "How accurate they are is not known. "
-        letters = ", ".join(f"{name} ({unit})" if unit else name for name, unit in _letters(law)) if law.shared else ""
+        letters = (
+            ", ".join(f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law))
+            if law.shared
+            else ""
+        )
         blocks.append(Text(known + (f"Coefficients: {literal(letters)}." if letters else "")))
         blocks.append(
             Picture("intervals", "Coefficients of all objects, with 95 % intervals.", partial(plot_intervals, law))
@@ -90,10 +95,6 @@ def coefficients(case: LawCase) -> Section:
     else:
         blocks.append(Text("The law has no coefficient: it says that nothing changes."))
     return Section("coefficients", "Coefficients", tuple(blocks))
-
-
-def _letters(law: Law) -> Iterator[tuple[str, str | None]]:
-    return zip(law.letters, law.letter_units(), strict=True)
 
 
 def _relations(law: Law) -> list[Block]:
@@ -113,7 +114,7 @@ def _by_object(law: Law) -> pd.DataFrame:
         return law.to_frame().reset_index() if law.covariance is None else law.intervals()
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
     values, errors = law.letter_values()
-    for (name, unit), own, known in zip(_letters(law), values.T, errors.T, strict=True):
+    for (name, unit), own, known in zip(coefficient_names(law), values.T, errors.T, strict=True):
         head = f"{name} ({unit})" if unit else name
         columns[head] = own.tolist()
         if np.isfinite(known).all():

@@ -111,5 +111,6 @@ def _poorly_known(law: Law) -> tuple[str, ...]:
             where = f"{law.left_hand_sides[each.equation]}, before {law.terms.factors[each.term]}"
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
-            found.append(f"{each.name} ({where}{of})")
+            # The equations of an explained law have letters of their own
+            found.append(f"{each.name if law.explanation is None else 'a coefficient'} ({where}{of})")
     return tuple(found)
