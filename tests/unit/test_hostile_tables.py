@@ -105,6 +105,20 @@ def test_a_trial_of_a_stream_that_memory_does_not_hold_is_refused(tmp_path, monk
         list(cl.TrialStream.from_parquet(tmp_path / "long.parquet"))
 
 
+def test_a_text_that_the_dictionary_of_a_damaged_parquet_file_lacks_is_refused(tmp_path):
+    path, rows = tmp_path / "drops.parquet", range(32)
+    table = pa.table({"object": ["a", "b", "c", "d"] * 8, "t": rows, "x": list(map(float, rows))})
+    pq.write_table(table, path, compression="none")
+    whole, refusals = path.read_bytes(), []
+    for i in range(4, 80):
+        path.write_bytes(whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :])
+        try:
+            cl.Trials.read(path)
+        except cl.CommonlawError as refusal:
+            refusals.append(str(refusal))
+    assert any("a damaged Parquet file" in each and "Dictionary indices invalid" in each for each in refusals)
+
+
 def test_a_parquet_file_whose_columns_are_not_what_it_says_does_not_end_the_process(tmp_path):
     path = parquet_file(tmp_path / "drops.parquet", b"{}")
     optional, required = b"\x25\x02\x18\x01x", b"\x25\x00\x18\x01x"
