@@ -29,7 +29,7 @@ class Tested(NamedTuple):
 
 
 def patterns(
-    names: Sequence[str], residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: int
+    names: Sequence[str], residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: Sequence[int]
 ) -> tuple[Pattern, ...]:
     """Return what tests say of residuals over noise.
 
@@ -44,7 +44,8 @@ def patterns(
     time
         The name of time among these.
     spent
-        How many numbers of each state's residuals initial states have taken.
+        How many numbers of each state's residuals initial states and coefficients have taken, if the law was learned
+        from these trials.
     """
     from scipy.stats import false_discovery_control
 
@@ -52,7 +53,7 @@ def patterns(
         (name, each)
         for j, name in enumerate(names)
         if np.isfinite(np.concatenate([own[:, j] for own in residuals])).sum() >= _LEAST
-        for each in _of_state(names, j, residuals, against, time, spent)
+        for each in _of_state(names, j, residuals, against, time, spent[j])
     ]
     if not found:
         return ()
@@ -74,7 +75,7 @@ def _of_state(
         yield _trend(own, values[seen], name, time)
     for other in range(j):
         yield _together(own, whole[seen, other], names[other])
-    yield _memory([each[:, j] for each in residuals])
+    yield _memory([each[:, j] for each in residuals], spent / len(own))
     yield _growth(own, against[names[j]][seen], names[j])
     yield _normal(own)
 
@@ -122,11 +123,15 @@ def _together(own: Floats, other: Floats, name: str) -> Tested:
     return Tested(f"correlation with residuals of {name}", float(found.statistic), float(found.pvalue), meaning)
 
 
-def _memory(series: Sequence[Floats]) -> Tested:
-    """Test correlations at lags together (Ljung and Box 1978); the statistic is that of neighbours."""
+def _memory(series: Sequence[Floats], spent: float) -> Tested:
+    """Test correlations at lags together (Ljung and Box 1978); the statistic is that of neighbours.
+
+    What was fitted to the residuals leaves them a correlation of minus its share, at all lags.
+    """
     from scipy.stats import chi2
 
     found, counts = correlations(series, _LAGS)
+    found = found + spent
     told = counts > _LAGS
     size = float(counts[0] + len(series))
     total = size * (size + 2) * float(np.sum(found[told] ** 2 / counts[told]))

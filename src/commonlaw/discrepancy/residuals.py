@@ -32,8 +32,9 @@ def residuals(law: Law, trials: Trials) -> Residuals:
         std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
         off.append((trial.states - own[:, :states]) / std)
     found = Residuals(forecast.trials, fitted, tuple(off), law.rates, ())
-    spent = law.order * len(trials)
-    return replace(found, patterns=patterns(law.states, off, found.columns, law.schema.time, spent))
+    free = law.support & (law.standard_errors != 0).any(axis=0)
+    spent = law.order * len(trials) + len(trials.objects) * free.sum(axis=1)
+    return replace(found, patterns=patterns(law.states, off, found.columns, law.schema.time, spent.tolist()))
 
 
 def _noise(trials: Trials) -> Floats:
