@@ -132,6 +132,15 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert "Trials.read('drops.csv'" in taken["law.py"]
         assert taken["report.html"].startswith("<!DOCTYPE html>")
 
+        folder = table.parent / "downloads"
+        page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(folder)})
+        page.find_element("link text", "coefficients.csv").click()
+        wait(page, "$('taking').textContent === 'coefficients.csv is in your downloads.'")
+        until = time.monotonic() + 10
+        while not (folder / "coefficients.csv").exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        assert (folder / "coefficients.csv").read_text() == taken["coefficients.csv"]
+
         saved = table.parent / "law.json"
         saved.write_text(taken["law.json"])
         page.find_element("id", "saved").send_keys(os.fspath(saved))

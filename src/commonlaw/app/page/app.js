@@ -317,10 +317,29 @@ function showFiles() {
   const files = { "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients", "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.tex": "the equations in LaTeX", "law.py": "a Python script that finds it again" };
   $("files").replaceChildren(...Object.entries(files).map(([name, text]) => {
     const line = element("li");
-    line.append(element("a", name, { href: `searches/${state.search}/${name}`, download: name }), `: ${text}`);
+    const link = element("a", name, { href: `searches/${state.search}/${name}`, download: name });
+    link.addEventListener("click", take);
+    line.append(link, `: ${text}`);
     return line;
   }));
   $("command").textContent = command();
+}
+
+/** Save a file once it is made, and say how far that is: a report takes a while. */
+async function take(event) {
+  const { href, download } = event.currentTarget;
+  event.preventDefault();
+  $("taking").textContent = `Making ${download} ...`;
+  try {
+    const answer = await fetch(href);
+    if (!answer.ok) throw new Error((await answer.json()).error);
+    const made = URL.createObjectURL(await answer.blob());
+    element("a", "", { href: made, download }).click();
+    setTimeout(() => URL.revokeObjectURL(made), 60000);
+    $("taking").textContent = `${download} is in your downloads.`;
+  } catch (error) {
+    $("taking").textContent = `${download} could not be made: ${error.message}`;
+  }
 }
 
 function command() {
