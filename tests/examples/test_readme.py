@@ -1,4 +1,4 @@
-"""The README's tour, line by line."""
+"""The README's tour, line by line, and what the choices in the documentation go on with."""
 
 import re
 import shlex
@@ -8,11 +8,11 @@ import pytest
 
 from commonlaw.cli import main
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
+ROOT = Path(__file__).parents[2]
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+def blocks(language, name="README.md"):
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / name).read_text(), flags=re.DOTALL)
 
 
 def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
@@ -32,8 +32,9 @@ def test_the_python_runs_and_says_what_its_comments_say(monkeypatch, tmp_path, b
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COMMONLAW_DATA", str(ball_drops_folder))
     names = {}
-    for block in blocks("python"):
-        exec(compile(block, "README.md", "exec"), names)
+    for name in ("README.md", "docs/choices.md"):
+        for block in blocks("python", name):
+            exec(compile(block, name, "exec"), names)
     assert len(names["drops"]) == 20
     assert len(names["drops"].objects) == 10
     assert str(names["law"]).startswith("x'' = a + b v\n")
