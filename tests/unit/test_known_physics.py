@@ -40,9 +40,9 @@ def test_letters_in_known_equations_are_properties(drops):
 
 
 def test_a_function_of_speed_and_properties_is_a_base_and_gravity_is_left():
-    drops = cl.datasets.reynolds_drag(trials=1).select(object=["Ball 1", "Ball 5"])
+    drops = cl.datasets.reynolds_drag(trials=1, samples=25).select(object=["Ball 1", "Ball 5"])
     law = cl.discover(drops, known=sphere_drag, **SETTINGS)
-    assert law.coefficients[:, 0, law.terms.index("1")] == pytest.approx(-9.8, abs=0.02)
+    assert law.coefficients[:, 0, law.terms.index("1")] == pytest.approx(-9.8, abs=0.05)
     free = law.standard_errors[0, 0] > 0
     assert [law.terms.names[k] for k in np.flatnonzero(free)] == ["1"]
     values = np.column_stack([np.zeros(9), np.linspace(-30.0, -1.0, 9), np.zeros(9)])
