@@ -130,7 +130,8 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
         raise CommonlawError("this law carries no discrepancy: forecast with law.discrepancy(trials).law")
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
-    if not np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own]):
+    same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
+    if not same or (wider.states, wider.order) != (law.states, law.order):
         raise CommonlawError("this law was changed after its discrepancy was found: find it again, law.discrepancy")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     taken = wider.schema.inputs[len(law.schema.inputs) :]
