@@ -7,6 +7,7 @@ import openpyxl
 import pytest
 
 import commonlaw as cl
+from commonlaw.app import serve
 from commonlaw.extras import optional_import
 from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
@@ -20,6 +21,8 @@ OPTIONAL = {
     "markdown_it": "report",
     "mdit_py_plugins": "report",
     "latex2mathml": "report",
+    "starlette": "app",
+    "uvicorn": "app",
 }
 
 WITHOUT_EXTRAS = """
@@ -43,6 +46,7 @@ for read in (
 law = cl.Law.load("law.json")
 assert r"\\left|" in law.to_latex(law.objects[0]), law.to_latex(law.objects[0])
 law.predict(drops).errors()
+assert all("<svg" in each._repr_html_() for each in (law, drops, law.predict(drops)))
 assert not [name for name in {optional} if sys.modules[name]]
 """
 
@@ -81,6 +85,7 @@ FEATURES = {
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
     "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
     "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy(["x", "t"])),
+    **{f"the app without {name}": (name, lambda _: serve()) for name, extra in OPTIONAL.items() if extra == "app"},
     **{f"making a report without {name}": (name, a_page) for name, extra in OPTIONAL.items() if extra == "report"},
 }
 

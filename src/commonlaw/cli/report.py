@@ -31,8 +31,9 @@ def report(source: Source, question: Question, out: str, law_path: str | None) -
       commonlaw report drops.csv --law law.json
     """
     from commonlaw.law import Law
-    from commonlaw.report import law_report, to_page
+    from commonlaw.report import check_packages, law_report, to_page
 
+    check_packages()
     with working("Reporting ...") as show:
         law = Law.load(law_path) if law_path else None
         trials = source.load(law.schema if law else None)

@@ -1,6 +1,7 @@
 """Reports: what was asked, done and found, as one self-contained page with its figures and numbers beside it."""
 
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict
+from commonlaw.report.html import check_packages
 from commonlaw.report.law_report import law_page, law_report
 from commonlaw.report.notebook import notebook_html
 from commonlaw.report.values import to_json
@@ -16,6 +17,7 @@ __all__ = [
     "Table",
     "Text",
     "Verdict",
+    "check_packages",
     "contents",
     "law_page",
     "law_report",

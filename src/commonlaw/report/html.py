@@ -21,8 +21,7 @@ def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) 
 
     A page that stands `alone` has no files beside it: it holds the drawings themselves, and tables as data.
     """
-    for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
-        optional_import(package, "making a report", "report")
+    check_packages()
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -40,6 +39,12 @@ def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) 
     counts = {kind: reached[kind] for kind in KINDS if reached[kind]}
     page = environment.get_template("report.html").render(report=report, counts=counts, alone=alone)
     return page.encode()
+
+
+def check_packages() -> None:
+    """Refuse to make a report, before long work, where a package that it needs is not installed."""
+    for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
+        optional_import(package, "making a report", "report")
 
 
 def _finalized(value: object) -> object:

@@ -7,6 +7,7 @@ from commonlaw.law.page import Page
 from commonlaw.report import law_sections, leftovers, making
 from commonlaw.report.document import Report
 from commonlaw.report.formulas import law_markdown
+from commonlaw.report.html import check_packages
 from commonlaw.report.law_case import LawCase
 from commonlaw.report.markup import literal
 from commonlaw.report.write import to_page
@@ -45,6 +46,7 @@ def law_report(
     progress
         Takes what is being done.
     """
+    check_packages()
     case = LawCase(law, trials, learned or trials, words)
     progress("judging the law")
     first, *others = map(literal, case.verdict.sentences)

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
 from commonlaw.names import visible
 
 if TYPE_CHECKING:
     from markdown_it import MarkdownIt
     from markdown_it.token import Token
 
+_NEED = "making a report"
 _SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}
 _ALOUD = {"aloud": True}
 _ATTRIBUTES = {
@@ -77,8 +79,7 @@ def formula(latex: str, display: str = "inline") -> str:
     CommonlawError
         If it cannot be read, or does more than mathematics does: links and styles.
     """
-    from latex2mathml.converter import convert_to_element
-
+    convert_to_element = optional_import("latex2mathml.converter", _NEED, "report").convert_to_element
     try:
         # That package draws the other name of this environment alone
         tree = convert_to_element(latex.replace("{aligned}", "{split}"), display=display)
@@ -110,12 +111,11 @@ def _read(element: Element) -> str:
 
 @cache
 def _parser() -> "MarkdownIt":
-    from markdown_it import MarkdownIt
-    from mdit_py_plugins.dollarmath import dollarmath_plugin
-
+    markdown_it = optional_import("markdown_it", _NEED, "report")
+    dollarmath = optional_import("mdit_py_plugins.dollarmath", _NEED, "report")
     # This preset shows HTML as text. Headings and pictures are the report's own, and tables have their captions there
-    parser = MarkdownIt("js-default").disable(["heading", "lheading", "image", "table"])
-    dollarmath_plugin(parser, double_inline=True)
+    parser: MarkdownIt = markdown_it.MarkdownIt("js-default").disable(["heading", "lheading", "image", "table"])
+    dollarmath.dollarmath_plugin(parser, double_inline=True)
     parser.disable("math_block")  # A formula on its own line stays in its paragraph
     for kind in ("math_inline", "math_inline_double"):
         parser.add_render_rule(kind, _show)

@@ -2,16 +2,17 @@
 
 from collections.abc import Callable
 from hashlib import sha256
+from html import escape
 
 import pandas as pd
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Forecast, Law
-from commonlaw.names import visible
+from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.html import within
-from commonlaw.report.markup import code, inline, literal, markdown
+from commonlaw.report.markup import markdown
 from commonlaw.trials import Trials
 
 _ROWS, _OBJECTS = 10, 6
@@ -33,8 +34,8 @@ def _law(law: Law) -> str:
     try:
         shown = markdown(law_markdown(law))
     except CommonlawError:  # Without the extra that draws formulas
-        shown = markdown(code(str(law)))
-    notes = "".join(f"<p>{inline(literal(f'Note: {each}'))}</p>" for each in law.outcomes)
+        shown = f"<pre>{escape(str(law))}</pre>"
+    notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in law.outcomes)
     table = law.intervals() if law.covariance is not None else law.to_frame().reset_index()
     drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
     return _joined(repr(law), shown + _table(table) + notes, drawn)
@@ -64,4 +65,4 @@ def _drawn(draw: Callable[[], Figure]) -> str:
 
 def _joined(line: str, content: str, drawing: str) -> str:
     sized = f'<div style="max-width: 44rem; overflow-x: auto">{drawing}</div>'
-    return visible(f"<div><p>{inline(literal(line))}</p>{content}{sized}</div>")
+    return visible(f"<div><p>{escape(in_line(line))}</p>{content}{sized}</div>")
