@@ -157,3 +157,13 @@ def test_units_do_not_matter():
     other = shrink(estimates * units, covariances * np.outer(units, units), np.full(3, np.nan))
     np.testing.assert_allclose(other.estimates, one.estimates * units, rtol=1e-6)
     np.testing.assert_allclose(other.covariances, one.covariances * np.outer(units, units), rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_coefficients_that_can_hardly_be_told_apart_never_pay_for_themselves(seed):
+    """A marginal likelihood is at most that of each object by itself, however the digits run out."""
+    generator, size = np.random.default_rng(seed), 8
+    mixed = np.diag(np.logspace(0, -8, size)) @ np.linalg.qr(generator.normal(size=(size, size)))[0]
+    factors = np.asarray(np.linalg.qr(generator.normal(size=(5, 30, size)) @ mixed, mode="r"))
+    estimates = np.linalg.solve(factors, 10 * generator.normal(size=(5, size, 1)))[..., 0]
+    assert marginal_deviance(RandomEffects(estimates, factors.transpose(0, 2, 1) @ factors)) >= 0

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import commonlaw as cl
 from benchmarks.families import experiment
 from commonlaw.inference import search
 from commonlaw.inference.law_search import PATH
@@ -36,3 +37,11 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     assert len(exact) >= 3
     again = search.fit_with(problem, exact[0].support[np.newaxis], search.NEGLIGIBLE)
     assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)
+
+
+@pytest.mark.parametrize(("noise", "seed"), [(0.05, 0), (0.02, 3)])
+def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, seed):
+    """From so little, evidence about fits of many terms has few digits, and must not be larger for it."""
+    law = cl.discover(cl.datasets.linear_drag(noise=noise, seed=seed).select(trial=1), order=2)
+    assert law.structure() == ("x'' = a + b v",)
+    assert law.outcomes == ()

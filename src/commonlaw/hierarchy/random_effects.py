@@ -72,8 +72,10 @@ class RandomEffects:
         total[:, range(size), range(size)] *= 1 + _RIDGE
         means = np.linalg.solve(total, weighted.sum(axis=1))[..., 0]
         gaps = self.estimates - means[:, np.newaxis]
-        squares = np.einsum("moi,moij,moj->m", gaps, precisions, gaps)
-        return Marginal(added, total, means, squares + np.linalg.slogdet(added)[1].sum(axis=1))
+        squares = np.einsum("moi,moij,moj->mo", gaps, precisions, gaps)
+        # Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below
+        each = np.maximum(squares, 0.0) + np.maximum(np.linalg.slogdet(added)[1], 0.0)
+        return Marginal(added, total, means, each.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
