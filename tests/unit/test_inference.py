@@ -196,7 +196,9 @@ def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
     own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
     assert own.uncertainty.shared_factor is None
     assert own.history == drag.history[:-1]
-    assert own.partial_pooling().to_json() == drag.to_json()
+    pooled = own.partial_pooling()
+    alike = replace(pooled, provenance=replace(pooled.provenance, calls=drag.provenance.calls))
+    assert alike.to_json() == drag.to_json()
     gravity = own.terms.index("1")
     assert np.ptp(drag.coefficients[:, 0, gravity]) < np.ptp(own.coefficients[:, 0, gravity])
     assert np.all(drag.standard_errors[:, 0, gravity] < own.standard_errors[:, 0, gravity])

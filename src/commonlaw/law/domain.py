@@ -9,6 +9,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.logarithms import natural
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
@@ -37,10 +38,8 @@ class Domain:
         """Return what trials have visited; rates, of laws of second order, by smooth curves through the samples."""
         schema, columns = trials.schema, dict[str, list[Floats]]()
         for trial in trials:
-            values = np.exp(trial.states), trial.states
-            for j, name in enumerate(schema.states):
-                columns.setdefault(name, []).append(values[name not in schema.logarithmic][:, j])
-            others = [*zip(schema.inputs, trial.inputs.T, strict=True)]
+            states = natural(trial.states, schema)
+            others = [*zip(schema.states, states.T, strict=True), *zip(schema.inputs, trial.inputs.T, strict=True)]
             if rates:
                 others += zip(rates, _rates(trial).T, strict=True)
             for name, each in others:
