@@ -268,3 +268,42 @@ def test_damaged_uncertainty_is_refused(drag, pattern, change, message):
     assert damaged != text
     with pytest.raises(CommonlawError, match=message):
         Law.from_json(damaged)
+
+
+def test_draws_scatter_as_the_covariance_says(drag):
+    draws = drag.draws(20000)
+    assert draws.columns.tolist() == ["a", "b"]
+    assert draws.index.names == ["draw", "object"]
+    for name, mean, covariance in zip(drag.objects, drag.coefficients[:, drag.support], drag.covariance, strict=True):
+        own = draws.xs(name, level="object")
+        # Five standard errors of means and of covariances of so many draws
+        spread = np.sqrt(np.diag(covariance))
+        assert np.all(np.abs(own.mean() - mean) <= 5 * spread / np.sqrt(20000) + 1e-12)
+        np.testing.assert_allclose(own.cov(), covariance, atol=5 * np.sqrt(2 / 20000) * spread.max() ** 2, rtol=0.05)
+    assert (draws.xs("light", level="object")["a"] == -9.8).all()
+    assert draws.equals(drag.draws(20000))
+    assert not draws.equals(drag.draws(20000, seed=1))
+
+
+def test_draws_of_objects_go_together_as_far_as_objects_learned_from_each_other(drag):
+    factor = np.array([[[0.1], [0.01]], [[0.0], [0.004]]])
+    own = np.array([np.diag([0.05, 0.02]) ** 2, np.diag([0.0, 0.003]) ** 2])
+    covariance = own + factor @ factor.transpose(0, 2, 1)
+    law = replace(drag, uncertainty=Uncertainty(covariance, shared_factor=factor))
+    found = np.cov(law.draws(40000).unstack("object").to_numpy(), rowvar=False)  # a heavy, a light, b heavy, b light
+    expected = np.array([0.1 * 0.004, 0.01 * 0.004])
+    np.testing.assert_allclose(found[[0, 2], 3], expected, rtol=0.1)
+    np.testing.assert_allclose(np.diag(found)[[0, 2, 3]], [0.0125, 0.0005, 2.5e-5], rtol=0.05)
+
+
+def test_draws_of_a_given_law_are_of_its_own_letters():
+    given = Law.from_text("x'' = -g - v/c", {"g": 9.81, "c": 4.0})
+    law = replace(given, uncertainty=Uncertainty(np.zeros((1, 2, 2))))
+    assert law.draws(3).to_numpy() == pytest.approx(np.array([[9.81, 4.0]] * 3))
+
+
+def test_draws_need_a_covariance_and_a_number(drag):
+    with pytest.raises(CommonlawError, match="does not know how accurate"):
+        without(drag, "covariance").draws()
+    with pytest.raises(CommonlawError, match="0 draws of the coefficients tell nothing"):
+        drag.draws(0)

@@ -270,6 +270,52 @@ class AbstractPredictions(AbstractEquations):
         rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
         return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
 
+    def draws(self, count: int = 1000, seed: int = 0) -> "pd.DataFrame":
+        """Return draws of the coefficients from what the trials tell of them, for quantities of one's own.
+
+        The distribution is normal, with the covariance of the law, of all objects together.
+
+        Parameters
+        ----------
+        count
+            How many draws of each object.
+        seed
+            The same seed gives the same draws.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each draw and object, which are its index; a column for each letter of `structure`.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know how accurate its coefficients are, or no draw is asked for.
+
+        Examples
+        --------
+        The speed at which drops no longer accelerate, of each object:
+
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
+        >>> draws = law.draws()
+        >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
+        >>> print(speeds.round(1).to_string(header=False, index_names=False))
+        Ball 1  89.6  103.0
+        Ball 2  31.9   33.3
+        Ball 3  31.5   33.1
+        Ball 4  19.3   19.8
+        Ball 5  13.8   14.1
+        """
+        from commonlaw.law.tables import draws_frame
+
+        if count < 1:
+            raise CommonlawError(f"{count} draws of the coefficients tell nothing: ask for at least one")
+        whole = np.zeros((count, *self.coefficients.shape))
+        whole[..., self.support] = self.uncertainty.draws(self.coefficients[:, self.support], count, seed)
+        values = [each.value(whole[..., each.equation, each.term]) for each in self.named_coefficients]
+        return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
+
     def residuals(self, trials: Trials) -> Residuals:
         """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.
 

@@ -71,6 +71,12 @@ def interval_frame(
     return pd.DataFrame(columns)
 
 
+def draws_frame(objects: Sequence[str], letters: Sequence[str], values: Floats) -> pd.DataFrame:
+    """Return draws of coefficients, shape (draws, objects, letters), see `Law.draws`."""
+    rows = pd.MultiIndex.from_product([range(len(values)), objects], names=["draw", "object"])
+    return pd.DataFrame(values.reshape(-1, len(letters)), index=rows, columns=list(letters))
+
+
 def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     """Return the candidates that a law was chosen from, see `Law.candidates`."""
     rows = [

@@ -125,6 +125,34 @@ class Uncertainty:
             )
         return OwnEstimates(coefficients, self.known_covariance())
 
+    def draws(self, coefficients: Floats, count: int, seed: int) -> Floats:
+        """Return so many normal draws of all objects' parameters, shape (count, objects, parameters).
+
+        Parameters
+        ----------
+        coefficients
+            The mean, shape (objects, parameters).
+        count
+            How many.
+        seed
+            Of the random numbers.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known.
+        """
+        random, own = np.random.default_rng(seed), self.known_covariance()
+        found = np.tile(coefficients, (count, 1, 1))
+        if self.shared_factor is not None:
+            factor = self.shared_factor
+            own = own - np.matmul(factor, factor.transpose(0, 2, 1))
+            found += np.einsum("dk,opk->dop", random.standard_normal((count, factor.shape[2])), factor)
+        values, vectors = np.linalg.eigh(own)
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]  # Rounding leaves some just below zero
+        found += np.einsum("dok,opk->dop", random.standard_normal(found.shape), roots)
+        return found
+
     def select(self, indices: Sequence[int]) -> "Uncertainty":
         """Return that of some objects, given by their indices."""
         return self._changed(lambda values: values[list(indices)], lambda matrices: matrices[list(indices)])
