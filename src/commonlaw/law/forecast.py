@@ -155,19 +155,31 @@ class Forecast(ShownInNotebooks):
             raise CommonlawError(
                 "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
             )
-        if measured and self.noise is None:
-            raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
         if self.followed is not None:
             return tuple((high - low) / 2 for low, high in self.bands(level, measured))
         width, factor = len(self.trials.schema.states), normal_quantile(level) * self.error_model.widening
-        if not measured or self.noise is None:
+        if not measured:
             return tuple(factor * each[:, :width] for each in self.std)
-        of_measurements = [
-            self.error_model.measurement_std(forecast, with_typical(trial.noise, self.noise))
-            for trial, forecast in zip(self.trials, self._states(), strict=True)
-        ]
+        pairs = zip(self.std, self.measurement_std(), strict=True)
+        return tuple(factor * np.hypot(std[:, :width], noise) for std, noise in pairs)
+
+    def measurement_std(self) -> tuple[Floats, ...]:
+        """Return how far measurements are off by themselves: standard deviations for each trial, of shape (n, states).
+
+        Raises
+        ------
+        CommonlawError
+            If the noise is not known.
+        """
+        if self.noise is None:
+            raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
+        if self.followed is not None:
+            columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
+            pairs = zip(self.followed.measurement_std(), self._states(), strict=True)
+            return tuple(own * np.where(columns, states, 1.0) for own, states in pairs)
         return tuple(
-            factor * np.hypot(std[:, :width], noise) for std, noise in zip(self.std, of_measurements, strict=True)
+            self.error_model.measurement_std(states, with_typical(trial.noise, self.noise))
+            for trial, states in zip(self.trials, self._states(), strict=True)
         )
 
     def as_measured(self, measured: Trials) -> "Forecast":

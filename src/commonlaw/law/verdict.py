@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import NamedTuple
 
 from commonlaw.wording import counted
@@ -23,12 +24,21 @@ _SHOWN = 3
 
 
 class StateError(NamedTuple):
-    """What the law's forecasts of a state and "tomorrow as today" are off, in its unit, empty if that is not known."""
+    """What the law's forecasts of a state and "tomorrow as today" are off, in its unit, empty if that is not known.
+
+    The noise is what measurements of it are off by themselves, NaN if that is not known.
+    """
 
     state: str
     law: float
     persistence: float
     unit: str
+    noise: float
+
+    @property
+    def unexplained(self) -> float:
+        """What the law's forecasts are off beyond the noise."""
+        return sqrt(max(self.law**2 - self.noise**2, 0.0))
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,7 @@ class LawVerdict:
     longest
         How far ahead could be judged.
     time_unit
-        Of both; empty if it is not known.
+        Of both; "units of t", by the name of the column, if it is not known.
     error, persistence
         What the law's forecasts and "tomorrow as today" are off up to the horizon, or if that is 0 everywhere.
     state_errors
@@ -68,6 +78,14 @@ class LawVerdict:
         What could not be judged, and why.
     unknown_objects
         Objects that the law does not know, which were forecast with the mean coefficients of the others.
+    exact
+        Whether the law leaves no more than errors of measurement, as it was found; if not, it has a model error.
+    none_exact
+        Whether that holds for none of the laws that it was chosen from.
+    few_samples
+        Whether an equation has as many terms as its samples can tell apart.
+    without_terms
+        Left-hand sides of equations for which no term was found.
     """
 
     judged_on: str
@@ -85,6 +103,10 @@ class LawVerdict:
     poorly_known: tuple[str, ...]
     unjudged: tuple[str, ...] = ()
     unknown_objects: tuple[str, ...] = ()
+    exact: bool = True
+    none_exact: bool = False
+    few_samples: bool = False
+    without_terms: tuple[str, ...] = ()
 
     @property
     def usable(self) -> bool | None:
@@ -135,9 +157,11 @@ class LawVerdict:
             beyond = ", beyond which it is off by more than half of the states' spread"
             end = ", the farthest that was judged" if self.horizon == self.longest else beyond
             seen = "By samples that it was learned from, this" if self.in_sample else "This"
-            yield f"{seen} law can be used for forecasts up to {self._time(self.horizon)} ahead{end}."
+            only = "" if self.exact else "; it is a summary, though, and not exact"
+            yield f"{seen} law can be used for forecasts up to {self._time(self.horizon)} ahead{end}{only}."
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
+        yield from self._found()
         if self.measurements:
             yield from self._errors()
             yield from self._bands()
@@ -145,6 +169,26 @@ class LawVerdict:
             yield f"Poorly known, with errors above half of their size: {listed(self.poorly_known)}."
         if self.unjudged:
             yield f"Not judged: {listed(self.unjudged, '; ')}."
+        if advice := "; ".join(self._advice()):
+            yield f"To get further: {advice}."
+
+    def _found(self) -> Iterator[str]:
+        if self.without_terms:
+            names = " and ".join(self.without_terms)
+            yield f"It says that {names} stays zero: none of the terms that were offered proved its worth."
+        if not self.exact:
+            others = ", as no other law of the terms that were offered does" if self.none_exact else ""
+            yield f"It does not explain the measurements to within their errors{others}."
+        if self.few_samples:
+            yield "It has as many terms as so few samples can tell apart."
+
+    def _advice(self) -> Iterator[str]:
+        if not self.exact:
+            yield "offer terms for what is missing, or give the noise if it is known to be larger"
+        elif self.without_terms or self.usable is False:
+            yield "offer other terms, or measure more, or more exactly"
+        if self.few_samples or 0 < self.measurements < _FEW:
+            yield "measure more samples or more trials"
 
     def _errors(self) -> Iterator[str]:
         seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
@@ -156,16 +200,24 @@ class LawVerdict:
             upto = f"Up to {self._time(self.horizon)} ahead" if self.horizon else "On the whole"
             names = " and ".join(each.state for each in self.state_errors)
             own = " and ".join(_number(each.law, each.unit) for each in self.state_errors)
+            worse = [each.state for each in self.state_errors if each.law > NO_BETTER * each.persistence]
             last = " and ".join(_number(each.persistence, each.unit) for each in self.state_errors)
-            times = f": {_number(self.persistence / self.error)} times as much" if self.error else ""
+            together = " in all, relative to their spreads," if len(self.state_errors) > 1 else ""
+            times = f":{together} {_number(self.persistence / self.error)} times as much" if self.error else ""
             yield f'{upto}, forecasts of {names} are off by {own}, "tomorrow as today" by {last}{times}.'
+            if worse and not self._is_no_better:
+                yield f'For {" and ".join(worse)} that is no better than "tomorrow as today".'
+            if not self.exact and all(each.noise > 0 for each in self.state_errors):
+                noise = " and ".join(_number(each.noise, each.unit) for each in self.state_errors)
+                rest = " and ".join(_number(each.unexplained, each.unit) for each in self.state_errors)
+                yield f"The measurements of {names} themselves are off by {noise}; {rest} stays unexplained."
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:
             yield "It has no bands, as it does not know how accurate it is."
         elif self.coverage < _NARROW and self.measurements >= _MANY:
             yield f"Its 95 % bands are too narrow: they held {_percent(self.coverage)} of the measurements."
-        else:
+        elif self.measurements >= _FEW:
             yield f"Its 95 % bands held {_percent(self.coverage)} of the measurements."
 
     def _time(self, span: float) -> str:

@@ -10,6 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.population import is_typical, law_of
 from commonlaw.law.verdict import LawVerdict, StateError, listed
+from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
 from commonlaw.verdict.stretches import Kind, StretchErrors, forecast_errors, stretches
 
@@ -44,8 +45,9 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     near = errors.leads <= (horizon or np.inf)
-    own, last = errors.errors[near], errors.persistence[near]
+    own, last, noise = errors.errors[near], errors.persistence[near], errors.noise[near]
     units = [trials.schema.units.get(name, "") for name in law.states]
+    told = {each.kind for each in law.outcomes}
     counted = ~np.isnan(errors.errors)
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
@@ -55,14 +57,18 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         measurements=int(counted.sum()),
         horizon=horizon,
         longest=float(np.max(errors.leads[counted.any(axis=1)], initial=0.0)),
-        time_unit=trials.schema.units.get(trials.schema.time, ""),
+        time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
         error=_rms(own / spread),
         persistence=_rms(last / spread),
-        state_errors=tuple(map(StateError, law.states, map(_rms, own.T), map(_rms, last.T), units)),
+        state_errors=tuple(map(StateError, law.states, map(_rms, own.T), map(_rms, last.T), units, map(_rms, noise.T))),
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
         unjudged=tuple(unjudged),
         unknown_objects=tuple(dict.fromkeys(each.object for each in judged if is_typical(law, each.object, trials))),
+        exact=OutcomeKind.MODEL_ERROR not in told and not law.uncertainty.error_model.of_law,
+        none_exact=OutcomeKind.MODEL_ERROR in told,
+        few_samples=OutcomeKind.FEW_SAMPLES in told,
+        without_terms=tuple(each.where for each in law.outcomes if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )
 
 
@@ -81,6 +87,7 @@ def _joined(found: Sequence[StretchErrors], spread: Floats) -> StretchErrors:
         kept * np.concatenate([none, *(each.errors for each in found)]),
         kept * np.concatenate([none, *(each.persistence for each in found)]),
         kept * np.concatenate([none, *(each.inside for each in found)]),
+        kept * np.concatenate([none, *(each.noise for each in found)]),
         any(each.diverged for each in found),
     )
 

@@ -54,6 +54,8 @@ class StretchErrors:
         The same of the last values that were measured before the stretch.
     inside
         1 where the 95 % band held the measurement, 0 where it did not, NaN where there is none, shape (n, states).
+    noise
+        Standard deviation of the errors of measurement, shape (n, states); NaN where it is not known.
     diverged
         Whether the forecast ran away.
     """
@@ -62,6 +64,7 @@ class StretchErrors:
     errors: Floats
     persistence: Floats
     inside: Floats
+    noise: Floats
     diverged: bool
 
 
@@ -107,13 +110,14 @@ def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors
     errors = forecast.trajectories[0].states[ahead, :states] - measured
     diverged = bool(forecast.outcomes)
     errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
-    inside = np.full(errors.shape, np.nan)
+    inside, noise = np.full((2, *errors.shape), np.nan)
     if forecast.std is not None:
+        noise = np.where(np.isfinite(measured), forecast.measurement_std()[0][ahead], np.nan)
         low, high = (end[ahead] for end in forecast.bands(measured=True)[0])
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
     leads = trial.times[first:] - trial.times[first - 1]
-    return StretchErrors(leads, errors, _last(trial.states[:first]) - measured, inside, diverged)
+    return StretchErrors(leads, errors, _last(trial.states[:first]) - measured, inside, noise, diverged)
 
 
 def _last(states: Floats) -> Floats:

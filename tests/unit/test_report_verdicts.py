@@ -1,0 +1,119 @@
+"""What a report says at its top, on data whose law is known, not in the library, or not to be had."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.report import law_report
+from commonlaw.report.document import Table
+
+TIMES = np.arange(60) * 0.1
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return cl.datasets.linear_drag(drag=(-0.5, -0.9), trials=1, noise=0.02)
+
+
+def top_of(report):
+    """Return the words at the top of a page, without their formula and marks."""
+    return re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", report.summary))
+
+
+def table_of(report, name):
+    return next(each.frame for each in report.named_blocks() if isinstance(each, Table) and each.name == name)
+
+
+def judged(law, trials):
+    """Return errors and bands of forecasts of the last 35 % of each trial, found by themselves."""
+    frames = []
+    for trial in trials:
+        first = trial.times[int(np.ceil(0.65 * len(trial)))]
+        forecast = law.predict(trials.with_trials([trial]), from_time=first, return_std=True, tolerance=1e-6)
+        frames.append(forecast.to_frame())
+    return pd.concat(frames)
+
+
+def numbers_agree(top, law, trials):
+    """Check the errors and the share within bands that the top of a page tells, where all of it was judged."""
+    frame = judged(law, trials)
+    error = np.sqrt(np.mean(frame["x error"] ** 2))
+    held = np.mean((frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"]))
+    assert f"{len(frame)} measurements" in top
+    assert f"forecasts of x are off by {error:.3g} m" in top
+    assert f"Its 95 % bands held {100 * held:.0f} % of the measurements" in top
+    return error
+
+
+def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(drops):
+    law = cl.discover(drops, order=2, library="poly:1")
+    report = law_report(law, drops)
+    top = top_of(report)
+    assert top.startswith(
+        "**By samples that it was learned from, this law can be used for forecasts up to 1.13 s ahead"
+    )
+    assert numbers_agree(top, law, drops) < 0.06
+    assert not re.search("exact|Do not|get further|stays zero", top)
+    assert table_of(report, "residuals-by-state")["rms error"].item() < 0.1
+    assert law.score(drops) > 0.9999
+
+
+def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leaves(drops):
+    law = cl.discover(drops, order=2, library="terms:x")
+    top = top_of(law_report(law, drops))
+    assert "the farthest that was judged; it is a summary, though, and not exact.**" in top
+    assert "does not explain the measurements to within their errors, as no other law of the terms" in top
+    error = numbers_agree(top, law, drops)
+    noise = law.noise[0]
+    assert error > 10 * noise
+    assert f"themselves are off by {noise:.3g} m; {np.sqrt(error**2 - noise**2):.3g} m stays unexplained" in top
+    assert "To get further: offer terms for what is missing" in top
+
+
+def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
+    verdict = cl.fit("x'' = a x", drops).verdict(drops)
+    assert not verdict.exact
+    assert verdict.sentences[1] == "It does not explain the measurements to within their errors."
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_in_noise_nothing_is_found_and_that_is_said(seed):
+    states = np.random.default_rng(seed).normal(size=(4, 60))
+    noise = cl.Trials.from_arrays([TIMES] * 4, list(states), units={"t": "s", "x": "m"})
+    law = cl.discover(noise)
+    report = law_report(law, noise)
+    top = top_of(report)
+    assert top.startswith("**Do not use this law for forecasts: ")
+    assert "It says that x' stays zero: none of the terms that were offered proved its worth." in top
+    assert "To get further: offer other terms, or measure more" in top
+    numbers_agree(top, law, noise)
+    assert law.score(noise) < 0
+    assert table_of(report, "residuals-by-state")["rms error"].item() > 1
+
+
+def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
+    times = np.arange(5.0)
+    few = cl.Trials.from_arrays(times, np.exp(-times), units={"t": "s", "x": "m"})
+    top = top_of(law_report(cl.discover(few), few))
+    assert top.startswith("**Whether this law can be used for forecasts could not be judged: too few, 1 measurement")
+    assert "It has as many terms as so few samples can tell apart." in top
+    assert "bands" not in top
+    assert "To get further: measure more samples or more trials." in top
+
+
+def test_a_state_that_never_changes_has_no_law():
+    constant = cl.Trials.from_arrays(TIMES, np.full(60, 3.0))
+    with pytest.raises(cl.CommonlawError, match="never changes: nothing can be learned from it"):
+        cl.discover(constant)
+
+
+def test_of_several_states_those_that_are_forecast_no_better_are_named():
+    times = np.arange(40.0)
+    states = np.column_stack([times, 5 * np.exp(-times / 3)])
+    trials = cl.Trials.from_arrays(times, states, names=["x", "y"])
+    verdict = cl.Law.from_text("x' = 1; y' = 0.01").verdict(trials)
+    assert verdict.usable
+    assert 'For y that is no better than "tomorrow as today".' in verdict.sentences
