@@ -9,6 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from itertools import combinations
 from urllib.parse import urlsplit
 
 import pytest
@@ -110,14 +111,10 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
         assert page.execute_script(MOVES) < 100
 
-        page.execute_script("document.getElementById('slider').value = 0")
-        page.execute_script("document.getElementById('slider').dispatchEvent(new Event('input'))")
+        slide(page, 0)
         assert text(page, "which").startswith("1 term")
-        assert len(page.find_elements("css selector", "#terms button[aria-pressed=true]")) == 1
-        out = page.find_element("css selector", "#terms button[aria-pressed=false]:enabled")
-        label = out.get_attribute("aria-label")
-        out.click()
-        assert page.find_element("css selector", f'#terms button[aria-label="{label}"][aria-pressed=true]')
+        assert len(pressed(page)) == 1
+        take_other_terms(page)
         wait(page, "$('own_plot').querySelector('canvas')")
         before = page.find_element("id", "start_0").get_attribute("value")
         over = page.find_element("css selector", "#own_plot .u-over")
@@ -154,6 +151,43 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         check_others_are_refused(address)
 
 
+def pressed(page):
+    return frozenset(each.text for each in page.find_elements("css selector", "#terms button[aria-pressed=true]"))
+
+
+def take_other_terms(page):
+    """Click terms until they are those of a law that was not compared; it is then a candidate."""
+    names = [each.text for each in page.find_elements("css selector", "#terms button")]
+    most = int(page.find_element("id", "slider").get_attribute("max"))
+    seen = set()
+    for i in range(most + 1):
+        slide(page, i)
+        seen.add(pressed(page))
+    (missing,) = {frozenset(own) for size in (1, 2, 3) for own in combinations(names, size)} - seen
+    for name in pressed(page) - missing:
+        click_term(page, name)
+    wait(page, "$('which').textContent.includes('taken by you')")
+    assert pressed(page) == missing
+    for name in missing:
+        click_term(page, name)
+    assert "leave it one at least" in wait(page, "$('terms_failed').textContent")
+    assert len(pressed(page)) == 1
+    page.refresh()
+    wait(page, f"Number($('slider').max) === {most + 1}")
+
+
+def slide(page, index):
+    page.execute_script(
+        "const slider = document.getElementById('slider'); slider.value = arguments[0];"
+        "slider.dispatchEvent(new Event('input'))",
+        index,
+    )
+
+
+def click_term(page, name):
+    page.find_element("css selector", f'#terms button[data-term="{name}"]').click()
+
+
 def check_others_are_refused(address):
     """Check that no other site may ask, and that no path of the machine can be named."""
     parts = urlsplit(address)
@@ -186,7 +220,7 @@ def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_
         choose(page, "sample", "lorenz")
         wait(page, "$('counts').textContent.includes('lorenz')")
         page.find_element("id", "start").click()
-        wait(page, "!$('cancel').hidden && $('stage').textContent")
+        wait(page, "!$('going').hidden && $('going_stage').textContent")
         first = page.current_window_handle
         page.switch_to.new_window("tab")
         page.get(address)
@@ -196,7 +230,7 @@ def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_
         page.close()
         page.switch_to.window(first)
         assert "lorenz" in text(page, "counts")
-        page.find_element("id", "cancel").click()
+        page.find_element("id", "going_cancel").click()
         assert wait(page, "$('failed').textContent") == "cancelled"
         assert page.find_element("id", "start").is_enabled()
 

@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.app.preview import Sample, preview, sample_table, simulated
 from commonlaw.app.question import Columns, HoldOut, Table, named
-from commonlaw.app.result import found
+from commonlaw.app.result import found, of_terms, support_of
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +53,18 @@ def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
     ):
         with pytest.raises(cl.CommonlawError, match=words):
             simulated(asked, wrong)
+
+
+def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
+    before = found(law, drops, drops, lambda _: None)
+    after = before.with_laws([of_terms(before, support_of(law, [["1"]]), lambda _: None)])
+    first, other = after.shown["candidates"]
+    assert first is before.shown["candidates"][0]
+    assert (other["terms"], other["own"], other["chosen"]) == ([["1"]], True, False)
+    assert other["score"] < first["score"]
+    for terms, words in (([], "1 equation "), ([["w"]], "unknown term 'w'")):
+        with pytest.raises(cl.CommonlawError, match=words):
+            support_of(law, terms)
 
 
 def test_columns_are_recognised_and_can_be_named():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import candidate_laws
+from commonlaw.inference import candidate_law, candidate_laws
 from commonlaw.law import Alternative, Provenance
 
 
@@ -35,6 +35,15 @@ def test_other_candidates_have_the_coefficients_that_a_fit_of_them_gives(law, dr
     np.testing.assert_allclose(
         larger.coefficients[:, larger.support], fitted.coefficients[:, fitted.support], rtol=1e-4
     )
+
+
+def test_a_law_of_other_terms_is_that_candidate_or_says_what_is_missing(law, drops):
+    larger = candidate_laws(law, drops)[-1]
+    again = candidate_law(law, drops, larger.law.support)
+    assert np.array_equal(again.law.coefficients, larger.law.coefficients)
+    assert again.evidence == larger.evidence
+    with pytest.raises(cl.CommonlawError, match="leave it one at least"):
+        candidate_law(law, drops, law.support & False)
 
 
 def test_known_coefficients_stay_in_every_candidate(drops):

@@ -3,35 +3,57 @@
 So nothing is fitted or asked for when somebody moves along the candidates.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
-from commonlaw.inference import CandidateLaw, candidate_laws
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference import CandidateLaw, candidate_law, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import with_error
 from commonlaw.report.formulas import coefficient_names, law_latex
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
 from commonlaw.verdict import checked_forecast, is_of_training
+from commonlaw.wording import counted
 
 _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
 """Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""
 
 
 @dataclass(frozen=True, eq=False)
+class ShownLaw:
+    """A candidate, and what the page is sent of it."""
+
+    law: Law
+    shown: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
-    """What a search found: the law, its trials, and what the page is sent."""
+    """What a search found: the law, its trials, forecasts that check it or why there are none, and its candidates."""
 
     law: Law
     trials: Trials
     training: Trials
-    candidates: tuple[CandidateLaw, ...]
-    shown: dict[str, Any]
+    checked: Forecast | None
+    lacking: tuple[str, ...]
+    about: dict[str, Any]
+    """What the page is sent beside the candidates."""
+    candidates: tuple[ShownLaw, ...] = ()
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """All that the page is sent."""
+        return self.about | {"candidates": [each.shown for each in self.candidates]}
+
+    def with_laws(self, laws: Iterable[ShownLaw]) -> "Found":
+        """Return this with more candidates, after those that there are."""
+        return replace(self, candidates=(*self.candidates, *laws))
 
 
 def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Found:
@@ -43,7 +65,7 @@ def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None
     forecast, lacking = checked_forecast(law, trials, training, bands=True)
     trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
     schema, check = trials.schema, trials.check()
-    shown = {
+    about = {
         "verdict": verdict.sentences,
         "usable": verdict.usable,
         "held_out": forecast is not None and not is_of_training(forecast, training),
@@ -52,32 +74,55 @@ def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None
         "rates": law.rates,
         "inputs": schema.inputs,
         "terms": law.terms.names,
+        "known": _terms(law, (law.standard_errors == 0).all(axis=0)),
+        "others": law.shared and law.order > 0,
         "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
-        "candidates": [_candidate(each, forecast, law) for each in laws],
         "odd": [*check.lines(), *check.notes, *map(str, law.outcomes), *lacking],
         "history": [[each.stage, each.choice, each.reason] for each in law.history],
     }
-    return Found(law, trials, training, laws, shown)
+    made = Found(law, trials, training, forecast, lacking, about)
+    return made.with_laws(_shown(each, made) for each in laws)
 
 
-def _candidate(candidate: CandidateLaw, checked: Forecast | None, chosen: Law) -> dict[str, Any]:
-    """Return what the page shows of a candidate."""
+def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
+    """Return which terms of its library a law has if each equation has those of these names."""
+    if len(terms) != len(law.states):
+        raise CommonlawError(f"terms of {counted(len(law.states), 'equation')} are needed, not of {len(terms)}")
+    for name in chain.from_iterable(terms):
+        check_choice("term", name, law.terms.names)
+    return np.array([[name in own for name in law.terms.names] for own in terms])
+
+
+def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> ShownLaw:
+    """Return the law of other terms with all that the page needs of it."""
+    show(f"fitting {counted(int(support.sum()), 'term')}")
+    candidate = candidate_law(found.law, found.training, support)
+    show("forecasting with it")
+    made = _shown(candidate, found)
+    return replace(made, shown=made.shown | {"own": True})
+
+
+def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
+    """Return a candidate with what the page shows of it."""
     law = candidate.law
-    forecast = None if checked is None else _forecast(law, checked, candidate.chosen, chosen)
+    forecast = None if found.checked is None else _forecast(law, found.checked, candidate.chosen, found.law)
     score = None if forecast is None else forecast.score()
-    return {
+    shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
         "text": list(law.structure()) if law.shared else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
-        "terms": _terms(law),
+        "left": law.left_hand_sides,
+        "terms": _terms(law, law.support),
         "table": _table(law),
         "score": score if score is not None and np.isfinite(score) else None,
+        "diverged": 0 if forecast is None else len(forecast.outcomes),
         "curves": [] if forecast is None else list(_curves(forecast)),
     }
+    return ShownLaw(law, shown)
 
 
 def _forecast(law: Law, checked: Forecast, is_chosen: bool, chosen: Law) -> Forecast | None:
@@ -98,12 +143,9 @@ def _mathml(law: Law) -> str:
         return ""
 
 
-def _terms(law: Law) -> list[dict[str, Any]]:
-    """Return for each equation its left-hand side and which terms are in it, of those that any candidate has."""
-    return [
-        {"left": left, "in": [name for name, there in zip(law.terms.names, row, strict=True) if there]}
-        for left, row in zip(law.left_hand_sides, law.support, strict=True)
-    ]
+def _terms(law: Law, support: Bools) -> list[list[str]]:
+    """Return the names of terms of each equation."""
+    return [[name for name, there in zip(law.terms.names, row, strict=True) if there] for row in support]
 
 
 def _table(law: Law) -> dict[str, Any]:

@@ -25,14 +25,13 @@ from commonlaw.law import Forecast
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_page
 from commonlaw.trials.sources import table_in
-from commonlaw.verdict import checked_forecast
+
+_SCRIPTS = ("app", "basics", "curves", "law", "measurements", "plots", "question", "take", "uplot")
 
 ASSETS = {
     "": ("index.html", "text/html"),
-    "app.js": ("app.js", "text/javascript"),
-    "plots.js": ("plots.js", "text/javascript"),
+    **{f"{name}.js": (f"{name}.js", "text/javascript") for name in _SCRIPTS},
     "app.css": ("app.css", "text/css"),
-    "uplot.js": ("uplot.js", "text/javascript"),
     "uplot.css": ("uplot.css", "text/css"),
 }
 """All files that are served, by their address: no other can be named."""
@@ -52,6 +51,11 @@ class _DataSet(msgspec.Struct, forbid_unknown_fields=True):
     name: str
 
 
+class _OtherTerms(msgspec.Struct, forbid_unknown_fields=True):
+    terms: list[list[str]]
+    """Names of terms, for each equation."""
+
+
 def application(sessions: Sessions, first: str | None) -> Starlette:
     """Return what answers; `first` is the name of a table that the page opens with."""
 
@@ -67,6 +71,9 @@ def application(sessions: Sessions, first: str | None) -> Starlette:
         ("/searches", "POST", _search),
         ("/searches/{name}", "GET", _state),
         ("/searches/{name}", "DELETE", _cancel),
+        ("/searches/{name}/terms", "POST", _fit_terms),
+        ("/searches/{name}/terms", "GET", _fit_state),
+        ("/searches/{name}/terms", "DELETE", _cancel_fit),
         ("/searches/{name}/forecasts", "POST", _forecast),
         ("/searches/{name}/{file}", "GET", _file),
     ):
@@ -132,8 +139,25 @@ async def _cancel(sessions: Sessions, request: Request) -> Response:
     return _json({})
 
 
+async def _fit_terms(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), _OtherTerms)
+    await run_in_threadpool(sessions.fit_terms, request.path_params["name"], asked.terms)
+    return _json({})
+
+
+async def _fit_state(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    return _json(await run_in_threadpool(search.fit_state))
+
+
+async def _cancel_fit(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    await run_in_threadpool(search.cancel_fit)
+    return _json({})
+
+
 async def _forecast(sessions: Sessions, request: Request) -> Response:
-    found = _found(sessions.searches.get(request.path_params["name"]))
+    found = sessions.searches.get(request.path_params["name"]).found
     asked = read_json(await request.body(), Sample)
     return _json(await run_in_threadpool(simulated, found, asked))
 
@@ -152,7 +176,7 @@ async def _file(sessions: Sessions, request: Request) -> Response:
     }
     if name not in makers:
         raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(makers)}")
-    content = await run_in_threadpool(makers[name], search, _found(search))
+    content = await run_in_threadpool(makers[name], search, search.found)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
 
@@ -172,16 +196,9 @@ def _forecasts(_: Search, found: Found) -> str:
 
 
 def _forecast_of(found: Found) -> Forecast:
-    forecast, lacking = checked_forecast(found.law, found.trials, found.training, bands=True)
-    if forecast is None:
-        raise CommonlawError("; ".join(lacking))
-    return forecast
-
-
-def _found(search: Search) -> Found:
-    if search.is_running or search.found is None:
-        raise CommonlawError("the search has found no law yet: wait for it")
-    return search.found
+    if found.checked is None:
+        raise CommonlawError("; ".join(found.lacking))
+    return found.checked
 
 
 def _json(value: Any, status: int = 200) -> Response:

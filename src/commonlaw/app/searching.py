@@ -1,19 +1,14 @@
-"""Searches, each in a process of its own: the page stays alive, and what is cancelled ends at once."""
+"""Searches, and the laws of other terms that are asked for when they have ended."""
 
-import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from time import monotonic
+from functools import partial
 from typing import Any
 
 from commonlaw.app.question import Question, Table
-from commonlaw.app.result import Found, found
+from commonlaw.app.result import Found, ShownLaw, found, of_terms, support_of
+from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
-
-_CONTEXT = get_context("spawn")
-"""A forked process would have the threads' locks of this one, and none of its threads."""
 
 
 @dataclass
@@ -26,84 +21,69 @@ class Search:
         What is asked.
     table
         The table that it is asked of.
+    fits
+        Of laws of other terms, in the order in which they were asked for; only the last may go on.
     """
 
     question: Question
     table: Table
-    stages: list[str] = field(default_factory=lambda: ["starting"])
-    failure: str = ""
-    found: Found | None = None
+    fits: list[Work[ShownLaw]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._began = monotonic()
-        self._connection, other = _CONTEXT.Pipe(duplex=False)
-        self._process = _CONTEXT.Process(target=_work, args=(other, self.question, self.table), daemon=True)
-        self._process.start()
-        other.close()
+        self._work = Work(partial(_answer, self.question, self.table))
 
     @property
     def is_running(self) -> bool:
-        """Whether it goes on; takes in what the process has said."""
-        while self._is_open and self._connection.poll():
-            self._take()
-        return self._is_open
+        """Whether it, or a fit, goes on."""
+        return self._work.is_running or self.is_fitting
+
+    @property
+    def is_fitting(self) -> bool:
+        """Whether a fit goes on."""
+        return any(each.is_running for each in self.fits[-1:])
+
+    @property
+    def found(self) -> Found:
+        """What it found, with the laws that were fitted since.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no law yet.
+        """
+        if self._work.is_running or self._work.made is None:
+            raise CommonlawError("the search has found no law yet: wait for it")
+        return self._work.made.with_laws(each.made for each in self.fits if not each.is_running and each.made)
+
+    def fit_terms(self, terms: Sequence[Sequence[str]]) -> None:
+        """Begin to fit the law of these terms, those of each equation, in place of one that is being fitted."""
+        found = self.found
+        support = support_of(found.law, terms)
+        self.cancel_fit()
+        self.fits.append(Work(partial(of_terms, found, support)))
 
     def cancel(self) -> None:
-        """End it now, if it goes on."""
-        if self.is_running:
-            self._process.kill()
-            self._close("cancelled")
+        """End all that goes on."""
+        self._work.cancel()
+        self.cancel_fit()
+
+    def cancel_fit(self) -> None:
+        """End the fit of a law of other terms, if one goes on."""
+        for each in self.fits[-1:]:
+            each.cancel()
 
     def state(self) -> dict[str, Any]:
         """Return what the page is told."""
-        running = self.is_running
-        seconds = round(monotonic() - self._began, 1)
-        return {
-            "running": running,
-            "stages": self.stages,
-            "seconds": seconds if running else None,
-            "failure": self.failure,
-            "found": None if self.found is None else self.found.shown,
-        }
+        told = self._work.state()
+        is_there = not told["running"] and not told["failure"]
+        found = self.found.shown if is_there else None
+        return told | {"found": found, "fitting": self.is_fitting, "asked": self.question if is_there else None}
 
-    @property
-    def _is_open(self) -> bool:
-        return not self._connection.closed
-
-    def _take(self) -> None:
-        try:
-            kind, value = self._connection.recv()
-        except (EOFError, pickle.UnpicklingError):
-            self._process.join(1)
-            self._close(
-                f"the search ended by itself, with code {self._process.exitcode}: there may be too little memory"
-            )
-            return
-        if kind == "stage":
-            self.stages.append(value)
-        elif kind == "failure":
-            self._close(value)
-        else:
-            self.found = value
-            self._close("")
-
-    def _close(self, failure: str) -> None:
-        self.failure = failure
-        self._connection.close()
-
-
-def _work(connection: Connection, question: Question, table: Table) -> None:
-    """Search, and say how far it has come; the main function of the process."""
-
-    def show(stage: str) -> None:
-        connection.send(("stage", stage))
-
-    try:
-        connection.send(("found", _answer(question, table, show)))
-    except CommonlawError as error:
-        connection.send(("failure", str(error)))
-    except MemoryError:
-        connection.send(("failure", "there is not enough memory for this: take fewer trials or a smaller library"))
+    def fit_state(self) -> dict[str, Any]:
+        """Return what the page is told of the law of other terms asked for last; when it is there, where it stands."""
+        if not self.fits:
+            raise CommonlawError("no law of other terms was asked for")
+        return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}
 
 
 def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Found:

@@ -1,6 +1,6 @@
 """What the server keeps for its pages: tables and searches, the latest of each."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from secrets import token_hex
 from typing import Generic, TypeVar
@@ -61,9 +61,25 @@ class Sessions:
             If its table is not there, or too many searches run.
         """
         table = self.tables.get(question.table)
-        if sum(each.is_running for each in self.searches.values.values()) >= _AT_ONCE:
-            raise CommonlawError(f"{_AT_ONCE} searches run already: wait for one of them, or cancel it")
+        self._check_room(())
         return self.searches.add(Search(question, table))
+
+    def fit_terms(self, name: str, terms: Sequence[Sequence[str]]) -> None:
+        """Begin to fit a law of other terms to what a search was asked of.
+
+        Raises
+        ------
+        CommonlawError
+            If the search is not there or has no law, there are no such terms, or too many searches run.
+        """
+        search = self.searches.get(name)
+        self._check_room((search,))
+        search.fit_terms(terms)
+
+    def _check_room(self, but: Sequence[Search]) -> None:
+        running = [each for each in self.searches.values.values() if each not in but and each.is_running]
+        if len(running) >= _AT_ONCE:
+            raise CommonlawError(f"{_AT_ONCE} searches run already: wait for one of them, or cancel it")
 
     def close(self) -> None:
         """End all that goes on."""

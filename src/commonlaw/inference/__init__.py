@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.adaptation import adapt
-from commonlaw.inference.candidates import CandidateLaw, candidate_laws
+from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
@@ -22,6 +22,7 @@ __all__ = [
     "LawSearch",
     "adapt",
     "best_course",
+    "candidate_law",
     "candidate_laws",
     "compare",
     "error_kinds",

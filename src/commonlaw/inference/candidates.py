@@ -1,6 +1,7 @@
 """From the candidates that a law was chosen from to laws: each fitted to the same trials, from few terms to many."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from commonlaw.inference.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
 from commonlaw.trials import Trials
+from commonlaw.wording import counted
 
 _MEASURES = ("2 log B", "held-out error", "BIC", "EBIC", "AIC", "AICc")
 """What tells the best candidate of a size, the first that all have; small is good."""
@@ -74,12 +76,48 @@ def candidate_laws(
         return (chosen,)
     found = [chosen]
     for support in _supports(law, most - 1):
-        progress(f"fitting the candidate with {support.sum()} terms")
-        try:
-            found.append(CandidateLaw(_fitted(law, support, trials), _evidence(law, support), False))
-        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-            continue  # What cannot be fitted is no rival
+        progress(f"fitting the candidate with {counted(int(support.sum()), 'term')}")
+        with suppress(CommonlawError):  # What cannot be fitted is no rival
+            found.append(candidate_law(law, trials, support))
     return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
+
+
+def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
+    """Return the law with other terms of its library, fitted as `candidate_laws` does it.
+
+    Parameters
+    ----------
+    law
+        A law of order 1 or 2 whose objects share their terms.
+    trials
+        Those that it was learned from.
+    support
+        Which terms there are, shape (equations, terms); known coefficients stay in any case.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no term, or coefficients cannot be found for them.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> law = cl.discover(drops, order=2, library="poly:1")
+    >>> law.terms.names
+    ('1', 'x', 'v')
+    >>> candidate_law(law, drops, np.array([[True, True, False]])).law.structure()
+    ("x'' = a + b x",)
+    """
+    if not np.any(support):
+        raise CommonlawError("a law without any term says nothing: leave it one at least")
+    try:
+        fitted = _fitted(law, support, trials)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise CommonlawError(
+            f"no coefficients can be found for these terms ({error}): leave one out, or take another one in"
+        ) from None
+    return CandidateLaw(fitted, _evidence(law, support), False)
 
 
 def _supports(law: Law, most: int) -> list[Bools]:

@@ -1,0 +1,63 @@
+// What all parts of the page share: what they know, asking the server, making elements, waiting for work.
+
+export const $ = id => document.getElementById(id);
+export const state = { table: null, search: null, preview: null, found: null, columns: {}, at: 0 };
+
+export async function ask(path, method = "GET", body = undefined) {
+  const answer = await fetch(path, { method, body: body instanceof Blob || body === undefined ? body : JSON.stringify(body) });
+  const said = answer.headers.get("content-type")?.startsWith("application/json") ? await answer.json() : {};
+  if (!answer.ok) throw new Error(said.error ?? `the server refused this (${answer.status}): start the app again`);
+  return said;
+}
+
+export function element(kind, text = "", attributes = {}) {
+  const made = document.createElement(kind);
+  made.textContent = text;
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+}
+
+export function fill(table, head, rows) {
+  const line = (cells, kind) => { const row = element("tr"); row.append(...cells.map(each => element(kind, each ?? "", kind === "th" ? { scope: "col" } : {}))); return row; };
+  table.tHead.replaceChildren(line(head, "th"));
+  table.tBodies[0].replaceChildren(...rows.map(row => line(row, "td")));
+}
+
+export function plural(count, word) {
+  return `${count} ${word}${count === 1 ? "" : "s"}`;
+}
+
+export function withUnit({ name, unit }) {
+  return unit ? `${name} (${unit})` : name;
+}
+
+export function remember() {
+  const kept = Object.entries({ table: state.table, search: state.search }).filter(([, value]) => value);
+  history.replaceState(null, "", `#${new URLSearchParams(kept)}`);
+}
+
+export async function trying(place, work) {
+  $(place).textContent = "";
+  try {
+    await work();
+  } catch (error) {
+    $(place).textContent = error.message;
+  }
+}
+
+/** Wait for work of the server, and return what is told when it has ended; null if `left` says that nobody waits any more. */
+export async function follow(path, place, left) {
+  const bar = $(place), stage = $(`${place}_stage`), cancel = $(`${place}_cancel`);
+  bar.hidden = false;
+  cancel.onclick = () => ask(path, "DELETE");
+  for (;;) {
+    const told = await ask(path);
+    if (left()) return null;
+    bar.hidden = !told.running;
+    if (told.failure) throw new Error(told.failure);
+    if (!told.running) return told;
+    const [what, seconds] = told.stages.at(-1);
+    stage.textContent = `${what} (${Math.round(seconds)} s)`;
+    await new Promise(done => setTimeout(done, 400));
+  }
+}

@@ -1,0 +1,119 @@
+// 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
+import { $, ask, element, fill, follow, plural, state, trying } from "./basics.js";
+import { forecastOwn, showCurves, showOwn, showTrialChoices } from "./curves.js";
+import { showFiles } from "./take.js";
+
+/** What a search has told. */
+export function show({ found, asked, fitting }) {
+  Object.assign(state, { found, asked });
+  $("result").hidden = false;
+  $("verdict").textContent = found.verdict.join(" ");
+  $("state").replaceChildren(...found.states.map((each, i) => element("option", each.name, { value: i })));
+  showTrialChoices(found);
+  showOwn(found);
+  showFiles();
+  fill($("history"), ["stage", "choice", "reason"], found.history);
+  showCandidates();
+  move(found.candidates.findIndex(each => each.chosen));
+  $("law_title").scrollIntoView();
+  if (fitting) trying("terms_failed", followFit);
+}
+
+/** Put candidates in order along the slider, and their terms on buttons. */
+function showCandidates() {
+  const { candidates } = state.found, key = each => [each.size, -(each.evidence ?? 0), Number(each.chosen)];
+  const before = (a, b) => a.map((each, i) => each - b[i]).find(Boolean) ?? 0;
+  state.order = candidates.map((_, i) => i).sort((i, j) => before(key(candidates[i]), key(candidates[j])));
+  $("slider").max = candidates.length - 1;
+  $("slider").disabled = candidates.length < 2;
+  showTerms();
+}
+
+export function move(index) {
+  const began = performance.now(), found = state.found, candidate = found.candidates[index];
+  Object.assign(state, { at: index, wanted: candidate.terms });
+  $("slider").value = state.order.indexOf(index);
+  const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
+  if (candidate.evidence !== null) parts.push(`2 log B ${candidate.evidence.toPrecision(3)}`);
+  if (candidate.score !== null) parts.push(`R² of forecasts ${candidate.score.toPrecision(4)}${found.held_out ? " (held out)" : ""}`);
+  if (candidate.diverged) parts.push(`${plural(candidate.diverged, "forecast")} run away`);
+  if (!candidate.curves.length) parts.push("it cannot forecast these trials");
+  $("which").textContent = parts.join("; ");
+  $("slider").setAttribute("aria-valuetext", parts.join("; "));
+  // MathML of the server's own making, in which names are text
+  if (candidate.formula) $("formula").innerHTML = candidate.formula;
+  else $("formula").textContent = candidate.text.join("\n");
+  press();
+  fill($("coefficients"), candidate.table.head, candidate.table.rows);
+  showCurves();
+  clearTimeout(state.soon);
+  state.soon = setTimeout(forecastOwn, 150);
+  state.moved = performance.now() - began;
+  document.body.dataset.moved = state.moved.toFixed(1);
+}
+
+// Terms, taken in and out
+
+function showTerms() {
+  const { terms, candidates } = state.found, focused = document.activeElement.getAttribute("aria-label");
+  $("terms").replaceChildren(...candidates[0].left.map((left, j) => {
+    const line = element("div"), near = terms.filter(term => candidates.some(each => each.terms[j].includes(term)));
+    const buttons = names => names.map(term => termButton(j, left, term)), others = terms.filter(each => !near.includes(each));
+    line.append(element("span", left), ...buttons(near));
+    if (others.length && state.found.others) {
+      const more = element("details"), list = element("div", "", { class: "many" });
+      list.append(...buttons(others));
+      more.append(element("summary", `${plural(others.length, "other term")} for ${left}`), list);
+      line.append(more);
+    }
+    return line;
+  }));
+  if (focused) $("terms").querySelector(`[aria-label="${CSS.escape(focused)}"]`)?.focus();
+}
+
+function termButton(j, left, term) {
+  const button = element("button", term, { "aria-label": `${term} in ${left}`, "data-equation": j, "data-term": term });
+  const known = state.found.known[j].includes(term);
+  button.disabled = known || !state.found.others;
+  if (known) button.title = "It is known, and stays";
+  button.addEventListener("click", () => trying("terms_failed", () => toggle(j, term)));
+  return button;
+}
+
+/** Show which terms are wanted. */
+function press() {
+  for (const button of $("terms").querySelectorAll("button")) {
+    const { equation, term } = button.dataset;
+    button.setAttribute("aria-pressed", String(state.wanted[equation].includes(term)));
+  }
+}
+
+const same = (one, other) => one.every((own, j) => own.length === other[j].length && own.every(term => other[j].includes(term)));
+
+/** Take a term of an equation in or out, and fit the law of these terms if it is not there yet. */
+async function toggle(j, term) {
+  const { search, found } = state, path = `searches/${search}/terms`;
+  const terms = state.wanted.map((own, i) => i !== j ? own : own.includes(term) ? own.filter(each => each !== term) : [...own, term]);
+  const at = found.candidates.findIndex(each => same(each.terms, terms));
+  if (at >= 0) return move(at);
+  state.wanted = terms;
+  press();
+  try {
+    await ask(path, "POST", { terms });
+    await followFit();
+  } catch (error) {
+    if (state.found !== found || state.wanted !== terms) return;
+    move(state.at);
+    throw error;
+  }
+}
+
+/** Wait for the law of other terms; it is then among the candidates, and shown if it is still wanted. */
+async function followFit() {
+  const { search, found } = state, now = state.fit = {};
+  const told = await follow(`searches/${search}/terms`, "fitting", () => state.search !== search || state.fit !== now);
+  if (!told) return;
+  Object.assign(found, (await ask(`searches/${search}`)).found);
+  showCandidates();
+  move(same(found.candidates[told.at].terms, state.wanted) ? told.at : state.at);
+}

@@ -1,0 +1,59 @@
+// 2. Question: which law is looked for, and the search for it.
+import { $, ask, element, follow, remember, state, trying } from "./basics.js";
+import { show } from "./law.js";
+
+const LIBRARIES = [
+  ["poly:3", "products of up to three variables (usual)"],
+  ["poly:2", "products of up to two variables"],
+  ["poly:1", "the variables themselves"],
+  ["terms:1,v,v*abs(v)", "forces that depend on speed", 2],
+  ["poly:1 + fourier:1", "the variables, sines and cosines"],
+];
+
+export function showLibraries() {
+  const order = Number($("order").value), one = state.preview.roles.states.length === 1;
+  const fitting = LIBRARIES.filter(([, , only]) => !only || (only === order && one));
+  $("library").replaceChildren(...fitting.map(([value, text]) => element("option", text, { value })));
+}
+
+export function showHeld() {
+  const kind = $("hold_out").value, names = kind === "object" ? state.preview.objects : kind === "trial" ? state.preview.labels : [];
+  $("held").hidden = !names.length;
+  $("after").hidden = kind !== "after";
+  $("held").replaceChildren(...names.map(name => element("option", name, { value: name })));
+}
+
+function known() {
+  const pairs = $("known").value.split(",").map(each => each.trim()).filter(Boolean).map(each => each.split("="));
+  const wrong = pairs.find(([name, value]) => !name || value === undefined || !Number.isFinite(Number(value)));
+  if (wrong) throw new Error(`known coefficients are written like 1=-9.81, and not like ${wrong.join("=")}`);
+  return Object.fromEntries(pairs.map(([name, value]) => [name.trim(), Number(value)]));
+}
+
+function question(law = null) {
+  const kind = $("hold_out").value;
+  return {
+    table: state.table, columns: state.columns, order: Number($("order").value), library: $("own_library").value.trim() || $("library").value,
+    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, law,
+  };
+}
+
+export async function start(law = null) {
+  await trying("failed", async () => {
+    state.search = (await ask("searches", "POST", question(law))).search;
+    remember();
+    await showSearch();
+  });
+}
+
+/** Wait for the search, and show what it finds. */
+export async function showSearch() {
+  const search = state.search;
+  $("start").disabled = true;
+  try {
+    const told = await follow(`searches/${search}`, "going", () => state.search !== search);
+    if (told) show(told);
+  } finally {
+    $("start").disabled = false;
+  }
+}
