@@ -69,7 +69,7 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     error = numbers_agree(top, law, drops)
     noise = law.noise[0]
     assert error > 10 * noise
-    assert f"themselves are off by {noise:.3g} m; {np.sqrt(error**2 - noise**2):.3g} m stays unexplained" in top
+    assert f"themselves scatter by {noise:.3g} m; {np.sqrt(error**2 - noise**2):.3g} m stays unexplained" in top
     assert "To get further: offer terms for what is missing" in top
 
 

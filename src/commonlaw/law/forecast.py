@@ -163,8 +163,13 @@ class Forecast(ShownInNotebooks):
         pairs = zip(self.std, self.measurement_std(), strict=True)
         return tuple(factor * np.hypot(std[:, :width], noise) for std, noise in pairs)
 
-    def measurement_std(self) -> tuple[Floats, ...]:
+    def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
         """Return how far measurements are off by themselves: standard deviations for each trial, of shape (n, states).
+
+        Parameters
+        ----------
+        white
+            Whether errors with a memory are left out.
 
         Raises
         ------
@@ -175,10 +180,11 @@ class Forecast(ShownInNotebooks):
             raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
         if self.followed is not None:
             columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
-            pairs = zip(self.followed.measurement_std(), self._states(), strict=True)
+            pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
             return tuple(own * np.where(columns, states, 1.0) for own, states in pairs)
+        errors = self.error_model.white_std if white else self.error_model.measurement_std
         return tuple(
-            self.error_model.measurement_std(states, with_typical(trial.noise, self.noise))
+            errors(states, with_typical(trial.noise, self.noise))
             for trial, states in zip(self.trials, self._states(), strict=True)
         )
 

@@ -26,7 +26,7 @@ _SHOWN = 3
 class StateError(NamedTuple):
     """What the law's forecasts of a state and "tomorrow as today" are off, in its unit, empty if that is not known.
 
-    The noise is what measurements of it are off by themselves, NaN if that is not known.
+    The noise is how far measurements of it scatter by themselves, NaN if that is not known.
     """
 
     state: str
@@ -210,7 +210,7 @@ class LawVerdict:
             if not self.exact and all(each.noise > 0 for each in self.state_errors):
                 noise = " and ".join(_number(each.noise, each.unit) for each in self.state_errors)
                 rest = " and ".join(_number(each.unexplained, each.unit) for each in self.state_errors)
-                yield f"The measurements of {names} themselves are off by {noise}; {rest} stays unexplained."
+                yield f"The measurements of {names} themselves scatter by {noise}; {rest} stays unexplained."
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:

@@ -55,7 +55,7 @@ class StretchErrors:
     inside
         1 where the 95 % band held the measurement, 0 where it did not, NaN where there is none, shape (n, states).
     noise
-        Standard deviation of the errors of measurement, shape (n, states); NaN where it is not known.
+        Standard deviation of the measurements without errors that have a memory, shape (n, states); NaN where unknown.
     diverged
         Whether the forecast ran away.
     """
@@ -112,7 +112,7 @@ def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors
     errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
     inside, noise = np.full((2, *errors.shape), np.nan)
     if forecast.std is not None:
-        noise = np.where(np.isfinite(measured), forecast.measurement_std()[0][ahead], np.nan)
+        noise = np.where(np.isfinite(measured), forecast.measurement_std(white=True)[0][ahead], np.nan)
         low, high = (end[ahead] for end in forecast.bands(measured=True)[0])
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
