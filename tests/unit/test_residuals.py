@@ -8,6 +8,7 @@ from scipy import stats
 
 import commonlaw as cl
 from commonlaw import CommonlawError, Law, Trials
+from commonlaw.discrepancy.residual_tests import patterns
 from commonlaw.law.residuals import correlations
 from commonlaw.plots import plot_residuals, render
 
@@ -80,6 +81,20 @@ def test_correlations_are_within_trials_and_leave_gaps_out():
     value, count = correlations([first, second], 1)
     assert count[0] == 3
     assert value[0] == pytest.approx(np.mean([(a - mean) * (b - mean) for a, b in pairs]) / variance)
+
+
+@pytest.mark.parametrize(("samples", "trials"), [(8, 12), (12, 10), (49, 10)])
+def test_white_noise_has_no_memory_after_a_fit_to_short_trials(samples, trials):
+    curves = np.linalg.qr(np.vander(np.linspace(-1, 1, samples), 4))[0]
+    found = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(size=(trials, samples))
+        left = list((noise - noise @ curves @ curves.T)[:, :, np.newaxis])
+        columns = {"t": np.tile(np.arange(float(samples)), trials), "x": noise.ravel()}
+        tested = patterns(["x"], left, columns, "t", [4 * trials])
+        found.append(next(each.p_value for each in tested if each.pattern == "correlation of neighbours"))
+    assert np.mean(np.array(found) < 0.01) <= 0.05
+    assert np.mean(np.array(found) < 0.5) > 0.2
 
 
 def test_few_samples_are_not_tested_and_discrete_time_is_refused():

@@ -11,7 +11,9 @@ from commonlaw.law.residuals import ODD, Pattern, correlations
 _POWERS = 3
 """Residuals are held against polynomials of this degree."""
 
-_LAGS = 10
+_MOST_SPENT = 0.9
+"""Share of the residuals that fits take, at most."""
+
 _LEAST = 20
 """Fewer residuals are not tested."""
 
@@ -124,23 +126,23 @@ def _together(own: Floats, other: Floats, name: str) -> Tested:
 
 
 def _memory(series: Sequence[Floats], spent: float) -> Tested:
-    """Test correlations at lags together (Ljung and Box 1978); the statistic is that of neighbours.
+    """Test the correlation of neighbours (Ljung and Box 1978).
 
-    What was fitted to the residuals leaves them a correlation of minus its share, at all lags.
+    What was fitted takes the slowest courses out of white noise, about that share of all frequencies, and so leaves
+    neighbours a correlation below zero.
     """
     from scipy.stats import chi2
 
-    found, counts = correlations(series, _LAGS)
-    found = found + spent
-    told = counts > _LAGS
-    size = float(counts[0] + len(series))
-    total = size * (size + 2) * float(np.sum(found[told] ** 2 / counts[told]))
+    (found,), (pairs,) = correlations(series, 1)
+    share = min(spent, _MOST_SPENT)
+    found += share / (1 - share) * np.sinc(share)
+    size = float(pairs + len(series))
+    total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
     alike = (
         "neighbours err alike: a force that the law lacks, or errors of measurement with a memory (errors='correlated')"
     )
     unlike = "neighbours err to opposite sides: samples were rounded or differenced, or steps are too coarse"
-    p_value = float(chi2.sf(total, max(told.sum(), 1)))
-    return Tested("correlation of neighbours", float(found[0]), p_value, alike if found[0] > 0 else unlike)
+    return Tested("correlation of neighbours", float(found), float(chi2.sf(total, 1)), alike if found > 0 else unlike)
 
 
 def _growth(own: Floats, states: Floats, name: str) -> Tested:

@@ -61,7 +61,8 @@ def _against(panel: Axes, values: Floats, own: Floats) -> None:
 
 
 def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
-    lags = min(_LAGS, max(map(len, residuals.trials)) - 1)
+    # Farther apart there are too few pairs to tell
+    lags = min(_LAGS, max(1, max(map(len, residuals.trials)) // 2))
     count = np.isfinite(np.concatenate(residuals.standardized)[:, j]).sum()
     panel.bar(np.arange(1, lags + 1), residuals.correlations(j, lags), color=COLORS[0], width=0.6)
     panel.axhspan(-1.96 / np.sqrt(max(count, 1)), 1.96 / np.sqrt(max(count, 1)), color=GREY, alpha=0.25)
