@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -98,6 +99,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         choose(page, "hold_out", "trial")
         choose(page, "held", "2")
         page.find_element("id", "start").click()
+        wait(page, "$('going_done').textContent.includes('reading the table: ')")
         wait(page, "!$('result').hidden")
 
         trials = cl.Trials.read(table)
@@ -116,15 +118,21 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert len(pressed(page)) == 1
         take_other_terms(page)
         wait(page, "$('own_plot').querySelector('canvas')")
+        over = page.find_element("css selector", "#forecast_plot .u-over")
+        ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
+        told = page.find_element("css selector", "#forecast_plot .readout").text
+        assert re.search(r"Ball 1, trial 2: forecast [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
         before = page.find_element("id", "start_0").get_attribute("value")
         over = page.find_element("css selector", "#own_plot .u-over")
         ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()
         wait(page, f"Number($('start_0').value) > Number({before})")
-        assert serious(page) == []
         for width in (390, 2560):
             window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
             page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+            look = [{"name": "prefers-color-scheme", "value": "dark" if width == 390 else "light"}]
+            page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look})
             assert page.execute_script("return document.documentElement.scrollWidth") <= width
+            assert serious(page) == []
 
         assert "Trials.read('drops.csv'" in taken["law.py"]
         assert taken["report.html"].startswith("<!DOCTYPE html>")

@@ -31,6 +31,12 @@ export function withUnit({ name, unit }) {
   return unit ? `${name} (${unit})` : name;
 }
 
+/** What trials are called: by their object, and by their own label if an object has several. */
+export function labels(trials) {
+  const several = new Set(trials.map(each => each.object)).size < trials.length;
+  return trials.map(({ object, name }) => (/^[\d.]+$/.test(object) ? `object ${object}` : object) + (several ? `, trial ${name}` : ""));
+}
+
 export function remember() {
   const kept = Object.entries({ table: state.table, search: state.search }).filter(([, value]) => value);
   history.replaceState(null, "", `#${new URLSearchParams(kept)}`);
@@ -47,17 +53,31 @@ export async function trying(place, work) {
 
 /** Wait for work of the server, and return what is told when it has ended; null if `left` says that nobody waits any more. */
 export async function follow(path, place, left) {
-  const bar = $(place), stage = $(`${place}_stage`), cancel = $(`${place}_cancel`);
+  const bar = $(place);
+  showStages(place, []);
   bar.hidden = false;
-  cancel.onclick = () => ask(path, "DELETE");
+  $(`${place}_cancel`).onclick = () => ask(path, "DELETE");
   for (;;) {
     const told = await ask(path);
     if (left()) return null;
     bar.hidden = !told.running;
     if (told.failure) throw new Error(told.failure);
     if (!told.running) return told;
-    const [what, seconds] = told.stages.at(-1);
-    stage.textContent = `${what} (${Math.round(seconds)} s)`;
+    showStages(place, told.stages);
     await new Promise(done => setTimeout(done, 400));
   }
+}
+
+/** Show what is being done, and below what was done, the latest first; how long it took, of several in a row together. */
+function showStages(place, stages) {
+  const rows = [];
+  for (const [what, seconds] of stages) {
+    if (rows[0]?.what === what) rows[0].seconds += seconds;
+    else rows.unshift({ what, seconds });
+  }
+  const [now, ...done] = rows, stage = $(`${place}_stage`), long = seconds => seconds < 10 ? seconds.toFixed(1) : Math.round(seconds);
+  // Said aloud when it changes, and not every second
+  if (stage.textContent !== (now?.what ?? "")) stage.textContent = now?.what ?? "";
+  $(`${place}_seconds`).textContent = now ? `${Math.round(now.seconds)} s` : "";
+  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", `${what}: ${long(seconds)} s`)));
 }

@@ -1,24 +1,25 @@
 // 4. Curves as measured and forecast, and 5. a forecast of one's own.
-import { $, ask, element, state, trying, withUnit } from "./basics.js";
+import { $, ask, element, labels, state, trying, withUnit } from "./basics.js";
 import { draw } from "./plots.js";
 
 const MOST_SHOWN = 3;
 
 export function showTrialChoices(found) {
-  $("trials").replaceChildren(...found.trials.map((each, i) => {
+  const names = labels(found.trials);
+  $("trials").replaceChildren(...found.trials.map((_, i) => {
     const label = element("label"), box = element("input", "", { type: "checkbox", value: i });
     box.checked = i < MOST_SHOWN;
-    label.append(box, ` ${each.object}, ${each.name}`);
+    label.append(box, ` ${names[i]}`);
     return label;
   }));
 }
 
 export function showCurves() {
-  const found = state.found, candidate = found.candidates[state.at], j = Number($("state").value);
+  const found = state.found, candidate = found.candidates[state.at], names = labels(found.trials), j = Number($("state").value);
   const chosen = [...$("trials").querySelectorAll("input:checked")].map(each => Number(each.value)).filter(i => candidate.curves[i]);
   const curves = chosen.map(i => {
     const [points, line, low, high] = candidate.curves[i].states[j];
-    return { t: candidate.curves[i].t, points, line, low, high, label: `${found.trials[i].object}, ${found.trials[i].name}`, color: i };
+    return { t: candidate.curves[i].t, points, line, low, high, label: names[i], color: i };
   });
   const x = withUnit(found.time), name = withUnit(found.states[j]);
   draw($("forecast_plot"), curves, { x, y: name });
@@ -27,7 +28,7 @@ export function showCurves() {
     const kept = t.map((_, k) => k).filter(k => points[k] !== null && line[k] !== null);
     return { t: kept.map(k => t[k]), points: kept.map(k => line[k] - points[k]), label, color };
   });
-  draw($("error_plot"), errors, { x, y: "error", height: 180 });
+  draw($("error_plot"), errors, { x, y: "error", height: 180, points: "forecast less measured" });
 }
 
 export function showOwn(found) {

@@ -1,5 +1,5 @@
 // 1. Measurements: a table, what its columns are, what is odd about it.
-import { $, ask, element, fill, plural, remember, state, trying, withUnit } from "./basics.js";
+import { $, ask, element, fill, labels, plural, remember, state, trying, withUnit } from "./basics.js";
 import { draw } from "./plots.js";
 import { showHeld, showLibraries } from "./question.js";
 
@@ -35,7 +35,8 @@ function showPreview() {
   $("odd").hidden = !found.odd.length;
   $("odd").firstElementChild.textContent = `What is odd (${found.odd.length})`;
   $("odd").lastElementChild.replaceChildren(...found.odd.map(each => element("li", each)));
-  const curves = found.trials.flatMap((trial, i) => ({ t: trial.t, line: trial.states[0], points: trial.states[0], label: `${trial.object}, ${trial.name}`, color: i }));
+  const names = labels(found.trials);
+  const curves = found.trials.map((trial, i) => ({ t: trial.t, line: trial.states[0], points: trial.states[0], label: names[i], color: i }));
   draw($("preview_plot"), curves, { x: withUnit({ name: roles.time, unit: found.units[roles.time] }), y: withUnit({ name: roles.states[0], unit: found.units[roles.states[0]] }), height: 220 });
   showLibraries();
   showHeld();

@@ -8,46 +8,96 @@ function css(name) {
 }
 
 function axis(label) {
-  return { stroke: css("--ink"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line") }, label, labelSize: 22, size: 56 };
+  return { stroke: css("--ink"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line") }, label, labelSize: 22 };
+}
+
+/** How wide the numbers beside an axis are. */
+function width(_, numbers) {
+  return 28 + 7 * Math.max(3, ...(numbers ?? []).map(each => String(each).length));
 }
 
 /**
  * Draw curves into a place: each has times, label, color index, and as far as there are any points, a line, and low and high
  * ends of a band. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
  */
-export function draw(place, curves, { x, y, height = 300, dragged = null }) {
-  const series = [{ label: x }], bands = [], tables = [];
+export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured" }) {
+  const series = [{}], bands = [], tables = [];
   for (const curve of curves) {
     const color = COLORS[curve.color % COLORS.length], columns = [curve.t];
-    const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", ...settings }); };
+    const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", stroke: color, ...settings }); };
     if (curve.low) {
-      const at = series.length;
-      const end = { stroke: "transparent", points: { show: false }, class: "end" };
-      add(curve.high, { ...end, label: `${curve.label} high` });
-      add(curve.low, { ...end, label: `${curve.label} low` });
-      bands.push({ series: [at, at + 1], fill: `${color}2e` });
+      bands.push({ series: [series.length, series.length + 1], fill: `${color}2e` });
+      for (const end of [curve.high, curve.low]) add(end, { stroke: "transparent", points: { show: false } });
     }
-    if (curve.line) add(curve.line, { label: curve.label, stroke: color, width: 2, points: { show: false } });
-    if (curve.points) {
-      add(curve.points, { label: `${curve.label} measured`, stroke: color, width: 0, paths: () => null, points: { show: true, size: 5, fill: color, width: 0 } });
-    }
+    if (curve.line) add(curve.line, { width: 2, points: { show: false } });
+    if (curve.points) add(curve.points, { width: 0, paths: () => null, points: { show: true, size: 5, fill: color, width: 0 } });
     tables.push(columns);
   }
-  shown.get(place)?.destroy();
+  shown.get(place)?.plot.destroy();
   shown.delete(place);
   place.replaceChildren();
   if (!tables.length) return;
   const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
+  const held = holding.get(place), told = readout(curves, { x, lines, points });
   const options = {
     width: Math.max(280, place.clientWidth), height, series, bands,
-    scales: { x: { time: false } }, axes: [{ ...axis(x), size: 40 }, axis(y)],
-    legend: { show: curves.length <= 6 }, cursor: { drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
+    scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, curves) } },
+    axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width }],
+    legend: { show: false }, hooks: { setCursor: [told.show] },
+    cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
   };
-  const held = holding.get(place);
-  options.scales.y = { range: (_, low, high) => held ? held.range : within(low, high, curves) };
   const plot = new uPlot(options, data, place);
-  shown.set(place, plot);
+  place.append(told.list);
+  shown.set(place, { plot, again: () => draw(place, curves, { x, y, height, dragged, lines, points }) });
   if (dragged) letDrag(place, plot, dragged);
+}
+
+const MOST_NAMED = 6;
+
+/** A list of the curves, with their values under the pointer; of many curves only the one nearest to the pointer. */
+function readout(curves, words) {
+  const list = document.createElement("ul"), few = curves.length <= MOST_NAMED;
+  list.className = "readout";
+  const rows = (few ? curves : [null]).map(() => list.appendChild(document.createElement("li")));
+  const tell = (row, curve, values) => {
+    const swatch = document.createElement("span");
+    swatch.style.background = COLORS[curve.color % COLORS.length];
+    row.replaceChildren(swatch, `${curve.label}${values}`);
+  };
+  const rest = () => {
+    if (few) curves.forEach((curve, i) => tell(rows[i], curve, ""));
+    else rows[0].textContent = `${curves.length} curves: point at one to see which it is`;
+  };
+  rest();
+  const show = plot => {
+    const { left, top } = plot.cursor;
+    if (!(left >= 0)) return rest();
+    const at = plot.posToVal(left, "x"), range = plot.scales.x.max - plot.scales.x.min;
+    if (few) return curves.forEach((curve, i) => tell(rows[i], curve, valuesAt(curve, at, range, words)));
+    const height = plot.posToVal(top, "y"), off = curve => Math.abs(nearest(curve.t, curve.line ?? curve.points, at).value - height);
+    const curve = curves.reduce((best, each) => off(each) < off(best) ? each : best);
+    tell(rows[0], curve, valuesAt(curve, at, range, words));
+  };
+  return { list, show };
+}
+
+/** The value that is nearest in time to a moment, and when that is. */
+function nearest(times, values, at) {
+  let best = { time: Infinity, value: NaN };
+  times.forEach((time, i) => { if (values[i] !== null && Math.abs(time - at) < Math.abs(best.time - at)) best = { time, value: values[i], i }; });
+  return best;
+}
+
+/** What a curve says at a moment; a measurement only if one is near. */
+function valuesAt(curve, at, range, { x, lines, points }) {
+  const number = value => Number(value.toPrecision(4)), parts = [];
+  const line = curve.line && nearest(curve.t, curve.line, at), point = curve.points && nearest(curve.t, curve.points, at);
+  const time = point && Math.abs(point.time - at) < range / 40 ? point.time : line?.time ?? at;
+  const here = curve.line && nearest(curve.t, curve.line, time);
+  if (here?.i !== undefined && curve.line !== curve.points) parts.push(`${lines} ${number(here.value)}`);
+  if (curve.low && here?.i !== undefined) parts[0] += ` (${number(curve.low[here.i])} to ${number(curve.high[here.i])})`;
+  if (point?.time === time) parts.push(`${points} ${number(point.value)}`);
+  return parts.length ? `: ${parts.join(", ")} at ${x} ${number(time)}` : "";
 }
 
 /** The range of the axis: what is seen, and of bands what lies within half of its span beyond measured points and lines. */
@@ -65,7 +115,7 @@ function letDrag(place, plot, dragged) {
   const value = event => plot.posToVal(event.clientY - plot.over.getBoundingClientRect().top, "y");
   const move = event => {
     const held = holding.get(place);
-    dragged(held.curve, held.start + shown.get(place).posToVal(event.clientY - shown.get(place).over.getBoundingClientRect().top, "y") - held.from);
+    dragged(held.curve, held.start + shown.get(place).plot.posToVal(event.clientY - shown.get(place).plot.over.getBoundingClientRect().top, "y") - held.from);
   };
   const end = () => {
     removeEventListener("pointermove", move);
@@ -83,5 +133,6 @@ function letDrag(place, plot, dragged) {
 }
 
 addEventListener("resize", () => {
-  for (const [place, plot] of shown) plot.setSize({ width: Math.max(280, place.clientWidth), height: plot.height });
+  for (const [place, { plot }] of shown) plot.setSize({ width: Math.max(280, place.clientWidth), height: plot.height });
 });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const { again } of [...shown.values()]) again(); });
