@@ -8,7 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import law_report, to_page
-from commonlaw.report.document import Fold, Gallery, Table
+from commonlaw.report.document import Fold, Gallery, Table, Text
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
 from commonlaw.report.law_sections import forecasts
@@ -67,9 +67,37 @@ def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     visited = table_of(report, "visited").set_index("")
     heights = np.concatenate([trial.states for trial in learned])
     assert visited.loc["x", ["from", "to"]].tolist() == [heights.min(), heights.max()]
+    assert visited.loc["v", "unit"] == "m/s"
+    assert visited.loc["length of a trial"].tolist() == [3.2, 3.2, "s"]
     frame = law.predict(held_out).to_frame()
     left = table_of(report, "residuals-by-state")
     assert left["rms error"].item() == pytest.approx(np.sqrt(np.mean(frame["x error"] ** 2)))
+
+
+def test_numbers_in_words_have_their_units_and_digits(report, law, drops):
+    (gallery,) = [each for each in blocks_of(report, "forecasts") if isinstance(each, Gallery)]
+    frame = law.predict(drops.select(trial=2)).to_frame()
+    for picture, name in zip(gallery.pictures, law.objects, strict=True):
+        rms = np.sqrt(np.mean(frame.loc[frame[drops.schema.object] == name, "x error"] ** 2))
+        assert picture.caption == f"**{name}**: off by {rms:.2g} m"
+    score = law.score(drops.select(trial=2))
+    (shown,) = re.findall(r"R\^2 = (\S+?)\$", blocks_of(report, "forecasts")[0].text)
+    assert float(shown) < 1
+    assert 1 - float(shown) == pytest.approx(1 - score, rel=0.1)
+    said = [each.text.replace("\\", "") for each in blocks_of(report, "residuals") if isinstance(each, Text)]
+    assert f"Errors of measurement, by the law: noise of x: {law.noise[0]:.3g} m." in said
+
+
+def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
+    trials = cl.datasets.lotka_volterra(growth=(1.0,), trials=1, samples=60, noise=0.1)
+    law = cl.fit("x' = a x - b x y; y' = -c y + d x y", trials)
+    shown = blocks_of(law_report(law, trials), "residuals")
+    (gallery,) = [each for each in shown if isinstance(each, Gallery)]
+    (fold,) = [each for each in shown if isinstance(each, Fold) and each.title == "Residuals of y"]
+    assert [len(each.pictures) for each in (gallery, *fold.blocks)] == [6, 6]
+    assert "Against y" in gallery.pictures[2].caption
+    axes = gallery.pictures[2].draw().axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("y", "residual / noise")
 
 
 def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops):
@@ -103,6 +131,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
     missed = [float(re.search(r"off by (\S+)", each.caption)[1]) for each in gallery.pictures]
     assert missed == sorted(missed)
     assert len(rest.blocks[0].pictures) == 30 - 9
+    assert all(each.caption.endswith(" m") for each in gallery.pictures)
 
 
 def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):
@@ -146,3 +175,9 @@ def test_long_equations_go_on_in_further_lines():
     formula(shown)
     short = cl.Law.from_text("x'' = -9.8 - 0.2 v")
     assert law_latex(short).count("\n") == 2
+    sure = cl.Law.from_text("x'' = " + " + ".join(f"{2 + i}.25 x^{i}" for i in range(1, 7)))
+    covariance = 1e-12 * np.eye(6)[np.newaxis]
+    sure = replace(sure, uncertainty=replace(sure.uncertainty, covariance=covariance))
+    rows = law_latex(sure).splitlines()[1:-1]
+    assert len(rows) == 6
+    assert not any(row.strip("&= ").endswith("=") for row in rows)

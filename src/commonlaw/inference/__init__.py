@@ -7,6 +7,7 @@ from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
+from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import fit_supports
@@ -29,6 +30,7 @@ __all__ = [
     "finish",
     "fit_supports",
     "known_noise",
+    "levels_in_words",
     "objection",
     "on_course",
     "prepare",

@@ -115,10 +115,10 @@ def history(
 
 def noise_step(problem: SearchProblem) -> Step:
     """Return what noise was taken."""
-    return Step("noise", _levels(problem.noise, problem.trials.schema), problem.noise_reason)
+    return Step("noise", levels_in_words(problem.noise, problem.trials.schema), problem.noise_reason)
 
 
-def _levels(levels: Floats, schema: Schema) -> str:
+def levels_in_words(levels: Floats, schema: Schema) -> str:
     """Return the levels of errors of each state's measurements in words."""
     return ", ".join(
         f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
@@ -139,7 +139,7 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
         shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
         found.append(Step("noise in proportion", ", ".join(shares), why))
     if errors.correlated is not None:
-        levels = _levels(errors.correlated, schema)
+        levels = levels_in_words(errors.correlated, schema)
         found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", why))
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
     return (

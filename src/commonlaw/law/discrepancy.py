@@ -156,7 +156,9 @@ class Discrepancy(Generic[LawType]):
         added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
         how = "Discrepancy" if self.claimed else "No discrepancy is sure"
         yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
-        span = f"{self.basis.coordinate} from {self.basis.low:.3g} to {self.basis.high:.3g}"
+        low, high = self.basis.low, self.basis.high
+        digits = 3 + max(0, int(np.log10(max(abs(low), abs(high)) / (high - low))))  # Those that tell the ends apart
+        span = f"{self.basis.coordinate} from {low:.{digits}g} to {high:.{digits}g}"
         parts = ", ".join(f"{100 * share:z.0f} % {name}" for name, share in self.shares.items())
         yield f"Visited: {span}. The law's squared misfit is {parts}."
         if self.zero_at is not None:

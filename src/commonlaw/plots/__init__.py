@@ -24,12 +24,13 @@ from commonlaw.plots.panels import ForecastPanels
 from commonlaw.plots.path import plot_path
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.render import figure_format, render, save_figure
-from commonlaw.plots.residuals import plot_residuals
+from commonlaw.plots.residuals import ResidualPanels, plot_residuals
 from commonlaw.plots.trials import plot_trials
 
 __all__ = [
     "Figure",
     "ForecastPanels",
+    "ResidualPanels",
     "figure_format",
     "plot_coefficients",
     "plot_discrepancy",

@@ -19,7 +19,7 @@ from commonlaw.law.numbers import with_error
 from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
-from commonlaw.plots.style import COLORS, key, number_text, plain, unit_text
+from commonlaw.plots.style import COLORS, key, number_text, plain, powers_of_ten, unit_text
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
@@ -150,14 +150,19 @@ class DotPlot:
             panel.set_ylim(len(group) - 0.4, -0.6)
             panel.set_title(f"terms of {left}", loc="left")
             panel.margins(x=0.4 if self.law.covariance is None else 0.7)  # room for the printed values
-        self._scale(panels[-1])
-        panels[-1].set_xlabel("coefficient")
+        panels[-1].locator_params(axis="x", nbins=5)
+        logarithmic = self._scale(panels[-1])
+        panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
 
-    def _scale(self, panel: Axes) -> None:
-        """Make the axis logarithmic on both sides of zero when coefficients differ by a factor above a hundred."""
+    def _scale(self, panel: Axes) -> bool:
+        """Make the axis logarithmic on both sides of zero if coefficients differ by a factor above a hundred.
+
+        Returns whether they do.
+        """
         values = np.abs([[*each.learned, *each.true] for each in self.coefficients])
         low, high = np.nanmin(values), np.nanmax(values)
-        if high > 100 * low:
+        differ = bool(high > 100 * low)
+        if differ:
             panel.set_xscale("symlog", linthresh=low)
             # Matplotlib's own ticks for this scale run into each other around zero
             decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
@@ -168,6 +173,7 @@ class DotPlot:
             panel.xaxis.set_major_locator(FixedLocator(apart))
             panel.xaxis.set_major_formatter("{x:g}")
             panel.xaxis.set_minor_locator(NullLocator())
+        return differ
 
 
 def _draw_bars(panel: Axes, heights: ArrayLike, values: Floats, errors: Floats) -> None:
@@ -181,7 +187,7 @@ def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
     """Print a coefficient right of its dot and interval."""
     value, error = each.learned[0], each.errors[0]
     if np.isfinite(value):
-        number = with_error(value, error).replace("-", "−") if error else number_text(value, 4)
+        number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
         index = (value + normal_quantile(0.95) * error, height)
         text = f"{number} {each.unit}".rstrip()
         panel.annotate(text, index, (8, 0), textcoords="offset points", va="center", fontsize=9)

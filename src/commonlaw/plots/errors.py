@@ -27,9 +27,11 @@ def plot_errors(forecast: Forecast) -> Figure:
     states, curves = schema.states, curves_of(forecast, forecast)
     figure = Figure(figsize=(7, 0.8 + 2.2 * len(states)), layout="constrained")
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
+    some_outside = False
     for j, (panel, state) in enumerate(zip(panels, states, strict=True)):
         own = [curve for name in forecast.trials.objects for curve in curves[name, j]]
         times, errors, outside = np.concatenate([_errors(each) for each in own], axis=1)
+        some_outside |= bool(outside.any())
         every = -(-len(times) // _MOST_POINTS) or 1
         panel.axhline(0, color=GREY, linewidth=0.8)
         for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
@@ -42,7 +44,7 @@ def plot_errors(forecast: Forecast) -> Figure:
     if forecast.std is not None:
         dot = {"marker": "o", "linestyle": "", "markersize": 4}
         keys = [key("within the 95 % band", color=COLORS[0], **dot), key("outside", color=COLORS[1], **dot)]
-        add_legend(figure, keys, above=True)
+        add_legend(figure, keys if some_outside else keys[:1], above=True)
     return frozen_layout(figure)
 
 

@@ -41,7 +41,7 @@ class ForecastPanels:
         height = _HEIGHT * len(states) + _FOOT
         figure = Figure(figsize=(_WIDTH, height))
         panels = figure.subplots(2 * len(states), 1, sharex=True, height_ratios=[2, 1] * len(states))
-        figure.subplots_adjust(left=0.19, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
+        figure.subplots_adjust(left=0.225, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
             draw_pair(pair, _MOST_POINTS)

@@ -1,5 +1,8 @@
 """What measurements are off the trajectories of a law."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -29,27 +32,69 @@ def plot_residuals(residuals: Residuals) -> Figure:
     residuals
         What `Law.residuals` returned.
     """
-    schema, whole = residuals.trials.schema, np.concatenate(residuals.standardized)
-    states, columns = schema.states, residuals.columns
-    panels = len(columns) + (len(states) > 1) + 2
-    figure = Figure(figsize=(1.2 + 2.3 * panels, 0.6 + 2.2 * len(states)), layout="constrained")
-    grid = figure.add_gridspec(len(states), panels)
-    for j, name in enumerate(states):
-        row = [figure.add_subplot(grid[j, k]) for k in range(panels)]
-        row[0].set_ylabel(plain(f"residual of {name} / noise"))
-        for panel, (other, values) in zip(row, columns.items(), strict=False):
-            _against(panel, values, whole[:, j])
-            panel.set_xlabel(axis_label(other, schema.units.get(other, "")))
-        if len(states) > 1:
-            following = (j + 1) % len(states)
-            _against(row[len(columns)], whole[:, following], whole[:, j])
-            row[len(columns)].set_xlabel(plain(f"residual of {states[following]} / noise"))
-        _memory(row[-2], residuals, j)
-        _quantiles(row[-1], whole[:, j])
+    states = residuals.trials.schema.states
+    rows = [_panels(residuals, j) for j in range(len(states))]
+    columns = len(rows[0])
+    figure = Figure(figsize=(1.2 + 2.3 * columns, 0.6 + 2.2 * len(states)), layout="constrained")
+    grid = figure.add_gridspec(len(states), columns)
+    for j, row in enumerate(rows):
+        for k, (_, draw) in enumerate(row):
+            draw(figure.add_subplot(grid[j, k]))
+        figure.axes[-columns].set_ylabel(plain(f"residual of {states[j]} / noise"))
     return frozen_layout(figure)
 
 
-def _against(panel: Axes, values: Floats, own: Floats) -> None:
+@dataclass(frozen=True, eq=False)
+class ResidualPanels:
+    """The panels of `plot_residuals`, each as a small figure of its own.
+
+    Parameters
+    ----------
+    residuals
+        What `Law.residuals` returned.
+    """
+
+    residuals: Residuals
+
+    def captions(self, state: int) -> list[str]:
+        """Return what each panel of a state shows."""
+        return [caption for caption, _ in _panels(self.residuals, state)]
+
+    @styled()
+    def draw(self, state: int, panel: int) -> Figure:
+        """Return the figure of a panel of a state."""
+        figure = Figure(figsize=(3.6, 2.4), layout="constrained")
+        axes = figure.add_subplot()
+        _panels(self.residuals, state)[panel][1](axes)
+        if not axes.get_ylabel():
+            axes.set_ylabel("residual / noise")
+        return frozen_layout(figure)
+
+
+def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], None]]]:
+    """Return what the panels of a state show, and what draws them."""
+    schema, whole = residuals.trials.schema, np.concatenate(residuals.standardized)
+    found: list[tuple[str, Callable[[Axes], None]]] = []
+    for name, values in residuals.columns.items():
+        since = " since the start of the trial" if name == schema.time else ""
+        label = axis_label(name, schema.units.get(name, ""))
+        found.append((f"Against {name}{since}.", partial(_against, values=values, own=whole[:, j], label=label)))
+    if len(schema.states) > 1:
+        following = (j + 1) % len(schema.states)
+        label = plain(f"residual of {schema.states[following]} / noise")
+        caption = f"Against the residuals of {schema.states[following]}."
+        found.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
+    chance = "Correlation with residuals so many samples later; 95 % lie in the grey range by chance."
+    quantiles = "Sorted, beside the line on which normal errors lie."
+    return [
+        *found,
+        (chance, partial(_memory, residuals=residuals, j=j)),
+        (quantiles, partial(_quantiles, own=whole[:, j])),
+    ]
+
+
+def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
+    panel.set_xlabel(label)
     seen = np.flatnonzero(np.isfinite(own) & np.isfinite(values))
     some = seen[:: -(-len(seen) // _MOST) or 1]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)

@@ -137,6 +137,16 @@ def number_text(value: float, digits: int) -> str:
     return f"{value:.{digits}g}".replace("-", "−")
 
 
+def powers_of_ten(text: str) -> str:
+    """Return numbers as printed, with powers of ten in place of ``e-06``.
+
+    >>> powers_of_ten("(-9.4 ± 1.7)e-06")
+    '(−9.4 ± 1.7) × 10⁻⁶'
+    """
+    raised = re.sub(r"(?<=[\d)])e([-+]\d+)", lambda found: f" × 10{str(int(found[1])).translate(_SUPERSCRIPTS)}", text)
+    return raised.replace("-", "−")
+
+
 def axis_label(name: str, unit: str = "") -> str:
     """Return a name with its unit, if it has one.
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from commonlaw.law.text import Addend, aligned, latex_factor, latex_left_hand_si
 from commonlaw.library.naming import latex_name
 from commonlaw.report.markup import code, formula, literal
 
-_LINE = 45
-"""Characters after which an equation goes on in another line."""
+_LINE = 40
+"""Characters of a line of an equation, if its terms are not longer."""
 
 _MOST_OWN = 6
 """Objects with terms of their own whose equations are shown."""
@@ -71,7 +72,9 @@ def _spelled(latex: str) -> str:
         return rf"\frac{{\mathrm{{d}}{power}\, {found[2]}}}{{\mathrm{{d}}t{power}}}"
 
     latex = re.sub(r"\\(d+)ot\{(\\mathrm\{(?:[^{}]|\{[^{}]*\})*\})\}", rate, latex)
-    return re.sub(r"(?<=[\w}]) (?=\\mathrm)", r"\\, ", latex)
+    latex = re.sub(r"(?<=[\w}]) (?=\\mathrm)", r"\\, ", latex)
+    latex = latex.replace(r" \pm ", r"\,\pm\, ")
+    return re.sub(r"(10\^\{-?\d+\}) ", r"\1\\, ", latex)
 
 
 def _broken(latex: str) -> str:
@@ -83,15 +86,17 @@ def _broken(latex: str) -> str:
 
 def _rows(line: str) -> list[str]:
     """Return an equation as rows, none much longer than a line of text is, cut before signs outside of brackets."""
-    rows, depth, begin = list[str](), 0, 0
+    cuts, depth = [0], 0
     for found in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
         if found[0].strip() in ("+", "-"):
-            if depth == 0 and _width(line[begin : found.start()]) > _LINE:
-                rows.append(line[begin : found.start()])
-                begin = found.start()
+            cuts += [found.start()] * (depth == 0 and line[found.start() - 1] != "=")
         else:
             depth += 1 if found[0] in (r"\left(", "{") else -1
-    rows.append(line[begin:])
+    rows = [""]
+    for part in (line[begin:end] for begin, end in pairwise([*cuts, len(line)])):
+        if rows[-1] and _width(rows[-1] + part) > _LINE:
+            rows.append("")
+        rows[-1] += part
     return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
 
 

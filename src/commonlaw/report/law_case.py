@@ -78,6 +78,21 @@ class LawCase:
         misses: pd.Series = squared.groupby(errors[name], sort=False).mean().pow(0.5)
         return misses.sort_values(kind="stable")
 
+    def off(self, name: str) -> str:
+        """What forecasts of an object are off, root mean square, in the states' units, as Markdown."""
+        assert self.forecast is not None
+        errors, units = self.forecast.errors(), self.trials.schema.units
+        own = errors[errors[self.trials.schema.object] == name]
+        rms = {state: np.sqrt(np.mean(own.loc[own["state"] == state, "rms error"] ** 2)) for state in self.law.states}
+        if np.isinf([*rms.values()]).any():
+            return "its forecast runs away"
+        said = []
+        for state, value in rms.items():
+            of = f"({state})" if len(rms) > 1 else ""
+            if np.isfinite(value):
+                said.append(" ".join([f"{value:.2g}", *filter(None, map(literal, (units.get(state, ""), of)))]))
+        return f"off by {' and '.join(said)}" if said else "not measured"
+
     def said(self, text: object) -> str:
         """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
         return literal(self.words(str(text)))

@@ -8,9 +8,11 @@ import pandas as pd
 
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
+from commonlaw.law.domain import Domain
 from commonlaw.law.tables import readable_candidates
 from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots import ForecastPanels, plot_intervals, plot_relations
+from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.formulas import coefficient_names
 from commonlaw.report.law_case import LawCase, folded, listed
@@ -23,8 +25,6 @@ _EACH, _ALL = 3, 12
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
 
-_INTERVAL = "These hold with a probability of 95 % what is true, if the law holds."
-
 
 def forecasts(case: LawCase) -> Section:
     """Return the part on trials as measured beside forecasts."""
@@ -33,14 +33,17 @@ def forecasts(case: LawCase) -> Section:
         return Section("forecasts", title, (Text(listed([case.said(each) for each in case.lacking])),))
     bands = ""
     if forecast.std is not None:
-        bands = " Bands are those that 95 % of the measurements should lie in."
+        bands = " Bands should hold 95 % of the measurements."
     diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
+    several = len(forecast.trials) > len(forecast.trials.objects)
     intro = (
-        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each from its own initial state: "
-        f"$R^2 = {_finite(forecast.score())}$.{diverged} Points were measured, lines are forecasts, and below them "
-        f"stands what these are off.{bands}"
+        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each over its whole length from "
+        f"its own initial state: $R^2 = {_finite(forecast.score())}$, where 1 is perfect and 0 as good as the mean of "
+        f"each trial.{diverged} Points were measured, lines are forecasts, and below them stands what these are off."
+        f"{bands}{' Colours tell the trials of an object apart.' if several else ''}"
     )
-    errors = Table("forecast-errors", "Errors of the forecasts, in the unit of the state.", _errors(forecast))
+    caption = "Errors of the forecasts, in the unit of the state; rms is the root of the mean square."
+    errors = Table("forecast-errors", caption, _errors(forecast))
     return Section("forecasts", title, (Text(intro), *_gallery(case, forecast), folded(errors, "Errors of each trial")))
 
 
@@ -50,7 +53,10 @@ def _errors(forecast: Forecast) -> pd.DataFrame:
 
 
 def _finite(score: float) -> str:
-    return f"{score:.4g}" if np.isfinite(score) else r"-\infty"
+    if not np.isfinite(score):
+        return r"-\infty"
+    # As many digits as tell it from 1
+    return f"{score:.{4 if score in (1, -np.inf) else max(4, int(np.ceil(1 - np.log10(1 - score))))}g}"
 
 
 def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
@@ -59,8 +65,7 @@ def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
     places = {name: i for i, name in enumerate(forecast.trials.objects)}
 
     def picture(name: str, kind: str = "") -> Picture:
-        off = f"off by {case.misses[name]:.2g} of the states' spread"
-        caption = f"**{literal(name)}**{kind}: {off}"
+        caption = f"**{literal(name)}**{kind}: {case.off(name)}"
         return Picture(f"forecast-{places[name] + 1}", caption, partial(panels.draw, name))
 
     if len(names) <= _ALL:
@@ -80,21 +85,24 @@ def coefficients(case: LawCase) -> Section:
     if law.explanation is not None and len(law.objects) > 1:
         blocks += _relations(law)
     if law.support.any():
-        known = f"{_INTERVAL} " if law.covariance is not None else "How accurate they are is not known. "
-        letters = (
-            ", ".join(f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law))
-            if law.shared
-            else ""
-        )
-        blocks.append(Text(known + (f"Coefficients: {literal(letters)}." if letters else "")))
-        blocks.append(
-            Picture("intervals", "Coefficients of all objects, with 95 % intervals.", partial(plot_intervals, law))
-        )
-        table = Table("values", "Coefficients by object.", _by_object(law))
+        known = law.covariance is not None
+        what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
+        blocks.append(Text(_interval(case) if known else "How accurate they are is not known."))
+        blocks.append(Picture("intervals", what, partial(plot_intervals, law)))
+        table = Table("values", "The same in numbers.", _by_object(law))
         blocks.append(folded(table, "Coefficients by object"))
     else:
         blocks.append(Text("The law has no coefficient: it says that nothing changes."))
     return Section("coefficients", "Coefficients", tuple(blocks))
+
+
+def _interval(case: LawCase) -> str:
+    if case.verdict.exact:
+        return "Each 95 % interval holds the true coefficient with a probability of 95 %, if the law holds."
+    return (
+        "As the law is not exact, these are not true values, but those that describe the measurements best; their 95 % "
+        "intervals say how well the measurements tell them."
+    )
 
 
 def _relations(law: Law) -> list[Block]:
@@ -111,7 +119,12 @@ def _relations(law: Law) -> list[Block]:
 def _by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
     if not law.shared or len(law.objects) == 1:
-        return law.to_frame().reset_index() if law.covariance is None else law.intervals()
+        frame = law.to_frame().reset_index() if law.covariance is None else law.intervals()
+        units = law.coefficient_units()
+        if law.covariance is not None and units:
+            pairs = zip(frame["equation"], frame["term"], strict=True)
+            frame.insert(4, "unit", [unit_text(units.get(each, "")) for each in pairs])
+        return frame
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
     values, errors = law.letter_values()
     for (name, unit), own, known in zip(coefficient_names(law), values.T, errors.T, strict=True):
@@ -132,13 +145,16 @@ def candidates(case: LawCase) -> Section:
     if len(law.objects) <= _REFITTED:
         blocks += _refitted(case, candidate_laws(law, case.training, most=6))
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
+    exact = case.verdict.exact
     if any("2 log B" in each.measures for each in law.alternatives):
-        caption += " 2 log B is 0 for the most probable, and above 10 for those out of the question."
+        wrong = "" if exact else ", if one of them were exact"
+        caption += f" 2 log B is 0 for the most probable, and above 10 for those out of the question{wrong}."
     if any(each.measures.get("forecast error") is not None for each in law.alternatives):
         caption += (
-            " Forecast error is what free forecasts of the later part of every trial are off, in standard deviations; "
-            "where no law is exact it decides."
+            " Forecast error is what free forecasts of the later part of every trial are off, in standard deviations, "
+            "where these were made."
         )
+        caption += "" if exact else " It decided, as none is exact: the law forecasts as well as the best of them."
     table = Table("compared", caption, readable_candidates(law.alternatives))
     return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
 
@@ -153,7 +169,8 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
             "terms": each.size,
             "law": "; ".join(each.law.structure()),
             "2 log B": each.evidence,
-            "R² of forecasts": _score(each.law, case.forecast),
+            "R² of forecasts": (score := _score(each.law, case.forecast)),
+            "1 − R²": 1 - score,
         }
         for each in found
     ]
@@ -163,6 +180,8 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     )
     if case.forecast_of.startswith("that it was learned from"):
         caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
+    if not case.verdict.exact:
+        caption += " No law is exact: the law was fitted together with its errors, the others as if they were exact."
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
@@ -176,20 +195,15 @@ def _score(law: Law, forecast: Forecast) -> float:
 def ranges(case: LawCase) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.training
-    schema = trials.schema
-    columns = {
-        name: np.concatenate([getattr(trial, part)[:, j] for trial in trials])
-        for part, names in (("states", schema.states), ("inputs", schema.inputs))
-        for j, name in enumerate(names)
-    }
-    columns[f"length of a trial ({schema.time})"] = np.array([np.ptp(trial.times) for trial in trials])
-    for name in dict.fromkeys(name for own in trials.properties.values() for name in own):
-        values = [own[name] for own in trials.properties.values() if name in own]
-        if all(isinstance(each, float) for each in values):
-            columns[f"{name} of objects"] = np.array(values)
+    schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
+    columns = {**Domain.of(trials, law.rates).visited, "length of a trial": (min(length), max(length))}
+    units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
+    for rate, name in zip(law.rates, law.states[: len(law.rates)], strict=True):
+        units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
+    units["length of a trial"] = time
     rows = [
-        {"": name, "from": float(np.nanmin(each)), "to": float(np.nanmax(each)), "unit": _unit(case, name)}
-        for name, each in columns.items()
+        {"": name, "from": low, "to": high, "unit": unit_text(units[name]) or None}
+        for name, (low, high) in columns.items()
     ]
     text = "The law was learned from the ranges below, and says nothing certain outside of them. " + " ".join(
         literal(each) for each in case.verdict.sentences[:1]
@@ -198,10 +212,3 @@ def ranges(case: LawCase) -> Section:
         text += " Of objects that were not measured it knows the mean coefficients only."
     frame = pd.DataFrame(rows).dropna(axis=1, how="all")
     return Section("ranges", "Where it may be used", (Text(text), Table("visited", "What was visited.", frame)))
-
-
-def _unit(case: LawCase, name: str) -> str | None:
-    units, schema = case.trials.schema.units, case.trials.schema
-    if name.startswith("length of a trial"):
-        return units.get(schema.time)
-    return units.get(name.removesuffix(" of objects"))

@@ -7,8 +7,11 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.errors import CommonlawError
-from commonlaw.plots import plot_discrepancy, plot_errors, plot_residuals
-from commonlaw.report.document import Block, Fold, Picture, Section, Table, Text
+from commonlaw.inference import levels_in_words
+from commonlaw.law.discrepancy import CLAIMED
+from commonlaw.law.residuals import Residuals
+from commonlaw.plots import ResidualPanels, plot_discrepancy, plot_errors
+from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_case import LawCase, listed
 from commonlaw.report.markup import literal
 
@@ -31,30 +34,53 @@ def _patterns(case: LawCase) -> Iterator[Block]:
     except _FAILURES as error:
         yield Text(f"What measurements are off the law's trajectories could not be tested: {case.said(error)}.")
         return
-    yield Text(listed([case.said(line) for line in str(found).splitlines()]))
-    caption = (
-        "Residuals over noise: measurements less the law's trajectories, whose starts were fitted. A law that lacks "
-        "nothing leaves no course, and no memory."
-    )
-    yield Picture("residual-plots", caption, partial(plot_residuals, found))
+    meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise."
+    if len(found.odd) > 1:
+        meaning += " Patterns often have one cause: look into the surest first, see the tests."
+    yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
+    yield from _residual_panels(found)
     tests = found.tests()
     if len(tests):
         yield Fold("Tests of the residuals", (Table("tests", "P-values are adjusted for their number.", tests),))
 
 
+def _residual_panels(found: Residuals) -> Iterator[Block]:
+    """Yield small figures of residuals, those of the first state at once."""
+    panels = ResidualPanels(found)
+    for j, state in enumerate(found.trials.schema.states):
+        pictures = [
+            Picture(f"residuals-{j + 1}-{k + 1}", f"**Residuals of {literal(state)}.** {literal(caption)}", draw)
+            for k, caption in enumerate(panels.captions(j))
+            for draw in [partial(panels.draw, j, k)]
+        ]
+        gallery = Gallery(tuple(pictures))
+        yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
+
+
 def _discrepancy(case: LawCase) -> Iterator[Block]:
     """Yield what the law leaves as a function that objects share."""
     if len(case.law.objects) > _MOST_OBJECTS:
-        yield Text("A discrepancy that objects share was not looked for, as there are many objects.")
+        yield Text("A function that all objects lack was not looked for, as there are many objects.")
         return
     try:
         found = case.law.discrepancy(case.training)
     except _FAILURES as error:
-        yield Text(f"A discrepancy that objects share could not be looked for: {case.said(error)}.")
+        yield Text(f"A function that all objects lack could not be looked for: {case.said(error)}.")
         return
-    yield Text(listed([case.said(line) for line in str(found).splitlines()]))
-    caption = "The discrepancy, with its 95 % band."
-    yield Fold("The discrepancy as a figure", (Picture("discrepancy", caption, partial(plot_discrepancy, found)),))
+    of, strength = (
+        literal(f"{found.basis.coordinate} in {found.equation}"),
+        f"2 log B of {found.evidence:.1f} for it".replace("-", "−"),
+    )
+    if found.claimed:
+        yield Text(f"The law lacks a function that all objects share, of {of}: there is strong evidence, {strength}.")
+    else:
+        yield Text(
+            f"No function that all objects share is sure to be missing. The likeliest is one of {of}, with {strength}; "
+            f"above {CLAIMED:.0f} the evidence would be strong."
+        )
+    picture = Picture("discrepancy", "The function, with its 95 % band.", partial(plot_discrepancy, found))
+    lines = Text(listed([case.said(line) for line in str(found).splitlines()]))
+    yield Fold("This function", (picture, lines))
 
 
 def _errors(case: LawCase) -> Iterator[Block]:
@@ -83,11 +109,20 @@ def _errors(case: LawCase) -> Iterator[Block]:
     table = Table("residuals-by-state", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
     yield table
     yield Picture("errors", "Errors of these forecasts.", partial(plot_errors, forecast))
-    noise, units = case.law.noise, case.trials.schema.units
-    if noise is not None:
-        pairs = zip(case.law.states, noise.tolist(), strict=True)
-        said = [f"{name} {level:.3g} {units.get(name, '')}".rstrip() for name, level in pairs]
-        yield Text(f"Noise of the measurements, by the law: {literal(', '.join(said))}.")
-    errors = case.law.uncertainty.error_model
-    if errors.of_law:
+    if case.law.noise is not None:
+        yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
+    if case.law.uncertainty.error_model.of_law:
         yield Text("The law is not exact: it has a model error besides, which its bands hold.")
+
+
+def _of_measurement(case: LawCase) -> Iterator[str]:
+    """Yield the levels of the errors of measurement of each kind."""
+    law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
+    time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
+    kinds = (("noise", law.noise), (f"errors with a memory of {time}", errors.correlated))
+    for kind, levels in kinds:
+        if levels is not None:
+            yield f"{kind} of {levels_in_words(levels, schema)}"
+    if errors.proportional is not None:
+        shares = [f"{100 * each:.3g} % of {name}" for name, each in zip(law.states, errors.proportional, strict=True)]
+        yield f"noise of {', '.join(shares)}"

@@ -1,6 +1,8 @@
 """The parts of a law's report that say what it was made from, how, and how to make it again."""
 
 import platform
+from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
 import pandas as pd
@@ -23,7 +25,7 @@ def oddities(case: LawCase) -> Section:
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     held_out = "" if case.training is trials else f" Learned from {len(case.training)} of these trials."
-    frame = found.to_frame()
+    frame = found.to_frame().drop(columns="clipped")
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
     return Section("oddities", "What was odd", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
@@ -47,17 +49,11 @@ def again(case: LawCase, command: str, table: str) -> Section:
     if table:
         some = "" if case.training is case.trials else ", which learns from all trials of the table"
         text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
-    versions = [{"package": "Python", "version": platform.python_version()}, *_versions()]
-    return Section(
-        "again", "How to make it again", (Text(text), Table("versions", "Made with.", pd.DataFrame(versions)))
-    )
+    made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
+    return Section("again", "How to make it again", (Text(f"{text}Made with {made_with}."),))
 
 
-def _versions() -> list[dict[str, str]]:
-    found = []
+def _versions() -> Iterator[str]:
     for name in _PACKAGES:
-        try:
-            found.append({"package": name, "version": version(name)})
-        except PackageNotFoundError:
-            continue
-    return found
+        with suppress(PackageNotFoundError):
+            yield f"{name} {version(name)}"
