@@ -151,3 +151,14 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
         cl.refine(replace(by_rates, coefficients=own), prey)
     with pytest.raises(CommonlawError, match="noise of y is missing"):
         cl.refine(by_rates, prey, noise={"x": 1.0})
+
+
+def test_more_terms_fit_no_worse_also_where_they_are_much_alike():
+    # Of balls that fall from rest v^2 is nearly a function of x: large model errors leave such coefficients undetermined
+    drops = datasets.linear_drag(noise=0.1, seed=1)
+
+    def misfit(equation):
+        frame = cl.fit(equation, drops, noise={"x": 0.1}, errors="white").residuals(drops).to_frame()
+        return float(np.sum((frame["x"] - frame["x fitted"]) ** 2)) / 0.1**2
+
+    assert misfit("x'' = a + b v + c x + d v^2 + e x v") == pytest.approx(misfit("x'' = a + b v"), rel=0.02)

@@ -114,14 +114,20 @@ def polish(
 def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = MODEL_ERRORS) -> SearchState:
     """Return the estimates with these supports, shape (equations, terms), and with the model error of largest evidence.
 
-    Model errors that are compared are relative to the noise, from large to small.
+    Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large ones
+    leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed measurements.
 
     Raises
     ------
     CommonlawError
         If the likelihood cannot be computed.
     """
-    return _sorted(_anneal(problem, supports, model_errors))[0]
+    *larger, smallest = model_errors
+    ways = (*larger, smallest), (smallest,)
+    found = [state for way in ways for state in _anneal(problem, supports, way)]
+    last = [state for state in found if state.model_error == smallest]
+    others = [state for state in found if state.model_error != smallest]
+    return _sorted([*others, *sorted(last, key=_objective)[:1]])[0]
 
 
 def fit_with(
@@ -134,21 +140,27 @@ def fit_with(
     problem, supports, model_error
         See `fit_supports`.
     start
-        Estimates that are near; without them larger model errors lead there from the smoothed measurements.
+        Estimates that are near; without them larger model errors lead there from the smoothed measurements, or these
+        are near enough, whichever fits better.
 
     Raises
     ------
     NotPositiveError
         If the likelihood cannot be computed there.
     """
-    if start is None:
-        start = problem.starts
-        for larger in [each for each in MODEL_ERRORS if each > model_error]:
-            start = _restricted(problem, _evidence(problem, start, larger), start, supports)
-            pairs = zip(problem.models, start, strict=True)
-            start = tuple(fit(model, estimate, supports, (larger,)) for model, estimate in pairs)
-        start = _restricted(problem, _evidence(problem, start, model_error), start, supports)
-    return fitted(problem, start, supports, model_error)[0]
+    if start is not None:
+        return fitted(problem, start, supports, model_error)[0]
+    larger = [each for each in MODEL_ERRORS if each > model_error]
+    ways = (*larger, model_error), (model_error,)
+    found = [state for way in ways for state in _anneal(problem, supports, way) if state.model_error == model_error]
+    if not found:
+        raise NotPositiveError
+    return min(found, key=_objective)
+
+
+def _objective(state: SearchState) -> float:
+    """Return minus twice the log-likelihood at the estimates, which compares those with the same supports and errors."""
+    return sum(each.objective for each in state.estimates)
 
 
 def fit_solutions(
