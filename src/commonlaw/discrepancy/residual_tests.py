@@ -110,7 +110,7 @@ def _trend(own: Floats, values: Floats, name: str, time: str) -> Tested:
     if name == time:
         meaning = "something changes with time that the law does not know, or its first moments differ"
     else:
-        meaning = f"the law lacks a term in {name}, which discrepancy shows as a function of it"
+        meaning = f"the law lacks a term in {name}, or in what changes along with it; discrepancy shows it"
     return Tested(f"trend with {name}", share, p_value, meaning)
 
 

@@ -114,8 +114,9 @@ def polish(
 def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = MODEL_ERRORS) -> SearchState:
     """Return the estimates with these supports, shape (equations, terms), and with the model error of largest evidence.
 
-    Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large ones
-    leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed measurements.
+    Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large
+    ones leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed
+    measurements.
 
     Raises
     ------
@@ -159,7 +160,7 @@ def fit_with(
 
 
 def _objective(state: SearchState) -> float:
-    """Return minus twice the log-likelihood at the estimates, which compares those with the same supports and errors."""
+    """Return minus twice the log-likelihood at estimates, which compares those with the same supports and errors."""
     return sum(each.objective for each in state.estimates)
 
 
