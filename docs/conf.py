@@ -3,6 +3,7 @@
 import re
 from html import unescape
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from urllib.parse import unquote
 
@@ -29,10 +30,10 @@ html_theme = "alabaster"
 html_theme_options = {
     "description": "Find the law that repeated measurements have in common",
     "fixed_sidebar": True,
-    "page_width": "68rem",
+    "page_width": "74rem",
     "github_button": False,
 }
-html_static_path: list[str] = []
+html_static_path = ["_static"]
 html_math_renderer = "mathml"
 html_copy_source = html_show_sphinx = html_show_copyright = False
 
@@ -42,6 +43,11 @@ nb_execution_mode = "auto"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+# The measured drops are not part of the project; without them, and without a network, this page has no outputs
+try:
+    commonlaw.datasets.ball_drops()
+except commonlaw.CommonlawError:
+    nb_execution_excludepatterns = ["tutorials/drops.md"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
@@ -52,19 +58,32 @@ nitpicky = False
 
 
 class PublicNames(SphinxDirective):
-    """Describes every public name by its docstring."""
+    """Describes public names by their docstrings: its argument is a module, and the names in it."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
         """Return the descriptions."""
-        lines = []
-        for name in sorted(commonlaw.__all__, key=str.casefold):
-            found = getattr(commonlaw, name)
+        lines, (module, *names) = [], self.arguments[0].split()
+        for name in names:
+            found = resolve_name(f"{module}:{name}")
             if isinstance(found, type):
                 inherited = ["   :inherited-members:"] if found is commonlaw.Law else []
-                lines += [f".. autoclass:: commonlaw.{name}", "   :members:", *inherited, ""]
-            elif callable(found):
-                lines += [f".. autofunction:: commonlaw.{name}", ""]
+                lines += [f".. autoclass:: {module}.{name}", "   :members:", *inherited, ""]
+            else:
+                lines += [f".. autofunction:: {module}.{name}", ""]
         return self.parse_text_to_nodes("\n".join(lines))
+
+
+def _check_names(app: Sphinx) -> None:
+    """Fail if the page of the reference leaves out a public function or class."""
+    listed = set(Path(app.srcdir, "api.rst").read_text().split())
+    modules = commonlaw, commonlaw.plots, commonlaw.datasets
+    public = {name: getattr(module, name) for module in modules for name in module.__all__}
+    own = {name for name, found in public.items() if getattr(found, "__module__", "").startswith("commonlaw")}
+    if missing := sorted(own - listed):
+        raise ExtensionError(f"api.rst does not list {', '.join(missing)}")
 
 
 class CommandHelp(SphinxDirective):
@@ -121,5 +140,6 @@ def setup(app: Sphinx) -> None:
     """Add the directives, and formulas as MathML, which browsers draw by themselves."""
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
+    app.connect("builder-inited", _check_names)
     app.connect("build-finished", _check_links)
     app.add_html_math_renderer("mathml", (_inline_math, None), (_displayed_math, None))

@@ -64,5 +64,5 @@ def _drawn(draw: Callable[[], Figure]) -> str:
 
 
 def _joined(line: str, content: str, drawing: str) -> str:
-    sized = f'<div style="max-width: 44rem; overflow-x: auto">{drawing}</div>'
+    sized = drawing.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)
     return visible(f"<div><p>{escape(in_line(line))}</p>{content}{sized}</div>")
