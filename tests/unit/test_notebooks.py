@@ -35,6 +35,12 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
     assert law.letters[0] == "c"
 
 
+def test_a_history_shows_a_row_for_each_choice(law):
+    shown = law.history._repr_html_()
+    assert shown.count("<tr") == len(law.history) + 1
+    assert "maximum likelihood" in shown
+
+
 def test_anchors_of_two_figures_differ(law, drops):
     first, second = ({*re.findall(r' id="([^"]+)"', each._repr_html_())} for each in (law, drops))
     assert first

@@ -8,6 +8,7 @@ from itertools import zip_longest
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.law.domain import Domain
 from commonlaw.law.verdict import LawVerdict
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
 
 _WIDTH = 60
@@ -63,15 +64,13 @@ class Step:
     reason: str
 
 
-class History(tuple[Step, ...]):
+class History(ShownInNotebooks, tuple[Step, ...]):
     """Every choice on the way to a law, in order; it prints as a table.
 
     >>> print(History([Step("noise", "x: 0.05", "from differences of order 4")]))
     stage  choice   reason
     noise  x: 0.05  from differences of order 4
     """
-
-    __slots__ = ()
 
     def __str__(self) -> str:
         if not self:

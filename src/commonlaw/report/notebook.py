@@ -7,7 +7,7 @@ from html import escape
 import pandas as pd
 
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Forecast, Law
+from commonlaw.law import Forecast, History, Law
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.formulas import law_markdown
@@ -18,10 +18,16 @@ from commonlaw.trials import Trials
 _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""
 
+_STEPS = ["stage", "choice", "reason"]
+"""Columns of a history."""
 
-def notebook_html(value: Law | Trials | Forecast) -> str:
+
+def notebook_html(value: Law | Trials | Forecast | History) -> str:
     """Return a value as HTML for a notebook; figures of many objects show the first ones."""
     match value:
+        case History():
+            steps = pd.DataFrame([(each.stage, each.choice, each.reason) for each in value], columns=_STEPS)
+            return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case Law():
             return _law(value)
         case Trials():

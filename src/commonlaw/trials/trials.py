@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 class Trials(ShownInNotebooks):
     """An immutable collection of trials with their objects' properties, variable names and units.
 
+    A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
+    ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it.
+
     Parameters
     ----------
     trials
@@ -52,9 +55,6 @@ class Trials(ShownInNotebooks):
         What was done to the data on the way in (sorted, clipped), in words.
     nameless
         Whether no object was named, so that the only one has the name of its file, or ``object``.
-
-    A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
-    ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it.
 
     Raises
     ------
