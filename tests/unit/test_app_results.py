@@ -76,6 +76,35 @@ def test_columns_are_recognised_and_can_be_named():
     assert (seen["roles"]["states"], seen["roles"]["inputs"], seen["objects"]) == (("a",), ("b",), ("p",))
 
 
+def test_what_is_odd_comes_with_the_rows_of_the_file_and_the_cell_that_is_meant():
+    rows = [
+        f"b{each},{i},{(each + 1) * i * i if (each, i) != (2, 6) else 999},{i}" for each in range(8) for i in range(9)
+    ]
+    rows[20], rows[26] = rows[26], rows[20]  # Times of an object need not be in order
+    rows[40] = "b4,4,,4"
+    seen = preview(Table("t.csv", "\n\n".join(["object,t [s],x [m],y [m]", *rows, "c,0,1,1"]).encode()), Columns())
+    jump, missing, short = (each for each in seen["odd"] if each["cases"][0]["rows"])
+    (case,) = jump["cases"]
+    assert case["text"] == "b2, trial 1: x jumps by 924 from sample 6 to sample 7"
+    assert case["rows"][case["row"]] == [51, "b2", "6", "999", "6"]
+    assert [row[0] for row in case["rows"]] == [45, 47, 49, 51, 53, 43]
+    (case,) = missing["cases"]
+    assert (case["rows"][case["row"]], case["column"]) == ([83, "b4", "4", "", "4"], "x")
+    assert (short["text"], short["cases"][0]["rows"]) == (
+        "c, trial 1: very short, 1 samples",
+        [[147, "c", "0", "1", "1"]],
+    )
+
+
+def test_of_many_cases_some_are_shown_in_the_words_of_the_page():
+    rows = [f"b{each},{i},{i * i}" for each in range(40) for i in range(3)]
+    seen = preview(Table("t.csv", "\n".join(["object,t,x", *rows]).encode()), Columns())
+    short, units = seen["odd"]
+    assert (short["text"], short["count"]) == ("in 40 cases, such as b0, trial 1: very short, 3 samples", 40)
+    assert len(short["cases"]) == 12
+    assert units["text"] == "no unit is known for t, x: write it in the header, as in 'x [m]'"
+
+
 def test_what_is_held_out_is_not_learned_from(drops):
     assert HoldOut("object", drops.objects[0]).training(drops).objects == drops.objects[1:]
     assert max(trial.times[-1] for trial in HoldOut("after", "1.5").training(drops)) <= 1.5

@@ -62,6 +62,15 @@ def test_what_is_irregular_does_not_depend_on_the_unit_of_the_times(unit):
     assert oddity == "ball, trial 1: irregular frame: clip_irregular() would keep 30 of 31 samples"
 
 
+def test_what_is_odd_knows_its_trial_sample_and_column():
+    late, values = fall(), fall()
+    late[20], values[12] = np.nan, 80.0
+    missing, jump, _ = ball(late, values).check().found
+    assert (missing.object, missing.trial, missing.sample, missing.column) == ("ball", "1", 20, "x1")
+    assert (jump.sample, jump.column) == (12, "x2")
+    assert str(jump).startswith("ball, trial 1: x2 jumps by")
+
+
 def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
     oddities = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().oddities
     assert oddities[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")

@@ -5,13 +5,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from commonlaw.app.oddities import cell_text, odd_kinds
 from commonlaw.app.question import Columns, Table
 from commonlaw.app.result import Found
+from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.law import Law
 from commonlaw.law.population import law_of
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.sources import table_in
 
 _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 200
 """Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
@@ -55,8 +56,8 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
 
     Where columns do not make trials, the reason stands in place of these.
     """
-    held = table_in(table.name, table.content)
-    shown = [[str(each) for each in column[:_ROWS]] for column in held.columns.values()]
+    held = table.cells()
+    shown = [[cell_text(each) for each in column[:_ROWS]] for column in held.columns.values()]
     found: dict[str, Any] = {
         "name": table.name,
         "columns": list(held.columns),
@@ -64,14 +65,17 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         "problem": "",
     }
     try:
-        trials = columns.trials(table)
+        rows = columns.rows(held)
     except CommonlawError as error:
-        return found | {"problem": str(error)}
-    return found | _of_trials(trials)
+        return found | {"problem": in_page(str(error))}
+    trials = Trials(*rows.data)
+    check = trials.check()
+    odd = {"odd": odd_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
+    return found | _of_trials(trials) | odd
 
 
 def _of_trials(trials: Trials) -> dict[str, Any]:
-    schema, check = trials.schema, trials.check()
+    schema = trials.schema
     return {
         "roles": {
             "object": schema.object,
@@ -85,7 +89,6 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
         "labels": list(dict.fromkeys(each.name for each in trials)),
         "count": len(trials),
         "samples": sum(map(len, trials)),
-        "odd": [*check.lines(), *check.notes],
         "units": dict(schema.units),
         "trials": [
             {

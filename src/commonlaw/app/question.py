@@ -8,7 +8,9 @@ import msgspec
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
-from commonlaw.trials.tables import trials_in
+from commonlaw.trials.columns import Table as Cells
+from commonlaw.trials.sources import table_in
+from commonlaw.trials.tables import Rows, rows_of
 
 
 class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -21,10 +23,10 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     inputs: tuple[str, ...] = ()
     properties: tuple[str, ...] = ()
 
-    def trials(self, table: "Table") -> Trials:
-        """Return the trials in a table."""
+    def rows(self, cells: Cells) -> Rows:
+        """Return what the rows of a table make."""
         said: dict[str, Any] = {name: each for name, each in msgspec.structs.asdict(self).items() if each}
-        return Trials(*trials_in(table.name, table.content, **said))
+        return rows_of(cells, Path(cells.source).stem, **said)
 
 
 class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -64,6 +66,14 @@ class Table(msgspec.Struct, frozen=True):
 
     name: str
     content: bytes
+
+    def cells(self) -> Cells:
+        """Return what is in it."""
+        return table_in(self.name, self.content)
+
+    def trials(self, columns: Columns) -> Trials:
+        """Return the trials in it."""
+        return Trials(*columns.rows(self.cells()).data)
 
 
 def named(name: str, content: bytes) -> Table:

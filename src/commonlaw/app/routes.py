@@ -19,12 +19,12 @@ from commonlaw.app.question import Columns, Question, named
 from commonlaw.app.result import Found
 from commonlaw.app.searching import Search
 from commonlaw.app.sessions import Sessions
+from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.law import Forecast
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_page
-from commonlaw.trials.sources import table_in
 
 _SCRIPTS = ("app", "basics", "curves", "law", "measurements", "plots", "question", "take", "uplot")
 
@@ -100,7 +100,7 @@ def _mended(answer: Callable[[Sessions, Request], Awaitable[Response]]) -> Endpo
         try:
             return await answer(request.app.state.sessions, request)
         except CommonlawError as error:
-            return _json({"error": str(error)}, 422)
+            return _json({"error": in_page(str(error))}, 422)
         except TooLargeError:
             return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
 
@@ -109,7 +109,7 @@ def _mended(answer: Callable[[Sessions, Request], Awaitable[Response]]) -> Endpo
 
 async def _add_table(sessions: Sessions, request: Request) -> Response:
     table = named(request.query_params.get("name", "table"), await request.body())
-    await run_in_threadpool(table_in, table.name, table.content)
+    await run_in_threadpool(table.cells)
     return _json({"table": sessions.tables.add(table)})
 
 

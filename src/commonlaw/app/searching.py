@@ -91,7 +91,7 @@ def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Fo
     from commonlaw.law import Law
 
     show("reading the table")
-    trials = question.columns.trials(table)
+    trials = table.trials(question.columns)
     training = question.hold_out.training(trials)
     if question.law is not None:
         law = Law.from_json(question.law)

@@ -9,6 +9,7 @@ from threading import Lock
 from time import time
 from typing import Any, Generic, TypeVar
 
+from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
@@ -100,6 +101,6 @@ def _work(connection: Connection, task: Task[Any]) -> None:
     try:
         connection.send(("made", task(show)))
     except CommonlawError as error:
-        connection.send(("failure", str(error)))
+        connection.send(("failure", in_page(str(error))))
     except MemoryError:
         connection.send(("failure", "there is not enough memory for this: take fewer trials or a smaller library"))

@@ -1,7 +1,7 @@
 """What there is to know about trials before they are used."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ _REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
 _FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
 _ROUNDED = 1e-4  # of the median step
+_MANY = 4  # cases that are told as one
 _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
 
 
@@ -59,20 +60,63 @@ class TrialCheck:
 
 
 @dataclass(frozen=True)
+class Oddity:
+    """Something odd about trials: a sentence, and where it is, as far as it is in one place.
+
+    Parameters
+    ----------
+    text
+        The sentence.
+    object, trial
+        Labels of the trial.
+    sample
+        Which sample of the trial it begins with, counted from 0.
+    column
+        The state, or the time.
+    """
+
+    text: str
+    object: str | None = None
+    trial: str | None = None
+    sample: int | None = None
+    column: str | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
 class Report:
     """Figures of every trial, what is odd about the trials, and what was done to them before, in words."""
 
     trials: tuple[TrialCheck, ...]
-    oddities: tuple[str, ...]
+    found: tuple[Oddity, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def oddities(self) -> tuple[str, ...]:
+        """What is odd, in sentences."""
+        return tuple(map(str, self.found))
+
+    def kinds(self) -> dict[str, tuple[Oddity, ...]]:
+        """Return what is odd in the same way together, by how it begins to be told.
+
+        More than three cases are told as how many there are, and one of them.
+        """
+        kinds: dict[str, list[Oddity]] = {}
+        for each in self.found:
+            kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each.text), []).append(each)
+        told: dict[str, tuple[Oddity, ...]] = {}
+        for same in kinds.values():
+            if len(same) < _MANY:
+                told |= {each.text: (each,) for each in same}
+            else:
+                told[f"in {len(same)} cases, such as {same[0]}"] = tuple(same)
+        return told
 
     def lines(self) -> tuple[str, ...]:
         """Return what is odd; of what is odd in the same way in more than three cases, how many there are, and one."""
-        kinds: dict[str, list[str]] = {}
-        for each in self.oddities:
-            kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each), []).append(each)
-        few = (same if len(same) < 4 else [f"in {len(same)} cases, such as {same[0]}"] for same in kinds.values())
-        return tuple(line for same in few for line in same)
+        return tuple(self.kinds())
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``.
@@ -93,20 +137,24 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report in values that JSON holds."""
-        return asdict(self)
+        held = asdict(self)
+        return {"trials": held["trials"], "oddities": self.oddities, "notes": held["notes"]}
 
 
 def check(data: TrialData, tolerance: float | None) -> Report:
     """Return figures of every trial and what is odd about them, see `Trials.check`."""
     trials, schema, notes = data.trials, data.schema, data.notes
-    names = schema.states
-    rows = tuple(_figures(trial, names, tolerance) for trial in trials)
-    oddities = [
-        f"{trial.label}: {oddity}"
+    rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
+    found = (
+        oddity
         for trial, row in zip(trials, rows, strict=True)
-        for oddity in (*_sampling(trial, row, tolerance), *_values(trial, names, len(trial) - row.clipped))
-    ]
-    return Report(rows, (*oddities, *_uneven(trials), *_copied(trials), *_without_unit(schema)), notes)
+        for oddity in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
+    )
+    return Report(rows, (*found, *_uneven(trials), *_copied(trials), *_without_unit(schema)), notes)
+
+
+def _in(trial: Trial, text: str, sample: int | None = None, column: str | None = None) -> Oddity:
+    return Oddity(f"{trial.label}: {text}", trial.object, trial.name, sample, column)
 
 
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> TrialCheck:
@@ -127,43 +175,44 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
     )
 
 
-def _sampling(trial: Trial, row: TrialCheck, tolerance: float | None) -> list[str]:
-    """Return what is odd about a trial's length, steps and gaps."""
-    found = []
+def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Oddity]:
+    """Yield what is odd about a trial's length, steps and gaps."""
     if row.samples < _SHORT:
-        found.append(f"very short, {row.samples} samples")
+        yield _in(trial, f"very short, {row.samples} samples")
     if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _FEW:
-        found.append(
-            f"irregular frame: clip_irregular() would keep {row.samples - row.clipped} of {row.samples} samples"
-        )
+        kept = row.samples - row.clipped
+        text = f"irregular frame: clip_irregular() would keep {kept} of {row.samples} samples"
+        yield _in(trial, text, kept, schema.time)
     elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
-        found.append(
-            f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
-        )
+        text = f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
+        late = int(np.argmax(np.abs(np.diff(trial.times) - row.median_step))) + 1
+        yield _in(trial, text, late, schema.time)
     rounding = float(np.spacing(np.abs(trial.times).max()))
     if row.median_step and rounding > _ROUNDED * row.median_step:
-        found.append(
+        text = (
             f"times are rounded to {rounding:.2g}, {rounding / row.median_step:.2g} of a step, as they are so large: "
             "count them from the beginning of the trial"
         )
-    found += [f"{name} is missing in {count} of {row.samples} samples" for name, count in row.missing.items() if count]
-    return found
+        yield _in(trial, text, 0, schema.time)
+    for name, column in zip(schema.states, trial.states.T, strict=True):
+        if count := row.missing[name]:
+            text = f"{name} is missing in {count} of {row.samples} samples"
+            yield _in(trial, text, int(np.isnan(column).argmax()), name)
 
 
-def _values(trial: Trial, names: tuple[str, ...], stop: int) -> list[str]:
-    """Return what is odd about the states of a trial; jumps are looked for in its first `stop` samples."""
-    found = []
-    for name, column in zip(names, trial.states.T, strict=True):
+def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Oddity]:
+    """Yield what is odd about the states of a trial; jumps are looked for in its first `stop` samples."""
+    for name, column in zip(schema.states, trial.states.T, strict=True):
         measured = np.flatnonzero(~np.isnan(column))
         values = column[measured]
         if len(values) > 1 and np.all(values == values[0]):
-            found.append(f"{name} is constant, {values[0]:g} in every sample")
+            yield _in(trial, f"{name} is constant, {values[0]:g} in every sample", int(measured[0]), name)
         kept = measured < stop
         index = _jump(trial.times[measured[kept]], values[kept])
         if index is not None:
-            jump, (before, after) = values[index + 1] - values[index], measured[index : index + 2] + 1
-            found.append(f"{name} jumps by {jump:.3g} from sample {before} to sample {after}")
-    return found
+            jump, (before, after) = values[index + 1] - values[index], measured[index : index + 2].tolist()
+            text = f"{name} jumps by {jump:.3g} from sample {before + 1} to sample {after + 1}"
+            yield _in(trial, text, after, name)
 
 
 def _jump(times: Floats, values: Floats) -> int | None:
@@ -191,13 +240,13 @@ def _jump(times: Floats, values: Floats) -> int | None:
     return int(wild[0] + (after >= before))
 
 
-def _uneven(trials: Sequence[Trial]) -> list[str]:
+def _uneven(trials: Sequence[Trial]) -> list[Oddity]:
     """Return the objects whose trials have very different lengths."""
     lengths: dict[str, list[int]] = {}
     for trial in trials:
         lengths.setdefault(trial.object, []).append(len(trial))
     return [
-        f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples"
+        Oddity(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
         for name, each in lengths.items()
         if max(each) >= _UNEVEN * min(each)
     ]
@@ -215,17 +264,18 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     return tuple((trial, before) for trial, before in pairs if trial is not before)
 
 
-def _copied(trials: Sequence[Trial]) -> list[str]:
+def _copied(trials: Sequence[Trial]) -> list[Oddity]:
     """Return the trials that are no new evidence."""
     pairs = exact_copies(trials)
-    return [f"{trial.label}: an exact copy of {before.label}, which tells nothing new" for trial, before in pairs]
+    return [_in(trial, f"an exact copy of {before.label}, which tells nothing new") for trial, before in pairs]
 
 
-def _without_unit(schema: Schema) -> list[str]:
+def _without_unit(schema: Schema) -> list[Oddity]:
     bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
     if not bare:
         return []
-    return [f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."]
+    text = f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."
+    return [Oddity(text)]
 
 
 def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:

@@ -41,6 +41,8 @@ class Table:
     """Unit by column name, from the headers."""
     locate: Callable[[int], str]
     """From the index of a row to its location for the reader: ``row 17 (line 18)``."""
+    number: Callable[[int], int] = lambda row: row + 1
+    """From the index of a row to its number in the file: of the line, or of the row of a sheet."""
     loose: frozenset[str] = frozenset()
     """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
     decimal_comma: bool = False
@@ -163,6 +165,7 @@ def filled_table(
     *,
     loose: Sequence[int] = (),
     locate: Callable[[int], str] = lambda row: f"row {row + 1}",
+    number: Callable[[int], int] = lambda row: row + 1,
 ) -> Table:
     """Return the table of these columns without the rows and the nameless columns in which nothing stands."""
     empty = [_missing(column) for column in columns]
@@ -172,7 +175,8 @@ def filled_table(
     rows = np.flatnonzero(~blank)
     arrays = {name: columns[i][rows] if blank.any() else columns[i] for name, i in zip(names, used, strict=True)}
     loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
-    return Table(source, arrays, units, lambda row: locate(int(rows[row])), loosely)
+    where = lambda row: locate(int(rows[row])), lambda row: number(int(rows[row]))
+    return Table(source, arrays, units, *where, loosely)
 
 
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:

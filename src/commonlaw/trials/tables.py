@@ -20,7 +20,7 @@ from commonlaw.trials.properties import (
     given_properties,
     object_codes,
 )
-from commonlaw.trials.sources import read_table, table_in
+from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Roles, Schema, Trial, TrialData, check_measured, label, shown
 from commonlaw.trials.units import known_unit
 
@@ -33,21 +33,12 @@ _CLOCKS = (
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> TrialData:
     """Return the trials in a file, see `Trials.read`."""
-    return _trials_in(read_table(path, sheet), Path(path).stem, roles)
-
-
-def trials_in(name: str, content: bytes, **roles: Unpack[Roles]) -> TrialData:
-    """Return the trials in the content of a file of this name, see `Trials.read`."""
-    return _trials_in(table_in(name, content), Path(name).stem, roles)
-
-
-def _trials_in(table: Table, default_object: str, roles: Roles) -> TrialData:
-    return _collected(read_rows(table, default_object, cast(Roles, {**table.roles, **_checked(roles)})))
+    return rows_of(read_table(path, sheet), Path(path).stem, **roles).data
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Roles]) -> TrialData:
     """Return the trials in a frame, see `Trials.from_frame`."""
-    return _collected(read_rows(frame_table(frame), "object", _checked(roles)))
+    return rows_of(frame_table(frame), "object", **roles).data
 
 
 @dataclass(frozen=True)
@@ -56,15 +47,18 @@ class Rows:
 
     data: TrialData
     empty: tuple[str, ...]
+    places: tuple[Codes, ...]
+    """Of each trial the indices of the rows of its samples, shape (n,)."""
 
 
-def _collected(rows: Rows) -> TrialData:
-    """Return the trials in rows that are a whole table."""
+def rows_of(table: Table, default_object: str, **roles: Unpack[Roles]) -> Rows:
+    """Return what the rows of a whole table make, see `Trials.read`."""
+    rows = read_rows(table, default_object, cast(Roles, {**table.roles, **_checked(roles)}))
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
     for trial in rows.data.trials:
         check_measured(trial, rows.data.schema.states)
-    return rows.data
+    return rows
 
 
 def _checked(roles: Roles) -> Roles:
@@ -112,10 +106,10 @@ def read_rows(table: Table, default_object: str, roles: Roles) -> Rows:
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
     cells = _cells(located, schema)
-    made, empty, notes = _cut(table, cells, owners * len(labels) + runs, objects, labels)
+    made, empty, places, notes = _cut(table, cells, owners * len(labels) + runs, objects, labels)
     remarks = (*table.notes, *columns.notes, *known.notes, *notes)
     nameless = objects_in is None and "object_name" not in roles
-    return Rows(TrialData(made, schema, known.values, remarks, nameless), empty)
+    return Rows(TrialData(made, schema, known.values, remarks, nameless), empty, places)
 
 
 def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:
@@ -225,16 +219,17 @@ def _cells(table: Table, schema: Schema) -> _Cells:
 
 def _cut(
     table: Table, cells: _Cells, group: Codes, objects: Sequence[str], labels: Sequence[str]
-) -> tuple[tuple[Trial, ...], tuple[str, ...], list[str]]:
+) -> tuple[tuple[Trial, ...], tuple[str, ...], tuple[Codes, ...], list[str]]:
     """Cut rows into trials, in order of first appearance and sorted by time.
 
-    Rows before a measured state that have none are left out; labels of trials without any row come second, notes third.
+    Rows before a measured state that have none are left out; labels of trials without any row come second, then the
+    rows of each trial, and notes.
     """
     codes, first, which = np.unique(group, return_index=True, return_inverse=True)
     in_order = np.argsort(first)
     rank = np.argsort(in_order)[which]
     bounds = np.cumsum(np.bincount(rank))[:-1]
-    made, empty, late, gaps = [], [], [], []
+    made, empty, places, late, gaps = [], [], [], [], []
     measured = np.asarray(np.isfinite(cells[1]).any(axis=1))
     for code, rows in zip(codes[in_order], np.split(np.argsort(rank, kind="stable"), bounds), strict=True):
         name, run = objects[code // len(labels)], labels[code % len(labels)]
@@ -250,11 +245,12 @@ def _cut(
             gaps.append(f"{where}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
             made.append(Trial(name, run, *(each[rows[kept]] for each in cells)))
+            places.append(rows[kept])
         else:
             empty.append(where)
     notes = [f"sorted by time: {'; '.join(late)}"] if late else []
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
-    return tuple(made), tuple(empty), notes
+    return tuple(made), tuple(empty), tuple(places), notes
 
 
 def _refuse_twice(table: Table, times: Floats, rows: Codes, where: str) -> None:

@@ -60,6 +60,7 @@ def text_table(source: str, content: bytes) -> Table:
         [frame[i].to_numpy()[kept] for i in range(len(header))],
         loose=range(len(header)),
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
+        number=lambda row: int(lines[kept[row]]),
     )
     if delimiter != ";" or not _DECIMAL_COMMA.search(body):
         return table

@@ -62,15 +62,16 @@ def _sheets_table(source: str, sheets: dict[str, Rows]) -> Table:
     """Return the table of sheets below each other; several sheets without a column ``object`` are an object each."""
     many = len(sheets) > 1
     header = max((rows[0][1] for rows in sheets.values()), key=len)
-    locations, cells, names = [], [], []
+    locations, numbers, cells, names = [], [], [], []
     for name, rows in sheets.items():
         for number, row in rows[1:]:
             cells.append([None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)))
             names.append(name)
             locations.append(f"row {number}" + f" of sheet {name!r}" * many)
+            numbers.append(number)
     made = [column_of([row[i] for row in cells]) for i in range(len(header))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
     titles = [str(cell) for cell in header]
     if many and "object" not in {title.strip().casefold() for title in titles}:
         titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]
-    return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__)
+    return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__, number=numbers.__getitem__)

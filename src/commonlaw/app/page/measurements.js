@@ -29,17 +29,48 @@ function showPreview() {
   if (found.problem) {
     $("counts").textContent = found.name;
     $("columns").open = true;
+    showOddities({ odd: [], notes: [] });
     return draw($("preview_plot"), [], {});
   }
   $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}; states ${roles.states.join(", ")}`;
-  $("odd").hidden = !found.odd.length;
-  $("odd").firstElementChild.textContent = `What is odd (${found.odd.length})`;
-  $("odd").lastElementChild.replaceChildren(...found.odd.map(each => element("li", each)));
+  showOddities(found);
   const names = labels(found.trials);
   const curves = found.trials.map((trial, i) => ({ t: trial.t, line: trial.states[0], points: trial.states[0], label: names[i], color: i }));
   draw($("preview_plot"), curves, { x: withUnit({ name: roles.time, unit: found.units[roles.time] }), y: withUnit({ name: roles.states[0], unit: found.units[roles.states[0]] }), height: 220 });
   showLibraries();
   showHeld();
+}
+
+function showOddities({ odd, notes, columns }) {
+  for (const [id, what, items] of [["odd", "What is odd", odd.map(each => kindItem(each, columns))], ["notes", "How the table was read", notes.map(each => element("li", each))]]) {
+    $(id).hidden = !items.length;
+    $(id).firstElementChild.textContent = `${what} (${items.length})`;
+    $(id).lastElementChild.replaceChildren(...items);
+  }
+}
+
+/** What is odd in the same way: its text, and folded the cases with their rows. */
+function kindItem({ text, count, cases }, columns) {
+  const item = element("li", text), fold = element("details");
+  if (!cases.some(each => each.rows.length)) return item;
+  fold.append(element("summary", count > 1 ? "The cases, with their rows" : "The rows"));
+  for (const each of cases) {
+    if (count > 1) fold.append(element("p", each.text));
+    fold.append(oddRows(each, columns));
+  }
+  if (count > cases.length) fold.append(element("p", `and ${count - cases.length} more`));
+  item.append(fold);
+  return item;
+}
+
+function oddRows({ text, rows, row, column }, columns) {
+  const around = element("div", "", { class: "scroll", tabindex: 0, role: "region", "aria-label": `Rows: ${text}` }), table = element("table");
+  table.append(element("thead"), element("tbody"));
+  fill(table, ["row", ...columns], rows);
+  const cell = row === null ? null : table.tBodies[0].rows[row].cells[columns.indexOf(column) + 1];
+  if (cell) cell.replaceChildren(element("mark", cell.textContent || "empty"));
+  around.append(table);
+  return around;
 }
 
 function showColumns({ columns, rows, roles }) {

@@ -1,0 +1,28 @@
+"""Messages of the library in the words of the page."""
+
+import re
+
+_ROLES = {
+    "object": "object",
+    "trial": "trial",
+    "time": "time",
+    "states": "state",
+    "inputs": "input",
+    "properties": "property",
+}
+_PARTS = {
+    ", or give it with units=...": "",
+    "clip_irregular() would keep": "the option --clip of the command would keep",
+}
+
+
+def in_page(text: str) -> str:
+    """Return a message in which arguments of functions are what the page calls them.
+
+    >>> in_page("Name it with time=...; columns: a, b")
+    "Name it with 'time' under Columns; columns: a, b"
+    """
+    for part, words in _PARTS.items():
+        text = text.replace(part, words)
+    roles = rf"\b({'|'.join(_ROLES)})=(\.\.\.|\[\.\.\.\])"
+    return re.sub(roles, lambda found: f"{_ROLES[found[1]]!r} under Columns", text)
