@@ -46,6 +46,14 @@ def test_a_law_of_other_terms_is_that_candidate_or_says_what_is_missing(law, dro
         candidate_law(law, drops, law.support & False)
 
 
+def test_candidates_have_errors_of_the_kind_that_the_law_has(drops):
+    law = cl.fit("x'' = a + b v", drops, errors="proportional")
+    other = candidate_law(law, drops, np.isin(law.terms.names, ["1"])[None]).law
+    share, larger = (each.uncertainty.error_model.proportional for each in (law, other))
+    assert (larger > share).all()
+    assert other.predict(drops, return_std=True).std is not None
+
+
 def test_known_coefficients_stay_in_every_candidate(drops):
     law = cl.discover(drops, order=2, library="poly:1", known={"1": -9.8})
     one = law.terms.names.index("1")

@@ -107,7 +107,7 @@ def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Shown
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     """Return a candidate with what the page shows of it."""
     law = candidate.law
-    forecast = None if found.checked is None else _forecast(law, found.checked, candidate.chosen, found.law)
+    forecast = None if found.checked is None else _forecast(law, found.checked)
     score = None if forecast is None else forecast.score()
     shown = {
         "size": candidate.size,
@@ -125,13 +125,11 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     return ShownLaw(law, shown)
 
 
-def _forecast(law: Law, checked: Forecast, is_chosen: bool, chosen: Law) -> Forecast | None:
+def _forecast(law: Law, checked: Forecast) -> Forecast | None:
     """Return a candidate's forecasts of the trials that the law was checked on, few enough to be drawn."""
     trials = checked.trials.with_trials(checked.trials.trials[:_TRIALS])
-    # Candidates are fitted without model errors: their bands would not hold where the law has one
-    bands = law.has_std and (is_chosen or not chosen.uncertainty.error_model)
     try:
-        return law.predict(trials, return_std=bands)
+        return law.predict(trials, return_std=law.has_std)
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
         return None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
@@ -50,7 +51,8 @@ def candidate_laws(
 
     Of each number of terms that an equation may have, the best candidate comes first; of several equations one after
     the other grows. If there is room, others follow that differ in one equation. Coefficients are fitted as `refine`
-    does it, with the noise of the law and no other errors.
+    does it, with the noise of the law, or where it has other errors with errors of that kind, whose levels are found
+    for each candidate.
 
     Parameters
     ----------
@@ -199,7 +201,10 @@ def _is_of(each: Alternative, left: str, terms: Sequence[str]) -> bool:
 
 
 def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
-    """Return the law with other terms, fitted with the noise of the law; its known coefficients stay."""
+    """Return the law with other terms, fitted with errors of its kind; its known coefficients stay.
+
+    White noise has the level of the law. What else a law leaves, other terms leave more or less of.
+    """
     certain = (law.standard_errors == 0).all(axis=0)
     support = support | certain
     start = np.where(certain, law.coefficients, support * 1.0)
@@ -212,7 +217,7 @@ def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
         provenance=Provenance(law.differentiation),
         explanation=None,
     )
-    given = trials.schema.noise_columns
-    levels = {} if law.noise is None else dict(zip(law.states, law.noise.tolist(), strict=True))
+    kind, given = kind_of(law.uncertainty.error_model), trials.schema.noise_columns
+    levels = {} if law.noise is None or kind != "white" else dict(zip(law.states, law.noise.tolist(), strict=True))
     noise = {name: level for name, level in levels.items() if name not in given}
-    return refine(frame, trials, noise=noise or None, errors="white", progress=lambda _: None)
+    return refine(frame, trials, noise=noise or None, errors=kind, progress=lambda _: None)

@@ -36,6 +36,17 @@ _WORST = 1e12
 """In place of a value that cannot be computed."""
 
 
+def kind_of(errors: ErrorModel) -> ErrorKind:
+    """Return of which kind the errors of a law are."""
+    if errors.force is not None:
+        return "force"
+    if errors.correlated is not None:
+        return "correlated"
+    if errors.proportional is not None:
+        return "proportional"
+    return "white" if errors.walk is None else "walk"
+
+
 def with_errors_of_kind(
     problem: SearchProblem, state: SearchState, kind: ErrorKind
 ) -> tuple[SearchProblem, SearchState]:
