@@ -10,6 +10,7 @@ import commonlaw as cl
 from commonlaw import CommonlawError, Law, Trials
 from commonlaw.discrepancy.residual_tests import patterns
 from commonlaw.law.residuals import correlations
+from commonlaw.law.uncertainty import OwnEstimates
 from commonlaw.plots import plot_residuals, render
 
 
@@ -95,6 +96,21 @@ def test_white_noise_has_no_memory_after_a_fit_to_short_trials(samples, trials):
         found.append(next(each.p_value for each in tested if each.pattern == "correlation of neighbours"))
     assert np.mean(np.array(found) < 0.01) <= 0.05
     assert np.mean(np.array(found) < 0.5) > 0.2
+
+
+def test_coefficients_that_all_objects_share_are_spent_once():
+    trials = decays(white)
+    names = [f"object {i}" for i in range(10)]
+    apart = trials.with_trials([replace(own, object=name) for own, name in zip(trials, names, strict=True)])
+    law = Law.from_text("x' = -k x", {"k": dict.fromkeys(names, 1.0)})
+    own = np.full((10, 1, 1), 1e-4)
+    for covariance, spent in ((own, 20), (own / 10, 11)):
+        unpooled = OwnEstimates(law.coefficients[:, 0], own)
+        uncertain = replace(law.uncertainty, noise=[0.01], covariance=covariance, unpooled=unpooled)
+        found = replace(law, uncertainty=uncertain).residuals(apart)
+        squares = np.concatenate(found.standardized) ** 2
+        (level,) = [each.statistic for each in found.patterns if each.pattern == "size over noise"]
+        assert level == pytest.approx(np.sqrt(squares.sum() / (len(squares) - spent)))
 
 
 def test_few_samples_are_not_tested_and_discrete_time_is_refused():

@@ -32,9 +32,28 @@ def residuals(law: Law, trials: Trials) -> Residuals:
         std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
         off.append((trial.states - own[:, :states]) / std)
     found = Residuals(forecast.trials, fitted, tuple(off), law.rates, ())
-    free = law.support & (law.standard_errors != 0).any(axis=0)
-    spent = law.order * len(trials) + len(trials.objects) * free.sum(axis=1)
+    spent = law.order * len(trials) + _spent(law, trials)
     return replace(found, patterns=patterns(law.states, off, found.columns, law.schema.time, spent.tolist()))
+
+
+def _spent(law: Law, trials: Trials) -> Floats:
+    """Return how many coefficients of each equation were fitted to these trials, shape (states,).
+
+    Those that learned from other objects count as far as they follow the object's own trials: by the trace of their
+    covariance times the information that these alone hold.
+    """
+    there = [law.objects.index(name) for name in trials.objects if name in law.objects]
+    found, known, unpooled = np.zeros(law.support.shape), law.uncertainty.covariance, law.uncertainty.unpooled
+    shares = np.ones((len(law.objects), int(law.support.sum())))
+    if known is not None:
+        own = known if unpooled is None else unpooled.covariance
+        scales = np.sqrt(np.diagonal(own, axis1=1, axis2=2))[:, :, np.newaxis]
+        scales = np.where(scales > 0, scales, np.inf)
+        alike = scales * scales.transpose(0, 2, 1)
+        information = np.linalg.pinv(own / alike, hermitian=True)
+        shares = np.clip(np.einsum("nij,nji->ni", known / alike, information), 0.0, 1.0)
+    found[law.support] = shares[there].sum(axis=0)
+    return np.asarray(found.sum(axis=1))
 
 
 def _noise(trials: Trials) -> Floats:
