@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.report import law_report, to_page
+from commonlaw.report import law_report, law_sections, to_page
 from commonlaw.report.document import Fold, Gallery, Table, Text
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
@@ -100,7 +100,7 @@ def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("y", "residual / noise")
 
 
-def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops):
+def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops, monkeypatch):
     def late(times):
         return np.maximum(times[:, None] - 1.5, 0) ** 2
 
@@ -124,7 +124,8 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
         properties={},
     )
     trials = replace(drops, trials=tuple(copies), properties={})
-    blocks = forecasts(LawCase(many, trials, trials, str)).blocks
+    case = LawCase(many, trials, trials, str)
+    blocks = forecasts(case).blocks
     gallery, rest = (next(each for each in blocks if isinstance(each, kind)) for kind in (Gallery, Fold))
     kinds = [re.search(r"\((\w+)\)", each.caption)[1] for each in gallery.pictures]
     assert kinds == ["best"] * 3 + ["typical"] * 3 + ["worst"] * 3
@@ -132,6 +133,16 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
     assert missed == sorted(missed)
     assert len(rest.blocks[0].pictures) == 30 - 9
     assert all(each.caption.endswith(" m") for each in gallery.pictures)
+    monkeypatch.setattr(law_sections, "_DRAWN", 20)
+    monkeypatch.setattr(law_sections, "_IN_OVERVIEW", 12)
+    folded = next(each for each in forecasts(case).blocks if isinstance(each, Fold)).blocks[0].pictures
+    (panel,) = folded[1].draw().axes
+    names = [text.get_text() for text in panel.texts]
+    assert len(folded) == 2
+    assert len(names) == 21 - 12
+    assert all(case.misses[names[i]] <= case.misses[names[i + 1]] for i in range(8))
+    assert names[0] in folded[1].caption
+    assert len(panel.lines) == 2 * 9
 
 
 def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):

@@ -7,7 +7,7 @@ from commonlaw.forecast import Forecast
 from commonlaw.plots.forecast import Curve, curves_of
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, styled
 
-_MOST_POINTS = 2000
+_MOST_POINTS = 1500
 """Of a panel; of more, each but every so many is drawn."""
 
 
@@ -25,7 +25,7 @@ def plot_errors(forecast: Forecast) -> Figure:
     """
     schema = forecast.trials.schema
     states, curves = schema.states, curves_of(forecast, forecast)
-    figure = Figure(figsize=(7, 0.8 + 2.2 * len(states)), layout="constrained")
+    figure = Figure(figsize=(5.2, 0.8 + 2.2 * len(states)), layout="constrained")
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
     some_outside = False
     for j, (panel, state) in enumerate(zip(panels, states, strict=True)):

@@ -43,7 +43,7 @@ def _in_order(dots: DotPlot) -> Figure:
         values, half = each.learned[order], normal_quantile(0.95) * each.errors[order]
         ranks = np.arange(len(values))
         panel.fill_betweenx(ranks, values - half, values + half, color=COLORS[0], alpha=0.25, linewidth=0)
-        panel.plot(values, ranks, ".", color=COLORS[0], markersize=2)
+        panel.plot(values, ranks, color=COLORS[0], linewidth=2)
         panel.set_title(dots.title(each))
         panel.set_xlabel(each.label)
         panel.locator_params(axis="x", nbins=4)

@@ -1,12 +1,17 @@
 """Forecasts of many objects: a small figure for each, all with the same axes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from textwrap import shorten
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from commonlaw.forecast import Forecast
+from commonlaw.names import in_line
 from commonlaw.plots.forecast import Curve, Pair, curves_of, draw_bands, draw_pair, limits_of
 from commonlaw.plots.style import axis_label, styled
 
@@ -15,6 +20,9 @@ _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
 
 _MOST_TIMES, _MOST_POINTS = 60, 40
 """Of a curve, and measurements of a trial: small figures need no more."""
+
+_CELLS, _CELL, _FEW_POINTS = 3, 0.75, 15
+"""Cells side by side in an overview, the height of each in inches, and measurements of a trial in it."""
 
 Limits = tuple[float, float]
 
@@ -54,6 +62,41 @@ class ForecastPanels:
         panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
         figure.align_ylabels()
         return figure
+
+    @styled()
+    def overview(self, names: Sequence[str]) -> Figure:
+        """Return one figure of many objects: what was measured and forecast in a cell for each, below its name.
+
+        Cells have the same axes, which are not drawn.
+
+        Parameters
+        ----------
+        names
+            Of the objects.
+        """
+        states = range(len(self.forecast.trials.schema.states))
+        lines = -(-len(names) // _CELLS)
+        figure = Figure(figsize=(_WIDTH, _CELL * len(states) * lines))
+        panel = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        panel.set(xlim=(0, _CELLS), ylim=(lines * len(states), 0))
+        panel.set_axis_off()
+        for i, name in enumerate(names):
+            left, top = i % _CELLS, i // _CELLS * len(states)
+            panel.text(left + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
+            for j in states:
+                self._draw_cell(panel, self._curves[name, j], self._limits[j][0], (left, top + j))
+        return figure
+
+    def _draw_cell(self, panel: Axes, curves: list[Curve], limits: Limits, corner: tuple[int, int]) -> None:
+        """Draw a state of an object into the unit square right of and below a corner."""
+        (begin, end), (low, high) = self._times, limits
+        for curve in curves:
+            every = slice(None, None, -(-len(curve.times) // _FEW_POINTS))
+            measured = (curve.times[every], curve.measured[every], ".")
+            for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
+                across = corner[0] + 0.95 * (times - begin) / (end - begin)
+                down = corner[1] + 0.97 - 0.7 * (values - low) / (high - low)
+                panel.plot(across, down, style, color=curve.color, linewidth=0.7, markersize=1.5)
 
     @cached_property
     def _curves(self) -> dict[tuple[str, int], list[Curve]]:

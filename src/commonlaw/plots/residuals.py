@@ -13,8 +13,11 @@ from commonlaw.array_types import Floats
 from commonlaw.law.residuals import Residuals
 from commonlaw.plots.style import COLORS, GREY, axis_label, frozen_layout, plain, styled
 
-_MOST = 3000
+_MOST = 1500
 """Residuals that are drawn in a panel."""
+
+_AT_ENDS = 50
+"""Of the largest and smallest residuals."""
 
 _LAGS = 20
 
@@ -118,7 +121,13 @@ def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
 def _quantiles(panel: Axes, own: Floats) -> None:
     ordered = np.sort(own[np.isfinite(own)])
     normal = [NormalDist().inv_cdf((i + 0.5) / len(ordered)) for i in range(len(ordered))]
-    panel.plot(normal, ordered, ".", color=COLORS[0], markersize=2)
+    some = np.unique(np.concatenate([np.arange(len(ordered))[part] for part in _parts(len(ordered))]))
+    panel.plot(np.array(normal)[some], ordered[some], ".", color=COLORS[0], markersize=2)
     panel.axline((0.0, 0.0), slope=1.0, color="black", linewidth=0.8)
     panel.set_xlabel("normal quantile")
     panel.set_ylabel("residual / noise")
+
+
+def _parts(count: int) -> tuple[slice, slice, slice]:
+    """Return which of many sorted values are drawn: all at the ends, and some between."""
+    return slice(_AT_ENDS), slice(None, None, -(-count // _MOST) or 1), slice(-_AT_ENDS, None)

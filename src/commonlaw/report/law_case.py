@@ -71,26 +71,37 @@ class LawCase:
         """What forecasts of each object are off, root mean square in units of the states' spread, the best first."""
         assert self.forecast is not None
         name = self.trials.schema.object
-        errors = self.forecast.errors()
+        errors = self.forecast_errors
         states = np.concatenate([trial.states for trial in self.forecast.trials])
         spread = pd.Series(np.nanstd(states, axis=0), self.law.states).replace(0.0, np.nan)
         squared = (errors["rms error"] / errors["state"].map(spread)) ** 2
         misses: pd.Series = squared.groupby(errors[name], sort=False).mean().pow(0.5)
         return misses.sort_values(kind="stable")
 
-    def off(self, name: str) -> str:
-        """What forecasts of an object are off, root mean square, in the states' units, as Markdown."""
+    @cached_property
+    def forecast_errors(self) -> pd.DataFrame:
+        """What the forecasts of each trial are off, see `Forecast.errors`."""
         assert self.forecast is not None
-        errors, units = self.forecast.errors(), self.trials.schema.units
-        own = errors[errors[self.trials.schema.object] == name]
-        rms = {state: np.sqrt(np.mean(own.loc[own["state"] == state, "rms error"] ** 2)) for state in self.law.states}
-        if np.isinf([*rms.values()]).any():
+        return self.forecast.errors()
+
+    @cached_property
+    def _rms(self) -> pd.DataFrame:
+        """What forecasts are off, root mean square, a row for each object and a column for each state."""
+        errors = self.forecast_errors
+        squared = (errors["rms error"] ** 2).groupby([errors[self.trials.schema.object], errors["state"]]).mean()
+        return squared.pow(0.5).unstack("state")[list(self.law.states)]
+
+    def off(self, name: str) -> str:
+        """What forecasts of an object are off, root mean square, in the states' units, in words."""
+        units = self.trials.schema.units
+        rms = self._rms.loc[name]
+        if np.isinf(rms).any():
             return "its forecast runs away"
-        said = []
-        for state, value in rms.items():
-            of = f"({state})" if len(rms) > 1 else ""
-            if np.isfinite(value):
-                said.append(" ".join([f"{value:.2g}", *filter(None, map(literal, (units.get(state, ""), of)))]))
+        said = [
+            f"{value:.2g} {units.get(state, '')}".rstrip() + f" ({state})" * (len(rms) > 1)
+            for state, value in zip(self.law.states, rms, strict=True)
+            if np.isfinite(value)
+        ]
         return f"off by {' and '.join(said)}" if said else "not measured"
 
     def said(self, text: object) -> str:

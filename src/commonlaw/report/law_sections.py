@@ -22,6 +22,9 @@ from commonlaw.wording import counted
 _EACH, _ALL = 3, 12
 """Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""
 
+_DRAWN, _IN_OVERVIEW = 50, 36
+"""Of the others up to so many have a figure each; of more, so many together have one."""
+
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
 
@@ -43,12 +46,12 @@ def forecasts(case: LawCase) -> Section:
         f"{bands}{' Colours tell the trials of an object apart.' if several else ''}"
     )
     caption = "Errors of the forecasts, in the unit of the state; rms is the root of the mean square."
-    errors = Table("forecast-errors", caption, _errors(forecast))
+    errors = Table("forecast-errors", caption, _errors(case, forecast))
     return Section("forecasts", title, (Text(intro), *_gallery(case, forecast), folded(errors, "Errors of each trial")))
 
 
-def _errors(forecast: Forecast) -> pd.DataFrame:
-    frame = forecast.errors()
+def _errors(case: LawCase, forecast: Forecast) -> pd.DataFrame:
+    frame = case.forecast_errors
     return frame if forecast.outcomes else frame.drop(columns="diverged after")
 
 
@@ -65,7 +68,8 @@ def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
     places = {name: i for i, name in enumerate(forecast.trials.objects)}
 
     def picture(name: str, kind: str = "") -> Picture:
-        caption = f"**{literal(name)}**{kind}: {case.off(name)}"
+        off = literal(case.off(name)).replace(r"\.", ".")
+        caption = f"**{literal(name)}**{kind}: {off}"
         return Picture(f"forecast-{places[name] + 1}", caption, partial(panels.draw, name))
 
     if len(names) <= _ALL:
@@ -76,7 +80,23 @@ def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
     shown = [(name, kind) for kind, own in chosen.items() for name in own]
     yield Gallery(tuple(picture(name, f" ({kind})") for name, kind in shown))
     rest = [name for name in forecast.trials.objects if name not in {name for name, _ in shown}]
-    yield Fold(f"The other {counted(len(rest), 'object')}", (Gallery(tuple(map(picture, rest))),))
+    others = Gallery(tuple(map(picture, rest))) if len(rest) <= _DRAWN else _overviews(case, panels, rest)
+    yield Fold(f"The other {counted(len(rest), 'object')}", (others,))
+
+
+def _overviews(case: LawCase, panels: ForecastPanels, names: Sequence[str]) -> Gallery:
+    """Return the forecasts of very many objects, few lines of each, the best first."""
+    names = [name for name in case.misses.index.astype(str) if name in set(names)]
+    parts = [names[i : i + _IN_OVERVIEW] for i in range(0, len(names), _IN_OVERVIEW)]
+    pictures = [
+        Picture(
+            f"forecasts-{i + 1}",
+            f"From {literal(f'{part[0]}, {case.off(part[0])}, to {part[-1]}, {case.off(part[-1])}')}.",
+            partial(panels.overview, part),
+        )
+        for i, part in enumerate(parts)
+    ]
+    return Gallery(tuple(pictures))
 
 
 def coefficients(case: LawCase) -> Section:
@@ -196,7 +216,8 @@ def ranges(case: LawCase) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
-    columns = {**Domain.of(trials, law.rates).visited, "length of a trial": (min(length), max(length))}
+    visited = law.provenance.domain.visited or Domain.of(trials, law.rates).visited
+    columns = {**visited, "length of a trial": (min(length), max(length))}
     units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
     for rate, name in zip(law.rates, law.states[: len(law.rates)], strict=True):
         units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
