@@ -62,6 +62,10 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     assert first is before.shown["candidates"][0]
     assert (other["terms"], other["own"], other["chosen"]) == ([["1"]], True, False)
     assert other["score"] < first["score"]
+    taken = after.of_candidate(1)
+    assert taken.law.structure() == ("x'' = a",)
+    assert taken.checked.score() == pytest.approx(other["score"])
+    assert after.of_candidate(0) is after
     for terms, words in (([], "1 equation "), ([["w"]], "unknown term 'w'")):
         with pytest.raises(cl.CommonlawError, match=words):
             support_of(law, terms)

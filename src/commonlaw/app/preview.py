@@ -121,11 +121,9 @@ def _of_own_object(law: Law, asked: Sample) -> Law:
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     """Return the course of the states from a start, by a candidate of the law."""
-    if not 0 <= asked.candidate < len(found.candidates):
-        raise CommonlawError(f"there is no candidate {asked.candidate}: choose one of {len(found.candidates)}")
+    law = found.candidate(asked.candidate)
     if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
         raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")
-    law = found.candidates[asked.candidate].law
     if asked.properties:
         law = _of_own_object(law, asked)
     times = np.linspace(0.0, asked.duration, _POINTS)

@@ -51,6 +51,26 @@ class Found:
         """All that the page is sent."""
         return self.about | {"candidates": [each.shown for each in self.candidates]}
 
+    def candidate(self, index: int) -> Law:
+        """Return the law of a candidate.
+
+        Raises
+        ------
+        CommonlawError
+            If there is none.
+        """
+        if not 0 <= index < len(self.candidates):
+            raise CommonlawError(f"there is no candidate {index}: choose one of {len(self.candidates)}")
+        return self.candidates[index].law
+
+    def of_candidate(self, index: int) -> "Found":
+        """Return this with a candidate in place of the law."""
+        law = self.candidate(index)
+        if law is self.law:
+            return self
+        checked, lacking = checked_forecast(law, self.trials, self.training, bands=True)
+        return replace(self, law=law, checked=checked, lacking=lacking)
+
     def with_laws(self, laws: Iterable[ShownLaw]) -> "Found":
         """Return this with more candidates, after those that there are."""
         return replace(self, candidates=(*self.candidates, *laws))
@@ -71,6 +91,7 @@ def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None
         "held_out": forecast is not None and not is_of_training(forecast, training),
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
+        "order": law.order,
         "rates": law.rates,
         "inputs": schema.inputs,
         "terms": law.terms.names,

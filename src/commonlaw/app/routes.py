@@ -164,21 +164,26 @@ async def _forecast(sessions: Sessions, request: Request) -> Response:
 
 async def _file(sessions: Sessions, request: Request) -> Response:
     search = sessions.searches.get(request.path_params["name"])
-    name = request.path_params["file"]
-    makers: dict[str, Callable[[Search, Found], str]] = {
-        "law.json": lambda _, found: found.law.to_json(),
-        "law.py": lambda search, found: found.law.to_script(search.table.name),
-        "law.tex": lambda _, found: found.law.to_latex(found.law.objects[0]),
-        "coefficients.csv": lambda _, found: str(found.law.to_frame().to_csv()),
-        "report.html": _report,
-        "law.svg": _figure,
-        "forecasts.csv": _forecasts,
-    }
-    if name not in makers:
-        raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(makers)}")
-    content = await run_in_threadpool(makers[name], search, search.found)
+    name, candidate = request.path_params["file"], request.query_params.get("candidate", "")
+    if name not in _MAKERS:
+        raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(_MAKERS)}")
+    content = await run_in_threadpool(_made, search, name, candidate)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
+
+
+def _made(search: Search, name: str, candidate: str) -> str:
+    """Return a file of a candidate; if none is named, of the law."""
+    found = search.found
+    if candidate.isdecimal():
+        found = found.of_candidate(int(candidate))
+    return _MAKERS[name](search, found)
+
+
+def _script(search: Search, found: Found) -> str:
+    if found.law is not search.found.law:
+        raise CommonlawError("a program is there for the law that was chosen: take law.json of a candidate")
+    return found.law.to_script(search.table.name)
 
 
 def _report(_: Search, found: Found) -> str:
@@ -199,6 +204,17 @@ def _forecast_of(found: Found) -> Forecast:
     if found.checked is None:
         raise CommonlawError("; ".join(found.lacking))
     return found.checked
+
+
+_MAKERS: dict[str, Callable[[Search, Found], str]] = {
+    "law.json": lambda _, found: found.law.to_json(),
+    "law.py": _script,
+    "law.tex": lambda _, found: found.law.to_latex(found.law.objects[0]),
+    "coefficients.csv": lambda _, found: str(found.law.to_frame().to_csv()),
+    "report.html": _report,
+    "law.svg": _figure,
+    "forecasts.csv": _forecasts,
+}
 
 
 def _json(value: Any, status: int = 200) -> Response:

@@ -2,7 +2,7 @@
 import { $, ask, state, trying } from "./basics.js";
 import { forecastOwn, showCurves } from "./curves.js";
 import { move } from "./law.js";
-import { openFile, openTable, recognise } from "./measurements.js";
+import { drawPreview, openFile, openSample, recognise } from "./measurements.js";
 import { showHeld, showLibraries, showSearch, start } from "./question.js";
 
 const drop = $("drop");
@@ -11,7 +11,8 @@ for (const name of ["dragover", "dragleave", "drop"]) {
 }
 drop.addEventListener("drop", event => event.dataTransfer.files[0] && openFile(event.dataTransfer.files[0]));
 $("file").addEventListener("change", () => $("file").files[0] && openFile($("file").files[0]));
-$("sample").addEventListener("change", () => $("sample").value && openTable(() => ask("datasets", "POST", { name: $("sample").value })));
+$("sample").addEventListener("change", () => $("sample").value && openSample($("sample").value));
+$("preview_state").addEventListener("change", drawPreview);
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);
 $("start").addEventListener("click", () => start());

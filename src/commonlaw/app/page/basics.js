@@ -31,6 +31,11 @@ export function withUnit({ name, unit }) {
   return unit ? `${name} (${unit})` : name;
 }
 
+/** A term, with powers raised. */
+export function pretty(term) {
+  return term.replace(/\^(\d+)/g, (_, power) => [...power].map(digit => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]).join(""));
+}
+
 /** What trials are called: by their object, and by their own label if an object has several. */
 export function labels(trials) {
   const several = new Set(trials.map(each => each.object)).size < trials.length;
@@ -75,9 +80,9 @@ function showStages(place, stages) {
     if (rows[0]?.what === what) rows[0].seconds += seconds;
     else rows.unshift({ what, seconds });
   }
-  const [now, ...done] = rows, stage = $(`${place}_stage`), long = seconds => seconds < 10 ? seconds.toFixed(1) : Math.round(seconds);
+  const [now, ...before] = rows, done = before.filter(each => each.seconds >= 0.05), stage = $(`${place}_stage`);
   // Said aloud when it changes, and not every second
   if (stage.textContent !== (now?.what ?? "")) stage.textContent = now?.what ?? "";
   $(`${place}_seconds`).textContent = now ? `${Math.round(now.seconds)} s` : "";
-  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", `${what}: ${long(seconds)} s`)));
+  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
 }

@@ -28,7 +28,7 @@ export function showCurves() {
     const kept = t.map((_, k) => k).filter(k => points[k] !== null && line[k] !== null);
     return { t: kept.map(k => t[k]), points: kept.map(k => line[k] - points[k]), label, color };
   });
-  draw($("error_plot"), errors, { x, y: "error", height: 180, points: "forecast less measured" });
+  draw($("error_plot"), errors, { x, y: "off by", height: 180, points: "forecast less measured" });
 }
 
 export function showOwn(found) {
@@ -36,13 +36,14 @@ export function showOwn(found) {
   const unseen = found.follows.length ? [element("option", "one of your own", { value: "" })] : [];
   $("own_object").replaceChildren(...found.objects.map(name => element("option", name, { value: name })), ...unseen);
   $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
-    element("label", name, { for: `property_${j}` }), " ", element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }), " ",
+    element("label", name, { for: `property_${j}` }), element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }),
   ]));
   const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).curves[0];
   $("starts").replaceChildren(...names.flatMap((name, j) => {
     const value = first?.states[j]?.[1]?.find(each => each !== null) ?? 0;
-    return [element("label", name, { for: `start_${j}` }), " ", element("input", "", { id: `start_${j}`, type: "number", step: "any", value }), " "];
+    return [element("label", `${name} at the start`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
   }));
+  $("duration_label").textContent = withUnit({ name: "For how long", unit: found.time.unit });
   $("duration").value = first ? first.t.at(-1) - first.t[0] || 1 : 1;
   for (const input of $("own").querySelectorAll("#starts input, #own_properties input")) input.addEventListener("change", forecastOwn);
 }
@@ -58,7 +59,7 @@ export async function forecastOwn() {
     const { t, states, outcome } = await ask(`searches/${state.search}/forecasts`, "POST", asked);
     $("own_failed").textContent = outcome;
     const curves = states.map((line, j) => ({ t, line, label: withUnit(state.found.states[j]), color: j }));
-    draw($("own_plot"), curves, { x: withUnit(state.found.time), y: "", height: 220, dragged });
+    draw($("own_plot"), curves, { x: withUnit(state.found.time), y: curves.length > 1 ? "" : curves[0].label, height: 220, dragged });
   });
 }
 

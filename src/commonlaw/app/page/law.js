@@ -1,17 +1,19 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
-import { $, ask, element, fill, follow, plural, state, trying } from "./basics.js";
+import { $, ask, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
 import { forecastOwn, showCurves, showOwn, showTrialChoices } from "./curves.js";
-import { showFiles } from "./take.js";
+import { showCommand, showFiles } from "./take.js";
 
 /** What a search has told. */
 export function show({ found, asked, fitting }) {
   Object.assign(state, { found, asked });
   $("result").hidden = false;
-  $("verdict").textContent = found.verdict.join(" ");
+  $("verdict").textContent = found.verdict[0] ?? "";
+  $("limits").replaceChildren(...found.verdict.slice(1).map(each => element("p", each)));
+  $("states").hidden = found.states.length < 2;
   $("state").replaceChildren(...found.states.map((each, i) => element("option", each.name, { value: i })));
   showTrialChoices(found);
   showOwn(found);
-  showFiles();
+  showCommand();
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
   move(found.candidates.findIndex(each => each.chosen));
@@ -34,8 +36,8 @@ export function move(index) {
   Object.assign(state, { at: index, wanted: candidate.terms });
   $("slider").value = state.order.indexOf(index);
   const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
-  if (candidate.evidence !== null) parts.push(`2 log B ${candidate.evidence.toPrecision(3)}`);
-  if (candidate.score !== null) parts.push(`R² of forecasts ${candidate.score.toPrecision(4)}${found.held_out ? " (held out)" : ""}`);
+  if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
+  if (candidate.score !== null) parts.push(`R² of forecasts ${Number(candidate.score.toPrecision(4))}${found.held_out ? " (kept back)" : ""}`);
   if (candidate.diverged) parts.push(`${plural(candidate.diverged, "forecast")} run away`);
   if (!candidate.curves.length) parts.push("it cannot forecast these trials");
   $("which").textContent = parts.join("; ");
@@ -46,21 +48,28 @@ export function move(index) {
   press();
   fill($("coefficients"), candidate.table.head, candidate.table.rows);
   showCurves();
+  showFiles();
   clearTimeout(state.soon);
   state.soon = setTimeout(forecastOwn, 150);
   state.moved = performance.now() - began;
   document.body.dataset.moved = state.moved.toFixed(1);
 }
 
+/** How probable a candidate is beside the best, after Kass and Raftery (1995). */
+function probable(evidence) {
+  const words = [[0, "the most probable"], [2, "about as probable as the best"], [6, "less probable than the best"], [10, "much less probable than the best"]];
+  return words.find(([most]) => evidence <= most)?.[1] ?? "far less probable than the best";
+}
+
 // Terms, taken in and out
 
 function showTerms() {
-  const { terms, candidates } = state.found, focused = document.activeElement.getAttribute("aria-label");
+  const { found } = state, { terms, candidates } = found, focused = document.activeElement.getAttribute("aria-label");
   $("terms").replaceChildren(...candidates[0].left.map((left, j) => {
     const line = element("div"), near = terms.filter(term => candidates.some(each => each.terms[j].includes(term)));
     const buttons = names => names.map(term => termButton(j, left, term)), others = terms.filter(each => !near.includes(each));
-    line.append(element("span", left), ...buttons(near));
-    if (others.length && state.found.others) {
+    line.append(element("span", `${left} (${found.order === 2 ? `how ${found.states[j].name} accelerates` : `how fast ${found.states[j].name} changes`})`), ...buttons(near));
+    if (others.length && found.others) {
       const more = element("details"), list = element("div", "", { class: "many" });
       list.append(...buttons(others));
       more.append(element("summary", `${plural(others.length, "other term")} for ${left}`), list);
@@ -72,7 +81,7 @@ function showTerms() {
 }
 
 function termButton(j, left, term) {
-  const button = element("button", term, { "aria-label": `${term} in ${left}`, "data-equation": j, "data-term": term });
+  const button = element("button", pretty(term), { "aria-label": `${term} in ${left}`, "data-equation": j, "data-term": term });
   const known = state.found.known[j].includes(term);
   button.disabled = known || !state.found.others;
   if (known) button.title = "It is known, and stays";

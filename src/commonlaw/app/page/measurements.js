@@ -3,17 +3,26 @@ import { $, ask, element, fill, labels, plural, remember, state, trying, withUni
 import { draw } from "./plots.js";
 import { showHeld, showLibraries } from "./question.js";
 
-export async function openTable(made) {
+async function openTable(made) {
   await trying("failure", async () => {
     const { table } = await made();
     Object.assign(state, { table, search: null, found: null, columns: {} });
     $("result").hidden = $("going").hidden = true;
+    $("columns").open = false;
     remember();
     await recognise();
   });
 }
 
-export const openFile = file => openTable(() => ask(`tables?name=${encodeURIComponent(file.name)}`, "POST", file));
+export function openFile(file) {
+  $("sample").value = "";
+  return openTable(() => ask(`tables?name=${encodeURIComponent(file.name)}`, "POST", file));
+}
+
+export function openSample(name) {
+  $("file").value = "";
+  return openTable(() => ask("datasets", "POST", { name }));
+}
 
 export async function recognise() {
   state.preview = await ask("previews", "POST", { table: state.table, columns: state.columns });
@@ -29,16 +38,27 @@ function showPreview() {
   if (found.problem) {
     $("counts").textContent = found.name;
     $("columns").open = true;
+    $("preview_states").hidden = true;
     showOddities({ odd: [], notes: [] });
     return draw($("preview_plot"), [], {});
   }
-  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}; states ${roles.states.join(", ")}`;
+  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}. Measured: ${roles.states.join(", ")}${roles.inputs.length ? `; acting from outside: ${roles.inputs.join(", ")}` : ""}.`;
   showOddities(found);
-  const names = labels(found.trials);
-  const curves = found.trials.map((trial, i) => ({ t: trial.t, line: trial.states[0], points: trial.states[0], label: names[i], color: i }));
-  draw($("preview_plot"), curves, { x: withUnit({ name: roles.time, unit: found.units[roles.time] }), y: withUnit({ name: roles.states[0], unit: found.units[roles.states[0]] }), height: 220 });
+  $("preview_states").hidden = roles.states.length < 2;
+  $("preview_state").replaceChildren(...roles.states.map((name, j) => element("option", name, { value: j })));
+  drawPreview();
+  $("explain_choice").hidden = !roles.properties.length;
+  $("explain_names").textContent = roles.properties.join(", ");
+  if (!roles.properties.length) $("explain").checked = false;
   showLibraries();
   showHeld();
+}
+
+export function drawPreview() {
+  const { trials, roles, units } = state.preview, names = labels(trials), j = Number($("preview_state").value);
+  const curves = trials.map((trial, i) => ({ t: trial.t, line: trial.states[j], points: trial.states[j], label: names[i], color: i }));
+  const [x, y] = [roles.time, roles.states[j]].map(name => withUnit({ name, unit: units[name] }));
+  draw($("preview_plot"), curves, { x, y, height: 220 });
 }
 
 function showOddities({ odd, notes, columns }) {

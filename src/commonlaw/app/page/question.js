@@ -3,11 +3,11 @@ import { $, ask, element, follow, remember, state, trying } from "./basics.js";
 import { show } from "./law.js";
 
 const LIBRARIES = [
-  ["poly:3", "products of up to three variables (usual)"],
-  ["poly:2", "products of up to two variables"],
-  ["poly:1", "the variables themselves"],
-  ["terms:1,v,v*abs(v)", "forces that depend on speed", 2],
-  ["poly:1 + fourier:1", "the variables, sines and cosines"],
+  ["poly:3", "products of up to three variables, like x, x², x² y (usual)"],
+  ["poly:2", "products of up to two variables, like x, x², x y"],
+  ["poly:1", "the variables themselves, like x, y"],
+  ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", 2],
+  ["poly:1 + fourier:1", "the variables, and sines and cosines of them"],
 ];
 
 export function showLibraries() {

@@ -1,15 +1,27 @@
 // 6. What to take away.
-import { $, element, state } from "./basics.js";
+import { $, element, plural, state } from "./basics.js";
 
+const FILES = {
+  "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients",
+  "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.tex": "the equations in LaTeX",
+  "law.py": "a Python program that finds it again",
+};
+
+/** Offer the files of the candidate that is shown; only for the law that was chosen there is a program that finds it. */
 export function showFiles() {
-  const files = { "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients", "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.tex": "the equations in LaTeX", "law.py": "a Python script that finds it again" };
-  $("files").replaceChildren(...Object.entries(files).map(([name, text]) => {
+  const { chosen, size } = state.found.candidates[state.at], names = Object.keys(FILES).filter(name => chosen || name !== "law.py");
+  $("taken").textContent = `Of the ${chosen ? "law that was chosen" : "candidate that is shown above"} (${plural(size, "term")}):`;
+  $("files").replaceChildren(...names.map(name => {
     const line = element("li");
-    const link = element("a", name, { href: `searches/${state.search}/${name}`, download: name });
+    const link = element("a", name, { href: `searches/${state.search}/${name}?candidate=${state.at}`, download: name });
     link.addEventListener("click", take);
-    line.append(link, `: ${text}`);
+    line.append(link, `: ${FILES[name]}`);
     return line;
   }));
+}
+
+/** The command that finds the law; there is none for a law that was opened. */
+export function showCommand() {
   $("again").hidden = Boolean(state.asked.law);
   $("command").textContent = command();
 }
