@@ -11,7 +11,7 @@ from commonlaw.report import law_report, law_sections, to_page
 from commonlaw.report.document import Fold, Gallery, Table, Text
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
-from commonlaw.report.law_sections import forecasts
+from commonlaw.report.law_sections import coefficients, forecasts
 from commonlaw.report.markup import formula
 
 SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "oddities", "choices", "again"]
@@ -173,6 +173,18 @@ def test_a_law_that_was_explained_shows_its_relations():
     assert table_of(report, "values").columns[1] == "of 1 (m/s²)"
     intervals = next(each for each in report.named_blocks() if each.name == "intervals")
     assert [panel.get_xlabel() for panel in intervals.draw().axes] == ["(m/s²)", "(1/s)"]
+
+
+def test_of_several_objects_many_coefficients_have_a_figure_each():
+    names = ["one", "two"]
+    law = cl.Law.from_text("x'' = a + b v + c x", {each: dict.fromkeys(names, 2.0) for each in "abc"})
+    trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0)] * 2, object=names)
+    shown = coefficients(LawCase(law, trials, trials, str)).blocks
+    (gallery,) = [each for each in shown if isinstance(each, Gallery)]
+    captions = [each.caption.replace("\\", "") for each in gallery.pictures]
+    assert captions == [f"Coefficients before {term} in x''." for term in ("1", "v", "x")]
+    (axes,) = gallery.pictures[1].draw().axes
+    assert [each.get_text() for each in axes.get_yticklabels()] == names
 
 
 def test_long_equations_go_on_in_further_lines():

@@ -17,7 +17,7 @@ from commonlaw.plots.coefficients import plot_coefficients
 from commonlaw.plots.discrepancy import plot_discrepancy
 from commonlaw.plots.errors import plot_errors
 from commonlaw.plots.forecast import plot_forecast
-from commonlaw.plots.intervals import plot_intervals
+from commonlaw.plots.intervals import IntervalPanels, plot_intervals
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library
 from commonlaw.plots.panels import ForecastPanels
@@ -30,6 +30,7 @@ from commonlaw.plots.trials import plot_trials
 __all__ = [
     "Figure",
     "ForecastPanels",
+    "IntervalPanels",
     "ResidualPanels",
     "figure_format",
     "plot_coefficients",

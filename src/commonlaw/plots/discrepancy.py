@@ -28,7 +28,7 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     basis, more = found.basis, _BEYOND * found.basis.range
     along = np.linspace(basis.low - more, basis.high + more, _POINTS)
     function, half = found(along), normal_quantile(0.95) * found.std(along)
-    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(5.4, 4.4), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(4, 1))
     upper = figure.add_subplot(grid[0])
     lower = figure.add_subplot(grid[1], sharex=upper)
@@ -44,5 +44,6 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     lower.hist(found.visited, bins=_BINS, color=GREY)
     lower.set_ylabel("samples")
     lower.set_xlabel(plain(basis.coordinate, 60))
-    add_legend(figure, [key("function", color=COLORS[0]), key("95 % band", color=COLORS[0], linewidth=6, alpha=0.3)])
+    keys = [key("function", color=COLORS[0]), key("95 % band", color=COLORS[0], linewidth=6, alpha=0.3)]
+    add_legend(figure, keys, above=True)
     return frozen_layout(figure)

@@ -28,12 +28,13 @@ _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of every object: the index of its equation, labels, and values of shape (objects,).
+    """One coefficient of every object: the index of its equation, its term, labels, and values of shape (objects,).
 
     A letter or unit that is not known is empty, and so are values NaN; standard errors that are not known are zero.
     """
 
     equation: int
+    name: str
     term: str
     letter: str
     unit: str
@@ -71,7 +72,7 @@ class DotPlot:
                 errors = np.nan_to_num(law.standard_errors[:, j, k])
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.explanation is None else ""
-                found.append(Coefficient(j, labels[k], letter, unit, learned, true, errors))
+                found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors))
         return found
 
     @property
@@ -121,19 +122,23 @@ class DotPlot:
 
     def _draw_panels(self, figure: Figure, index: SubplotSpec) -> None:
         grid = index.subgridspec(self.lines, self.columns)
-        heights = np.arange(len(self.law.objects))
         for i, each in enumerate(self.coefficients):
             panel = figure.add_subplot(grid[i])
-            panel.plot(each.learned, heights, **_DOT)
-            panel.plot(each.true, heights, **_OPEN)
-            _draw_bars(panel, heights, each.learned, each.errors)
-            panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
+            self.draw_panel(panel, each)
             panel.tick_params(labelleft=i % self.columns == 0)
-            panel.set_ylim(len(heights) - 0.5, -0.5)
-            panel.margins(x=0.15)
-            panel.locator_params(axis="x", nbins=4)
             panel.set_title(self.title(each))
-            panel.set_xlabel(each.label)
+
+    def draw_panel(self, panel: Axes, each: Coefficient) -> None:
+        """Draw a coefficient of several objects."""
+        heights = np.arange(len(self.law.objects))
+        panel.plot(each.learned, heights, **_DOT)
+        panel.plot(each.true, heights, **_OPEN)
+        _draw_bars(panel, heights, each.learned, each.errors)
+        panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
+        panel.set_ylim(len(heights) - 0.5, -0.5)
+        panel.margins(x=0.15)
+        panel.locator_params(axis="x", nbins=4)
+        panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
         groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]

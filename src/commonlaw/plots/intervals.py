@@ -1,11 +1,15 @@
 """Coefficients of a law with their intervals."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.law import Law
 from commonlaw.law.uncertainty import normal_quantile
-from commonlaw.plots.dots import DotPlot
+from commonlaw.plots.dots import Coefficient, DotPlot
 from commonlaw.plots.style import COLORS, add_legend, frozen_layout, styled
 
 _NAMED = 50
@@ -32,6 +36,40 @@ def plot_intervals(law: Law) -> Figure:
     return frozen_layout(figure)
 
 
+@dataclass(frozen=True, eq=False)
+class IntervalPanels:
+    """The panels of `plot_intervals` for a law of several objects, each as a small figure of its own.
+
+    Parameters
+    ----------
+    law
+        The law.
+    """
+
+    law: Law
+
+    @cached_property
+    def captions(self) -> list[str]:
+        """What each panel shows."""
+        return [f"before {each.name} in {self.law.left_hand_sides[each.equation]}" for each in self._dots.coefficients]
+
+    @styled()
+    def draw(self, panel: int) -> Figure:
+        """Return the figure of a panel."""
+        each, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
+        figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
+        axes = figure.add_subplot()
+        if named:
+            self._dots.draw_panel(axes, each)
+        else:
+            _draw_in_order(axes, each)
+        return frozen_layout(figure)
+
+    @cached_property
+    def _dots(self) -> DotPlot:
+        return DotPlot(self.law)
+
+
 def _in_order(dots: DotPlot) -> Figure:
     """Return the figure of many objects: each coefficient in the order of its size."""
     figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
@@ -39,13 +77,17 @@ def _in_order(dots: DotPlot) -> Figure:
     for panel in panels.flat[len(dots.coefficients) :]:
         panel.set_visible(False)
     for panel, each in zip(panels.flat, dots.coefficients, strict=False):
-        order = np.argsort(each.learned)
-        values, half = each.learned[order], normal_quantile(0.95) * each.errors[order]
-        ranks = np.arange(len(values))
-        panel.fill_betweenx(ranks, values - half, values + half, color=COLORS[0], alpha=0.25, linewidth=0)
-        panel.plot(values, ranks, color=COLORS[0], linewidth=2)
+        _draw_in_order(panel, each)
         panel.set_title(dots.title(each))
-        panel.set_xlabel(each.label)
-        panel.locator_params(axis="x", nbins=4)
-        panel.set_ylabel("objects in order")
     return frozen_layout(figure)
+
+
+def _draw_in_order(panel: Axes, each: Coefficient) -> None:
+    order = np.argsort(each.learned)
+    values, half = each.learned[order], normal_quantile(0.95) * each.errors[order]
+    ranks = np.arange(len(values))
+    panel.fill_betweenx(ranks, values - half, values + half, color=COLORS[0], alpha=0.25, linewidth=0)
+    panel.plot(values, ranks, color=COLORS[0], linewidth=2)
+    panel.set_xlabel(each.label)
+    panel.locator_params(axis="x", nbins=4)
+    panel.set_ylabel("objects in order")

@@ -15,6 +15,9 @@ from commonlaw.report.values import cell, is_number
 _LONG = 28
 """Letters from which on a cell may have several lines."""
 
+_LEAST = 0.64
+"""Share of its own width that a drawing has at least."""
+
 
 def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
     """Return the page; `drawings` are the pictures by name as SVG.
@@ -87,7 +90,12 @@ def within(svg: bytes, name: str) -> str:
     text = re.sub(r'(?<=[ (])(id="|xlink:href="#|clip-path="url\(#|url\(#)', rf"\1{name}-", text)
     # A hundredth of a point is finer than a pixel
     text = re.sub(r'(?<= )(?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
-    return text[text.index("<svg") :]
+    text = text[text.index("<svg") :]
+
+    def limited(found: re.Match[str]) -> str:
+        return f'style="min-width: {_LEAST * float(found[1]):.0f}pt" {found[0]}'
+
+    return re.sub(r'width="([\d.]+)pt"', limited, text, count=1)  # Narrower, its text cannot be read
 
 
 def _look(column: Sequence[str]) -> str:

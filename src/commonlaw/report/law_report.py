@@ -8,7 +8,7 @@ from commonlaw.report import law_sections, leftovers, making
 from commonlaw.report.document import Report
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.html import check_packages
-from commonlaw.report.law_case import LawCase
+from commonlaw.report.law_case import LawCase, listed
 from commonlaw.report.markup import literal
 from commonlaw.report.write import to_page
 from commonlaw.trials import Trials
@@ -50,7 +50,7 @@ def law_report(
     case = LawCase(law, trials, learned or trials, words)
     progress("judging the law")
     first, *others = map(literal, case.verdict.sentences)
-    summary = f"**{first}**{law_markdown(law)}" + " ".join(others)
+    summary = f"**{first}**{law_markdown(law)}{listed(others)}"
     title = f"A law of {', '.join(law.states)}"
     parts = (
         law_sections.forecasts,

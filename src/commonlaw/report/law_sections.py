@@ -11,7 +11,7 @@ from commonlaw.law import Forecast, Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.tables import readable_candidates
 from commonlaw.law.uncertainty import normal_quantile
-from commonlaw.plots import ForecastPanels, plot_intervals, plot_relations
+from commonlaw.plots import ForecastPanels, IntervalPanels, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.formulas import coefficient_names
@@ -24,6 +24,9 @@ _EACH, _ALL = 3, 12
 
 _DRAWN, _IN_OVERVIEW = 50, 36
 """Of the others up to so many have a figure each; of more, so many together have one."""
+
+_TOGETHER = 2
+"""Coefficients of several objects in one figure."""
 
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
@@ -108,12 +111,24 @@ def coefficients(case: LawCase) -> Section:
         known = law.covariance is not None
         what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
         blocks.append(Text(_interval(case) if known else "How accurate they are is not known."))
-        blocks.append(Picture("intervals", what, partial(plot_intervals, law)))
+        blocks.append(_intervals(law, what))
         table = Table("values", "The same in numbers.", _by_object(law))
         blocks.append(folded(table, "Coefficients by object"))
     else:
         blocks.append(Text("The law has no coefficient: it says that nothing changes."))
     return Section("coefficients", "Coefficients", tuple(blocks))
+
+
+def _intervals(law: Law, caption: str) -> Block:
+    """Return a figure of all coefficients; of many coefficients of several objects one each, as a phone is narrow."""
+    panels = IntervalPanels(law)
+    if len(law.objects) == 1 or len(panels.captions) <= _TOGETHER:
+        return Picture("intervals", caption, partial(plot_intervals, law))
+    pictures = [
+        Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}.", partial(panels.draw, i))
+        for i, what in enumerate(panels.captions)
+    ]
+    return Gallery(tuple(pictures))
 
 
 def _interval(case: LawCase) -> str:
