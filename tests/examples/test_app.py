@@ -101,6 +101,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         page.find_element("id", "start").click()
         wait(page, "$('going_done').textContent.includes('reading the table: ')")
         wait(page, "!$('result').hidden")
+        wait(page, "$('going').hidden")  # The law is shown before its rivals are fitted
 
         trials = cl.Trials.read(table)
         taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}

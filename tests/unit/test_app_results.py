@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.app.preview import Sample, preview, sample_table, simulated
 from commonlaw.app.question import Columns, HoldOut, Table, named
-from commonlaw.app.result import found, of_terms, support_of
+from commonlaw.app.result import of_terms, results, support_of
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +23,22 @@ def law(drops):
     return cl.fit("x'' = -g - c v", drops).explain({name: {"mass": mass} for name, mass in masses})
 
 
+def found(law, drops):
+    *_, last = results(law, drops, drops, lambda _: None)
+    return last
+
+
+def test_the_law_comes_first_and_its_rivals_after_it(drops):
+    law = cl.discover(drops, order=2, library="poly:1")
+    alone, all_ = results(law, drops, drops, lambda _: None)
+    assert [each.law for each in alone.candidates] == [law]
+    assert alone.shown["candidates"][0] == all_.shown["candidates"][0]
+    assert [each.shown["chosen"] for each in all_.candidates] == [True] + [False] * (len(all_.candidates) - 1)
+    assert len(all_.candidates) > 2
+
+
 def test_curves_and_coefficients_are_those_of_the_law(law, drops):
-    shown = json.loads(msgspec.json.encode(found(law, drops, drops, lambda _: None).shown))
+    shown = json.loads(msgspec.json.encode(found(law, drops).shown))
     (candidate,) = shown["candidates"]
     forecast = law.predict(drops, return_std=True)
     assert candidate["score"] == pytest.approx(forecast.score())
@@ -41,7 +55,7 @@ def test_curves_and_coefficients_are_those_of_the_law(law, drops):
 
 
 def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
-    asked = found(law, drops, drops, lambda _: None)
+    asked = found(law, drops)
     course = simulated(asked, Sample(0, "stone", (50.0, 0.0), 2.0, {"mass": 0.1}))
     twin = simulated(asked, Sample(0, drops.objects[1], (50.0, 0.0), 2.0))
     np.testing.assert_allclose(course["states"][0], twin["states"][0], rtol=0.01)
@@ -56,8 +70,8 @@ def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
 
 
 def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
-    before = found(law, drops, drops, lambda _: None)
-    after = before.with_laws([of_terms(before, support_of(law, [["1"]]), lambda _: None)])
+    before = found(law, drops)
+    after = before.with_laws(of_terms(before, support_of(law, [["1"]]), lambda _: None))
     first, other = after.shown["candidates"]
     assert first is before.shown["candidates"][0]
     assert (other["terms"], other["own"], other["chosen"]) == ([["1"]], True, False)

@@ -76,12 +76,11 @@ class Found:
         return replace(self, candidates=(*self.candidates, *laws))
 
 
-def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Found:
-    """Return a law with all that the page needs."""
+def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
+    """Yield a law with all that the page needs of it, then with the other candidates after it."""
     show("judging the law")
     verdict = law.verdict(trials, training)
-    laws = candidate_laws(law, training, _CANDIDATES, show)
-    show("forecasting with every candidate")
+    show("forecasting")
     forecast, lacking = checked_forecast(law, trials, training, bands=True)
     trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
     schema, check = trials.schema, trials.check()
@@ -104,7 +103,12 @@ def found(law: Law, trials: Trials, training: Trials, show: Callable[[str], None
         "history": [[each.stage, each.choice, each.reason] for each in law.history],
     }
     made = Found(law, trials, training, forecast, lacking, about)
-    return made.with_laws(_shown(each, made) for each in laws)
+    laws = candidate_laws(law, training, 1)
+    yield made.with_laws(_shown(each, made) for each in laws)
+    laws = candidate_laws(law, training, _CANDIDATES, show)
+    show("forecasting with every candidate")
+    in_order = sorted(laws, key=lambda each: not each.chosen)
+    yield made.with_laws(_shown(each, made) for each in in_order)
 
 
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
@@ -116,13 +120,13 @@ def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
     return np.array([[name in own for name in law.terms.names] for own in terms])
 
 
-def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> ShownLaw:
-    """Return the law of other terms with all that the page needs of it."""
+def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Iterator[ShownLaw]:
+    """Yield the law of other terms with all that the page needs of it."""
     show(f"fitting {counted(int(support.sum()), 'term')}")
     candidate = candidate_law(found.law, found.training, support)
     show("forecasting with it")
     made = _shown(candidate, found)
-    return replace(made, shown=made.shown | {"own": True})
+    yield replace(made, shown=made.shown | {"own": True})
 
 
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:

@@ -71,6 +71,7 @@ def application(sessions: Sessions, first: str | None) -> Starlette:
         ("/searches", "POST", _search),
         ("/searches/{name}", "GET", _state),
         ("/searches/{name}", "DELETE", _cancel),
+        ("/searches/{name}/found", "GET", _found),
         ("/searches/{name}/terms", "POST", _fit_terms),
         ("/searches/{name}/terms", "GET", _fit_state),
         ("/searches/{name}/terms", "DELETE", _cancel_fit),
@@ -131,6 +132,12 @@ async def _search(sessions: Sessions, request: Request) -> Response:
 async def _state(sessions: Sessions, request: Request) -> Response:
     search = sessions.searches.get(request.path_params["name"])
     return _json(await run_in_threadpool(search.state))
+
+
+async def _found(sessions: Sessions, request: Request) -> Response:
+    search = sessions.searches.get(request.path_params["name"])
+    found = await run_in_threadpool(lambda: search.found.shown)
+    return _json({"found": found, "asked": search.question})
 
 
 async def _cancel(sessions: Sessions, request: Request) -> Response:

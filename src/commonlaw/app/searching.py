@@ -1,12 +1,12 @@
 """Searches, and the laws of other terms that are asked for when they have ended."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from commonlaw.app.question import Question, Table
-from commonlaw.app.result import Found, ShownLaw, found, of_terms, support_of
+from commonlaw.app.result import Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
 
@@ -44,19 +44,22 @@ class Search:
 
     @property
     def found(self) -> Found:
-        """What it found, with the laws that were fitted since.
+        """What it found so far, with the laws that were fitted since.
 
         Raises
         ------
         CommonlawError
             If there is no law yet.
         """
-        if self._work.is_running or self._work.made is None:
+        self._work.state()  # Takes in what was made
+        if self._work.made is None:
             raise CommonlawError("the search has found no law yet: wait for it")
         return self._work.made.with_laws(each.made for each in self.fits if not each.is_running and each.made)
 
     def fit_terms(self, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit the law of these terms, those of each equation, in place of one that is being fitted."""
+        if self._work.is_running:
+            raise CommonlawError("other candidates are being fitted: wait for them, or cancel it")
         found = self.found
         support = support_of(found.law, terms)
         self.cancel_fit()
@@ -74,10 +77,7 @@ class Search:
 
     def state(self) -> dict[str, Any]:
         """Return what the page is told."""
-        told = self._work.state()
-        is_there = not told["running"] and not told["failure"]
-        found = self.found.shown if is_there else None
-        return told | {"found": found, "fitting": self.is_fitting, "asked": self.question if is_there else None}
+        return self._work.state() | {"fitting": self.is_fitting}
 
     def fit_state(self) -> dict[str, Any]:
         """Return what the page is told of the law of other terms asked for last; when it is there, where it stands."""
@@ -86,7 +86,7 @@ class Search:
         return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}
 
 
-def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Found:
+def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Iterator[Found]:
     from commonlaw.discovery import discover
     from commonlaw.law import Law
 
@@ -106,4 +106,4 @@ def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Fo
         if question.explain:
             show("explaining coefficients")
             law = law.explain()
-    return found(law, trials, training, show)
+    yield from results(law, trials, training, show)

@@ -1,7 +1,7 @@
 """Work in processes of its own: the page stays alive, and what is cancelled ends at once."""
 
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -14,8 +14,8 @@ from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
 
-Task = Callable[[Callable[[str], None]], T]
-"""Work that tells its stages and returns what it made; it must be possible to pickle it."""
+Task = Callable[[Callable[[str], None]], Iterator[T]]
+"""Work that tells its stages and yields what it has made so far; it must be possible to pickle it."""
 
 _CONTEXT = get_context("spawn")
 """A forked process would have the threads' locks of this one, and none of its threads."""
@@ -36,6 +36,8 @@ class Work(Generic[T]):
     """What was done, and when it began, in seconds by the clock."""
     failure: str = ""
     made: T | None = None
+    """What it has made so far."""
+    times_made: int = 0
 
     def __post_init__(self) -> None:
         self._take("stage", ("starting", time()))
@@ -58,15 +60,18 @@ class Work(Generic[T]):
         if self.is_running:
             with self._lock:
                 self._process.kill()
-                self._take("failure", "cancelled")
+                self._take("end", "cancelled")
 
     def state(self) -> dict[str, Any]:
-        """Return what the page is told: whether it goes on, its stages with the seconds that they took, what failed."""
+        """Return what the page is told: whether it goes on, its stages with the seconds that they took, what failed.
+
+        And how often it has made something.
+        """
         running = self.is_running
         begun = [when for _, when in self.stages]
         ends = [*begun[1:], time()]
         stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
-        return {"running": running, "stages": stages, "failure": self.failure}
+        return {"running": running, "stages": stages, "failure": self.failure, "made": self.times_made}
 
     @property
     def _is_open(self) -> bool:
@@ -78,18 +83,17 @@ class Work(Generic[T]):
         except (EOFError, pickle.UnpicklingError):
             self._process.join(1)
             code = self._process.exitcode
-            return "failure", f"the work ended by itself, with code {code}: there may be too little memory"
+            return "end", f"the work ended by itself, with code {code}: there may be too little memory"
         return kind, value
 
     def _take(self, kind: str, value: Any) -> None:
         if kind == "stage":
             self.stages.append(value)
-            return
-        if kind == "failure":
-            self.failure = value
+        elif kind == "made":
+            self.made, self.times_made = value, self.times_made + 1
         else:
-            self.made = value
-        self._connection.close()
+            self.failure = value
+            self._connection.close()
 
 
 def _work(connection: Connection, task: Task[Any]) -> None:
@@ -99,8 +103,10 @@ def _work(connection: Connection, task: Task[Any]) -> None:
         connection.send(("stage", (stage, time())))
 
     try:
-        connection.send(("made", task(show)))
+        for made in task(show):
+            connection.send(("made", made))
+        connection.send(("end", ""))
     except CommonlawError as error:
-        connection.send(("failure", in_page(str(error))))
+        connection.send(("end", in_page(str(error))))
     except MemoryError:
-        connection.send(("failure", "there is not enough memory for this: take fewer trials or a smaller library"))
+        connection.send(("end", "there is not enough memory for this: take fewer trials or a smaller library"))

@@ -3,8 +3,9 @@ import { $, ask, element, fill, follow, plural, pretty, state, trying } from "./
 import { forecastOwn, showCurves, showOwn, showTrialChoices } from "./curves.js";
 import { showCommand, showFiles } from "./take.js";
 
-/** What a search has told. */
-export function show({ found, asked, fitting }) {
+/** Show what a search has found: a law first, and when its rivals come these too. */
+export function show({ found, asked }) {
+  if (state.found) return showMore(found);
   Object.assign(state, { found, asked });
   $("result").hidden = false;
   $("verdict").textContent = found.verdict[0] ?? "";
@@ -16,9 +17,22 @@ export function show({ found, asked, fitting }) {
   showCommand();
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
-  move(found.candidates.findIndex(each => each.chosen));
+  move(0);
+  settle();
   $("law_title").scrollIntoView();
-  if (fitting) trying("terms_failed", followFit);
+}
+
+/** Show more candidates, after those that there were. */
+function showMore(found) {
+  Object.assign(state.found, found);
+  showCandidates();
+  move(state.at);
+}
+
+/** Let terms be clicked when nothing is searched any more. */
+export function settle() {
+  $("waiting").hidden = !state.busy;
+  if (state.found) press();
 }
 
 /** Put candidates in order along the slider, and their terms on buttons. */
@@ -82,9 +96,7 @@ function showTerms() {
 
 function termButton(j, left, term) {
   const button = element("button", pretty(term), { "aria-label": `${term} in ${left}`, "data-equation": j, "data-term": term });
-  const known = state.found.known[j].includes(term);
-  button.disabled = known || !state.found.others;
-  if (known) button.title = "It is known, and stays";
+  if (state.found.known[j].includes(term)) button.title = "It is known, and stays";
   button.addEventListener("click", () => trying("terms_failed", () => toggle(j, term)));
   return button;
 }
@@ -93,6 +105,7 @@ function termButton(j, left, term) {
 function press() {
   for (const button of $("terms").querySelectorAll("button")) {
     const { equation, term } = button.dataset;
+    button.disabled = state.busy || !state.found.others || state.found.known[equation].includes(term);
     button.setAttribute("aria-pressed", String(state.wanted[equation].includes(term)));
   }
 }
@@ -118,11 +131,11 @@ async function toggle(j, term) {
 }
 
 /** Wait for the law of other terms; it is then among the candidates, and shown if it is still wanted. */
-async function followFit() {
+export async function followFit() {
   const { search, found } = state, now = state.fit = {};
   const told = await follow(`searches/${search}/terms`, "fitting", () => state.search !== search || state.fit !== now);
   if (!told) return;
-  Object.assign(found, (await ask(`searches/${search}`)).found);
-  showCandidates();
-  move(same(found.candidates[told.at].terms, state.wanted) ? told.at : state.at);
+  const { wanted } = state;
+  showMore((await ask(`searches/${search}/found`)).found);
+  if (same(found.candidates[told.at].terms, wanted)) move(told.at);
 }

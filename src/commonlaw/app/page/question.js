@@ -1,6 +1,6 @@
 // 2. Question: which law is looked for, and the search for it.
 import { $, ask, element, follow, remember, state, trying } from "./basics.js";
-import { show } from "./law.js";
+import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
   ["poly:3", "products of up to three variables, like x, x², x² y (usual)"],
@@ -46,14 +46,20 @@ export async function start(law = null) {
   });
 }
 
-/** Wait for the search, and show what it finds. */
+/** Wait for the search, and show what it finds: the law, and later its rivals. */
 export async function showSearch() {
-  const search = state.search;
-  $("start").disabled = true;
+  const search = state.search, path = `searches/${search}`, left = () => state.search !== search;
+  $("start").disabled = state.busy = true;
+  $("result").hidden = true;
+  state.found = null;
   try {
-    const told = await follow(`searches/${search}`, "going", () => state.search !== search);
-    if (told) show(told);
+    const told = await follow(path, "going", left, async () => {
+      const made = await ask(`${path}/found`);
+      if (!left()) show(made);
+    });
+    if (told?.fitting) trying("terms_failed", followFit);
   } finally {
-    $("start").disabled = false;
+    $("start").disabled = state.busy = false;
+    settle();
   }
 }
