@@ -187,6 +187,31 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     assert [each.get_text() for each in axes.get_yticklabels()] == names
 
 
+def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
+    law = cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}})
+    report = law_report(law, drops)
+    assert report.summary.startswith("**This law can be used for forecasts")
+    assert "Forecasts of 4 trials that it is compared with" in blocks_of(report, "forecasts")[0].text
+    assert "The law was given, and compared with trials" in blocks_of(report, "ranges")[0].text
+    learned = [part for part in ("forecasts", "residuals", "ranges") if "learned" in str(blocks_of(report, part))]
+    assert not learned
+
+
+def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
+    law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
+    report = law_report(law, drops)
+    assert law.letter_values()[1].all()
+    sure = replace(law.uncertainty, covariance=0 * law.covariance, shared_factor=None, unpooled=None)
+    known = law_report(replace(law, uncertainty=sure), drops)
+    assert blocks_of(known, "coefficients")[1].text == "Known, and not fitted: c."
+    assert "c from" not in table_of(known, "values")
+    assert "c from" in table_of(report, "values")
+
+
+def test_steps_that_differ_by_rounding_are_said_to_be_even(report):
+    assert (table_of(report, "trials")["largest deviation"] == 0).all()
+
+
 def test_long_equations_go_on_in_further_lines():
     names = [f"x^{i} v^{j}" for i in range(3) for j in range(1, 3)]
     law = cl.Law.from_text("x'' = " + " + ".join(f"{2 + i}.25 {name}" for i, name in enumerate(names)))

@@ -117,6 +117,11 @@ class Provenance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))
 
+    @property
+    def is_learned(self) -> bool:
+        """Whether anything is on record of how the law was learned from trials: it may have been given as it is."""
+        return bool(self.history or self.calls or self.alternatives or self.outcomes or self.differentiation)
+
     def judged(self, verdict: LawVerdict) -> "Provenance":
         """Return the same for a law that was judged: it knows how far ahead its forecasts are good."""
         return replace(self, domain=self.domain.with_verdict(verdict))

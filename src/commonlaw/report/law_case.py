@@ -61,6 +61,8 @@ class LawCase:
     @property
     def forecast_of(self) -> str:
         """What the forecasts are of, in words."""
+        if not self.law.provenance.is_learned:
+            return "that it is compared with"
         if self.forecast and is_of_training(self.forecast, self.training):
             later = sum(map(len, self.forecast.trials)) > sum(map(len, self.training))
             return f"that it was learned from{', later samples included' if later else ''}"

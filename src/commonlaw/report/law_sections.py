@@ -28,6 +28,13 @@ _DRAWN, _IN_OVERVIEW = 50, 36
 _TOGETHER = 2
 """Coefficients of several objects in one figure."""
 
+_MEASURES = {
+    "held-out error": "Held-out error is the mean squared error on data that they were not fitted to.",
+    "BIC": "BIC weighs the fit against the number of terms; lower is better.",
+    "stability": "Stability is how often the least certain term is chosen again when trials are drawn anew.",
+}
+"""What measures of candidates by regression mean."""
+
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
 
@@ -111,6 +118,10 @@ def coefficients(case: LawCase) -> Section:
         known = law.covariance is not None
         what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
         blocks.append(Text(_interval(case) if known else "How accurate they are is not known."))
+        pairs = zip(coefficient_names(law), law.letter_values()[1].T, strict=True)
+        given = [name for (name, _), errors in pairs if known and not errors.any()]
+        if given:
+            blocks.append(Text(f"Known, and not fitted: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
         table = Table("values", "The same in numbers.", _by_object(law))
         blocks.append(folded(table, "Coefficients by object"))
@@ -141,7 +152,10 @@ def _interval(case: LawCase) -> str:
 
 
 def _relations(law: Law) -> list[Block]:
-    caption = "What decides each coefficient: its kind, the properties that it follows, and how far objects stray."
+    caption = (
+        "What decides each coefficient: its kind, the properties that it follows, and how far objects stray. Factors "
+        "of affine functions are their constants; the formula at the top has all of them."
+    )
     relations = law.relations().dropna(axis=1, how="all")
     return [
         Table("relations", caption, relations),
@@ -165,7 +179,7 @@ def _by_object(law: Law) -> pd.DataFrame:
     for (name, unit), own, known in zip(coefficient_names(law), values.T, errors.T, strict=True):
         head = f"{name} ({unit})" if unit else name
         columns[head] = own.tolist()
-        if np.isfinite(known).all():
+        if np.isfinite(known).all() and known.any():
             half = normal_quantile(0.95) * known
             columns |= {f"{name} from": (own - half).tolist(), f"{name} to": (own + half).tolist()}
     return pd.DataFrame(columns)
@@ -190,6 +204,8 @@ def candidates(case: LawCase) -> Section:
             "where these were made."
         )
         caption += "" if exact else " It decided, as none is exact: the law forecasts as well as the best of them."
+    there = {name for each in law.alternatives for name in each.measures}
+    caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
     table = Table("compared", caption, readable_candidates(law.alternatives))
     return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
 
@@ -241,10 +257,12 @@ def ranges(case: LawCase) -> Section:
         {"": name, "from": low, "to": high, "unit": unit_text(units[name]) or None}
         for name, (low, high) in columns.items()
     ]
-    text = "The law was learned from the ranges below, and says nothing certain outside of them. " + " ".join(
+    learned = "The law was learned from the ranges below, and says nothing certain outside of them. "
+    given = "The law was given, and compared with trials in the ranges below. "
+    text = (learned if law.provenance.is_learned else given) + " ".join(
         literal(each) for each in case.verdict.sentences[:1]
     )
-    if law.explanation is None and len(law.objects) > 1:
+    if law.provenance.is_learned and law.explanation is None and len(law.objects) > 1:
         text += " Of objects that were not measured it knows the mean coefficients only."
     frame = pd.DataFrame(rows).dropna(axis=1, how="all")
     return Section("ranges", "Where it may be used", (Text(text), Table("visited", "What was visited.", frame)))

@@ -13,6 +13,9 @@ from commonlaw.report.markup import code
 from commonlaw.wording import counted
 
 _SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
+_ROUNDING = 1e-9
+"""Share of a step."""
+
 _PACKAGES = ("commonlaw", "numpy", "scipy", "pandas", "matplotlib", "heyoka")
 
 
@@ -26,6 +29,8 @@ def oddities(case: LawCase) -> Section:
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     held_out = "" if case.training is trials else f" Learned from {len(case.training)} of these trials."
     frame = found.to_frame().drop(columns="clipped")
+    rounding = frame["largest_deviation"] < _ROUNDING * frame["median_step"]
+    frame["largest_deviation"] = frame["largest_deviation"].mask(rounding, 0.0)
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
     return Section("oddities", "What was odd", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))

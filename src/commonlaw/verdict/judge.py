@@ -51,7 +51,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     counted = ~np.isnan(errors.errors)
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
-        in_sample=Kind.SEEN in kinds,
+        in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
         stretches=len(found),
         diverged=sum(each.diverged for each in found),
         measurements=int(counted.sum()),
