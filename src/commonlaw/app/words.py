@@ -12,6 +12,7 @@ _ROLES = {
 }
 _PARTS = {
     ", or give it with units=...": "",
+    "Name it with ": "Choose ",
     "clip_irregular() would keep": "the option --clip of the command would keep",
 }
 
@@ -20,7 +21,7 @@ def in_page(text: str) -> str:
     """Return a message in which arguments of functions are what the page calls them.
 
     >>> in_page("Name it with time=...; columns: a, b")
-    "Name it with 'time' under Columns; columns: a, b"
+    "Choose 'time' under Columns; columns: a, b"
     """
     for part, words in _PARTS.items():
         text = text.replace(part, words)

@@ -10,6 +10,8 @@ export function show({ found, asked }) {
   $("result").hidden = false;
   $("verdict").textContent = found.verdict[0] ?? "";
   $("limits").replaceChildren(...found.verdict.slice(1).map(each => element("p", each)));
+  const rates = found.rates.map((rate, i) => `${rate} is how fast ${found.states[i].name} changes`);
+  $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("states").hidden = found.states.length < 2;
   $("state").replaceChildren(...found.states.map((each, i) => element("option", each.name, { value: i })));
   showTrialChoices(found);
