@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.plots import ForecastPanels, plot_forecast, plot_intervals
+from commonlaw.plots import ForecastPanels, plot_errors, plot_forecast, plot_intervals
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +46,16 @@ def test_many_objects_stand_in_the_order_of_their_coefficients(law):
         assert len(values) == count
         assert (np.diff(values) >= 0).all()
     assert [label.get_text() for label in plot_intervals(law).axes[0].get_yticklabels()] == list(law.objects)
+
+
+def test_the_farthest_error_is_shown_unless_it_is_far_off(law, drops):
+    forecast = law.predict(drops)
+    for farther, shown in ((2.0, True), (50.0, False)):
+        errors = forecast.to_frame()["x error"].abs()
+        first = drops[0].states.copy()
+        first[20] += farther * errors.quantile(0.99)
+        changed = replace(forecast, trials=drops.with_trials([replace(drops[0], states=first), *drops[1:]]))
+        largest = changed.to_frame()["x error"].abs().max()
+        (low, high) = plot_errors(changed).axes[0].get_ylim()
+        assert low == -high
+        assert (high > largest) == shown

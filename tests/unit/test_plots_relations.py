@@ -5,8 +5,8 @@ import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 
 import commonlaw as cl
-from commonlaw.plots import plot_relations, render
-from commonlaw.plots.style import MARKERS
+from commonlaw.plots import plot_relations, relations, render
+from commonlaw.plots.style import COLORS, MARKERS
 
 MASSES = (0.3, 0.15, 0.1, 0.06, 0.043)
 
@@ -65,3 +65,12 @@ def test_each_objects_own_coefficients_have_the_range_of_their_scatter(law):
 def test_a_law_that_was_not_explained_is_refused():
     with pytest.raises(cl.CommonlawError, match="draw law"):
         plot_relations(cl.datasets.linear_drag.truth())
+
+
+def test_very_many_objects_are_not_told_apart(law, monkeypatch):
+    monkeypatch.setattr(relations, "_NAMED", len(MASSES) - 1)
+    figure = plot_relations(law)
+    gravity = figure.axes[0]
+    assert gravity.get_xlabel() == "objects"
+    assert {each.get_color() for each in gravity.lines if len(each.get_xdata()) == 1} == {COLORS[0]}
+    assert [each.get_text() for each in figure.legends[0].get_texts()] == ["relation"]

@@ -10,13 +10,16 @@ from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_l
 _MOST_POINTS = 1500
 """Of a panel; of more, each but every so many is drawn."""
 
+_FAR = 3
+"""Times the errors that all but a hundredth are below; those farther off are not shown."""
+
 
 @styled()
 def plot_errors(forecast: Forecast) -> Figure:
     """Plot forecast minus measured states against time, a panel for each state, all trials together.
 
-    Errors outside of the 95 % band of their forecast, where it has one, are orange; axes show all but the farthest
-    hundredth.
+    Errors outside of the 95 % band of their forecast, where it has one, are orange; axes show all but those of the
+    farthest hundredth that are three times as large as all others.
 
     Parameters
     ----------
@@ -37,7 +40,8 @@ def plot_errors(forecast: Forecast) -> Figure:
         for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
             panel.plot(times[kind][::every], errors[kind][::every], "o", color=color, markersize=3, alpha=0.5, mew=0)
         if len(errors):
-            bound = 1.1 * float(np.quantile(np.abs(errors), 0.99)) or 1.0
+            usual, largest = np.quantile(np.abs(errors), [0.99, 1.0])
+            bound = 1.1 * min(_FAR * usual, largest) or 1.0
             panel.set_ylim(-bound, bound)
         panel.set_ylabel(axis_label(f"error of {state}", schema.units.get(state, "")))
     panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from textwrap import shorten
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,11 +15,15 @@ from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
 from commonlaw.law.explanation import dependence
 from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.names import in_line
 from commonlaw.plots.equations import left_hand_sides, term_labels
-from commonlaw.plots.style import GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
+from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
 
 _POINTS = 100
 """Of a curve."""
+
+_NAMED = 40
+"""Objects that are told apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,8 @@ def plot_relations(law: Law) -> Figure:
     Coefficients are each object's own estimates, before they learned from the others. Those that follow properties
     stand against each, on logarithmic axes where the relation is a power law; and against what the relation makes of
     several together, where the objects collapse onto one line. Grey is where 95 % of the objects are by their scatter
-    about it. Universal coefficients, and each object's own, stand beside the objects' names.
+    about it. Universal coefficients, and each object's own, stand beside the objects' names. More than forty objects
+    have no names, and look the same.
 
     Parameters
     ----------
@@ -72,18 +78,20 @@ def plot_relations(law: Law) -> Figure:
     rows = [*_coefficients(law)]
     columns = max(each.panels for each in rows)
     figure = Figure(figsize=(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
-    grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects)
+    named = len(law.objects) <= _NAMED
+    alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
+    grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}
     for i, each in enumerate(rows):
         for k in range(each.panels):
             panel = figure.add_subplot(grid[i, k])
             _draw(panel, each, k, law)
             points = zip(law.objects, _places(each, k), each.sign * each.estimates, each.halves, strict=True)
             for name, place, value, half in points:
-                panel.errorbar(place, value, half, linestyle="none", capsize=2, **look[name])
+                panel.errorbar(place, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
             if k == 0:
                 panel.set_ylabel(axis_label("−coefficient" if each.sign < 0 else "coefficient", each.unit))
                 panel.set_title(each.label, loc="left")
-    keys = [key(plain(name), linestyle="none", **look[name]) for name in law.objects]
+    keys = [key(plain(name), linestyle="none", **own) for name, own in look.items()]
     keys.append(key("relation", color="black"))
     if any(each.relation.scatter for each in rows):
         keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
@@ -140,8 +148,11 @@ def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
         panel.set_xlabel(axis_label(name, law.schema.units.get(name, "")))
     elif relation.properties:
         panel.set_xlabel(plain(dependence(relation), 40))
+    elif len(law.objects) <= _NAMED:
+        names = [plain(shorten(in_line(name), 20, placeholder=" …"), 60) for name in law.objects]
+        panel.set_xticks(places, names, rotation=90)
     else:
-        panel.set_xticks(places, [plain(name, 16) for name in law.objects], rotation=90)
+        panel.set_xlabel("objects")
     if column < len(relation.properties) and len(relation.properties) > 1:
         return  # The other properties differ between the objects: there is no one line
     ends = (places.min(), places.max())
