@@ -48,12 +48,14 @@ def forecasts(case: LawCase) -> Section:
     if forecast.std is not None:
         bands = " Bands should hold 95 % of the measurements."
     diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
+    judged = case.verdict.judged_on
+    verdict = f" The verdict is on other forecasts: of {judged}, from the samples before." if judged else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
     intro = (
         f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each over its whole length from "
         f"its own initial state: $R^2 = {_finite(forecast.score())}$, where 1 is perfect and 0 as good as the mean of "
         f"each trial.{diverged} Points were measured, lines are forecasts, and below them stands what these are off."
-        f"{bands}{' Colours tell the trials of an object apart.' if several else ''}"
+        f"{bands}{' Colours tell the trials of an object apart.' if several else ''}{verdict}"
     )
     caption = "Errors of the forecasts, in the unit of the state; rms is the root of the mean square."
     errors = Table("forecast-errors", caption, _errors(case, forecast))
@@ -229,7 +231,7 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
         f"Laws from few terms to many, fitted to the same trials, and how they forecast trials {case.forecast_of}; * "
         "marks the law."
     )
-    if case.forecast_of.startswith("that it was learned from"):
+    if case.forecast_of == "that it was learned from":
         caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
     if not case.verdict.exact:
         caption += " No law is exact: the law was fitted together with its errors, the others as if they were exact."

@@ -118,8 +118,8 @@ def _errors(case: LawCase) -> Iterator[Block]:
 def _of_measurement(case: LawCase) -> Iterator[str]:
     """Yield the levels of the errors of measurement of each kind."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
-    time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
-    kinds = (("noise", law.noise), (f"errors with a memory of {time}", errors.correlated))
+    time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
+    kinds = (("noise", law.noise), (f"errors with a memory ({time})", errors.correlated))
     for kind, levels in kinds:
         if levels is not None:
             yield f"{kind} of {levels_in_words(levels, schema)}"

@@ -27,7 +27,8 @@ def oddities(case: LawCase) -> Section:
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
-    held_out = "" if case.training is trials else f" Learned from {len(case.training)} of these trials."
+    learned, some = sum(map(len, case.training)), counted(len(case.training), "trial")
+    held_out = "" if case.training is trials else f" Learned from {learned} samples of {some}."
     frame = found.to_frame().drop(columns="clipped")
     rounding = frame["largest_deviation"] < _ROUNDING * frame["median_step"]
     frame["largest_deviation"] = frame["largest_deviation"].mask(rounding, 0.0)
