@@ -63,7 +63,7 @@ class Search:
         found = self.found
         support = support_of(found.law, terms)
         self.cancel_fit()
-        self.fits.append(Work(partial(of_terms, found, support)))
+        self.fits.append(Work(partial(of_terms, found.without_page(), support)))
 
     def cancel(self) -> None:
         """End all that goes on."""

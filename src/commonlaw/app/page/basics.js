@@ -56,21 +56,25 @@ export async function trying(place, work) {
   }
 }
 
+/** Show that work begins. */
+export function begin(place) {
+  showStages(place, []);
+  $(place).hidden = false;
+}
+
 /**
  * Wait for work of the server to end, and return what is told then; null if `left` says that nobody waits any more.
  * Whenever it has made something, `made` is called.
  */
 export async function follow(path, place, left, made = async () => {}) {
-  const bar = $(place);
-  showStages(place, []);
-  bar.hidden = false;
+  begin(place);
   $(`${place}_cancel`).onclick = () => ask(path, "DELETE");
   for (let before = 0; ;) {
     const told = await ask(path);
     if (left()) return null;
     if (told.made > before) await made();
     before = told.made;
-    bar.hidden = !told.running;
+    $(place).hidden = !told.running;
     if (told.failure) throw new Error(told.failure);
     if (!told.running) return told;
     showStages(place, told.stages);

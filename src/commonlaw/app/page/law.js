@@ -1,5 +1,5 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
-import { $, ask, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
+import { $, ask, begin, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
 import { forecastOwn, showCurves, showOwn, showTrialChoices } from "./curves.js";
 import { showCommand, showFiles } from "./take.js";
 
@@ -123,10 +123,12 @@ async function toggle(j, term) {
   state.wanted = terms;
   press();
   try {
+    begin("fitting");
     await ask(path, "POST", { terms });
     await followFit();
   } catch (error) {
     if (state.found !== found || state.wanted !== terms) return;
+    $("fitting").hidden = true;
     move(state.at);
     throw error;
   }
