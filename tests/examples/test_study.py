@@ -73,6 +73,7 @@ def test_the_same_seed_gives_the_same_bytes(finished_study, ball_drops_folder, r
     assert different == []
 
 
+@pytest.mark.slow
 def test_without_the_measured_drops_the_simulated_parts_are_done(run_study, tmp_path, check_page):
     run = run_study(tmp_path / "report", "--only", "simulated")
     assert run.stdout.count("left out") >= 6

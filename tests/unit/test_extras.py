@@ -51,11 +51,11 @@ assert not [name for name in {optional} if sys.modules[name]]
 """
 
 
-@pytest.fixture
-def law_file(tmp_path):
+@pytest.fixture(scope="module")
+def law_file(tmp_path_factory):
     law = cl.discover(cl.datasets.linear_drag(noise=0.01, trials=1), order=2, library="terms:1,v*abs(v)")
-    law.save(tmp_path / "law.json")
-    return tmp_path / "law.json"
+    law.save(path := tmp_path_factory.mktemp("laws") / "law.json")
+    return path
 
 
 def test_text_frames_and_laws_need_no_extra(law_file):
