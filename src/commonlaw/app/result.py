@@ -29,8 +29,13 @@ _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
 class ShownLaw:
     """A candidate, and what the page is sent of it."""
 
-    law: Law
+    candidate: CandidateLaw
     shown: dict[str, Any]
+
+    @property
+    def law(self) -> Law:
+        """Its law."""
+        return self.candidate.law
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +156,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "diverged": 0 if forecast is None else len(forecast.outcomes),
         "curves": [] if forecast is None else list(_curves(forecast)),
     }
-    return ShownLaw(law, shown)
+    return ShownLaw(candidate, shown)
 
 
 def _forecast(law: Law, checked: Forecast) -> Forecast | None:

@@ -24,7 +24,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.law import Forecast
 from commonlaw.plots import plot_law, render
-from commonlaw.report import law_page
+from commonlaw.report import law_report, to_page
 
 _SCRIPTS = ("app", "basics", "curves", "law", "measurements", "plots", "question", "take", "uplot")
 
@@ -187,15 +187,24 @@ def _made(search: Search, name: str, candidate: str) -> str:
     return _MAKERS[name](search, found)
 
 
+def _is_chosen(search: Search, found: Found) -> bool:
+    """Whether the law is the one that the search found; only for this one there is a program that finds it."""
+    return found.law is search.found.law
+
+
 def _script(search: Search, found: Found) -> str:
-    if found.law is not search.found.law:
+    if not _is_chosen(search, found):
         raise CommonlawError("a program is there for the law that was chosen: take law.json of a candidate")
     return found.law.to_script(search.table.name)
 
 
-def _report(_: Search, found: Found) -> str:
+def _report(search: Search, found: Found) -> str:
+    table = search.table.name if _is_chosen(search, found) else ""
+    fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
+    rivals = sorted(fitted, key=lambda each: each.size)
     with _one_draws:
-        return law_page(found.law, found.trials, found.training).html
+        made = law_report(found.law, found.trials, found.training, table=table, words=in_page, rivals=rivals)
+        return to_page(made).decode()
 
 
 def _figure(_: Search, found: Found) -> str:

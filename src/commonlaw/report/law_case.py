@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from commonlaw.inference import CandidateLaw
 from commonlaw.law import Forecast, Law
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.report.document import Block, Fold, Table
@@ -32,12 +33,15 @@ class LawCase:
         What of it the law was learned from.
     words
         Turns messages of the library into the words of whoever asked for the report.
+    rivals
+        Candidates that were fitted before, the law among them.
     """
 
     law: Law
     trials: Trials
     training: Trials
     words: Callable[[str], str]
+    rivals: tuple[CandidateLaw, ...] = ()
 
     @cached_property
     def verdict(self) -> LawVerdict:

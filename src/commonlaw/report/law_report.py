@@ -1,7 +1,8 @@
 """The report of a law: what it says, what it is good for, how it was found, on one page."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.page import Page
 from commonlaw.report import law_sections, leftovers, making
@@ -27,6 +28,7 @@ def law_report(
     table: str = "trials.csv",
     words: Callable[[str], str] = str,
     progress: Callable[[str], None] = lambda _: None,
+    rivals: Sequence[CandidateLaw] = (),
 ) -> Report:
     """Return the report of a law.
 
@@ -45,9 +47,11 @@ def law_report(
         Turns messages of the library into the words of whoever asked.
     progress
         Takes what is being done.
+    rivals
+        Candidates that were fitted before, the law among them; fitted for the report if there are none.
     """
     check_packages()
-    case = LawCase(law, trials, learned or trials, words)
+    case = LawCase(law, trials, learned or trials, words, tuple(rivals))
     progress("judging the law")
     first, *others = map(literal, case.verdict.sentences)
     summary = f"**{first}**{law_markdown(law)}{listed(others)}"

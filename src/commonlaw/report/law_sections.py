@@ -193,8 +193,8 @@ def candidates(case: LawCase) -> Section:
     if not law.alternatives:
         text = "The terms were given, and nothing else was compared."
         return Section("candidates", "What else it could be", (Text(text),))
-    if len(law.objects) <= _REFITTED:
-        blocks += _refitted(case, candidate_laws(law, case.training, most=6))
+    if case.rivals or len(law.objects) <= _REFITTED:
+        blocks += _refitted(case, case.rivals or candidate_laws(law, case.training, most=6))
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
     exact = case.verdict.exact
     if any("2 log B" in each.measures for each in law.alternatives):

@@ -16,6 +16,7 @@ $("preview_state").addEventListener("change", drawPreview);
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);
 $("start").addEventListener("click", () => start());
+$("back").addEventListener("click", () => move(0));
 $("slider").addEventListener("input", () => move(state.order[Number($("slider").value)]));
 $("state").addEventListener("change", showCurves);
 $("trials").addEventListener("change", showCurves);

@@ -51,6 +51,7 @@ export function move(index) {
   const began = performance.now(), found = state.found, candidate = found.candidates[index];
   Object.assign(state, { at: index, wanted: candidate.terms });
   $("slider").value = state.order.indexOf(index);
+  $("other").hidden = candidate.chosen;
   const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
   if (candidate.score !== null) parts.push(`R² of forecasts ${Number(candidate.score.toPrecision(4))}${found.held_out ? " (kept back)" : ""}`);
