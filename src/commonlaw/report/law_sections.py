@@ -137,8 +137,9 @@ def _intervals(law: Law, caption: str) -> Block:
     panels = IntervalPanels(law)
     if len(law.objects) == 1 or len(panels.captions) <= _TOGETHER:
         return Picture("intervals", caption, partial(plot_intervals, law))
+    intervals = "" if law.covariance is None else ", with 95 % intervals"
     pictures = [
-        Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}.", partial(panels.draw, i))
+        Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
         for i, what in enumerate(panels.captions)
     ]
     return Gallery(tuple(pictures))
@@ -195,21 +196,29 @@ def candidates(case: LawCase) -> Section:
         return Section("candidates", "What else it could be", (Text(text),))
     if case.rivals or len(law.objects) <= _REFITTED:
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.training, most=6))
+    table = Table("compared", _what_compared(case), readable_candidates(law.alternatives))
+    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
+
+
+def _what_compared(case: LawCase) -> str:
+    """Return what the measures of candidates mean, and which of them decided."""
+    listed = case.law.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
     exact = case.verdict.exact
-    if any("2 log B" in each.measures for each in law.alternatives):
+    if any("2 log B" in each.measures for each in listed):
         wrong = "" if exact else ", if one of them were exact"
         caption += f" 2 log B is 0 for the most probable, and above 10 for those out of the question{wrong}."
-    if any(each.measures.get("forecast error") is not None for each in law.alternatives):
+        if exact and any(each.chosen and (each.measures.get("2 log B") or 0) > 0 for each in listed):
+            caption += " The law is the most probable once each is fitted; these numbers are from before that."
+    if any(each.measures.get("forecast error") is not None for each in listed):
         caption += (
             " Forecast error is what free forecasts of the later part of every trial are off, in standard deviations, "
             "where these were made."
         )
         caption += "" if exact else " It decided, as none is exact: the law forecasts as well as the best of them."
-    there = {name for each in law.alternatives for name in each.measures}
+    there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
-    table = Table("compared", caption, readable_candidates(law.alternatives))
-    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
+    return caption
 
 
 def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
