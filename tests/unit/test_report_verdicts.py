@@ -63,7 +63,8 @@ def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(
 
 def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leaves(drops):
     law = cl.discover(drops, order=2, library="terms:x")
-    top = top_of(law_report(law, drops))
+    report = law_report(law, drops)
+    top = top_of(report)
     assert "the farthest that was judged; it is a summary, though, and not exact.**" in top
     assert "does not explain the measurements to within their errors, as no other law of the terms" in top
     error = numbers_agree(top, law, drops)
@@ -71,6 +72,11 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     assert error > 10 * noise
     assert f"themselves scatter by {noise:.3g} m; {np.sqrt(error**2 - noise**2):.3g} m stays unexplained" in top
     assert "To get further: offer terms for what is missing" in top
+    whole = law.predict(drops, start=10).to_frame()["x error"]
+    assert table_of(report, "residuals-by-state")["rms error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
+    assert np.sqrt(np.mean(whole**2)) > 10 * noise
+    intro = report.sections[0].blocks[0].text
+    assert "from a start fitted to its first 10 samples, which the lines follow" in intro
 
 
 def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):

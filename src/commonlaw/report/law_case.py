@@ -13,7 +13,7 @@ from commonlaw.law.verdict import LawVerdict
 from commonlaw.report.document import Block, Fold, Table
 from commonlaw.report.markup import literal
 from commonlaw.trials import Trials
-from commonlaw.verdict import checked_forecast, is_of_training
+from commonlaw.verdict import checked_forecast, is_of_training, samples_before
 
 _LONG = 12
 """Rows from which on a table is folded."""
@@ -60,7 +60,17 @@ class LawCase:
 
     @cached_property
     def _checked(self) -> tuple[Forecast | None, tuple[str, ...]]:
-        return checked_forecast(self.law, self.trials, self.training, bands=True)
+        return checked_forecast(self.law, self.trials, self.training, bands=True, start=self.start)
+
+    @property
+    def start(self) -> int | None:
+        """How many first samples tell where forecasts start, None for those that `Law.predict` takes.
+
+        A law of second order with a model error follows these samples: they are to be few, as they are no forecasts.
+        """
+        if self.law.order < 2 or not self.law.uncertainty.error_model.of_law:
+            return None
+        return samples_before(min(map(len, self.trials)))
 
     @property
     def forecast_of(self) -> str:

@@ -48,12 +48,14 @@ def forecasts(case: LawCase) -> Section:
     if forecast.std is not None:
         bands = " Bands should hold 95 % of the measurements."
     diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
+    followed = f"a start fitted to its first {case.start} samples, which the lines follow"
+    begin = "its own initial state" if case.start is None else followed
     judged = case.verdict.judged_on
     verdict = f" The verdict is on other forecasts: of {judged}, from the samples before." if judged else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
     intro = (
         f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each over its whole length from "
-        f"its own initial state: $R^2 = {_finite(forecast.score())}$, where 1 is perfect and 0 as good as the mean of "
+        f"{begin}: $R^2 = {_finite(forecast.score())}$, where 1 is perfect and 0 as good as the mean of "
         f"each trial.{diverged} Points were measured, lines are forecasts, and below them stands what these are off."
         f"{bands}{' Colours tell the trials of an object apart.' if several else ''}{verdict}"
     )
@@ -231,7 +233,7 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
             "terms": each.size,
             "law": "; ".join(each.law.structure()),
             "2 log B": each.evidence,
-            "R² of forecasts": (score := _score(each.law, case.forecast)),
+            "R² of forecasts": (score := _score(case, each.law, case.forecast)),
             "1 − R²": 1 - score,
         }
         for each in found
@@ -247,9 +249,9 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def _score(law: Law, forecast: Forecast) -> float:
+def _score(case: LawCase, law: Law, forecast: Forecast) -> float:
     try:
-        return law.predict(forecast.trials).score()
+        return law.predict(forecast.trials, start=case.start).score()
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
 

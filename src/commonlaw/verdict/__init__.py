@@ -3,5 +3,6 @@
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.verdict.checked import checked_forecast, is_of_training
 from commonlaw.verdict.judge import judge
+from commonlaw.verdict.stretches import samples_before
 
-__all__ = ["LawVerdict", "checked_forecast", "is_of_training", "judge"]
+__all__ = ["LawVerdict", "checked_forecast", "is_of_training", "judge", "samples_before"]

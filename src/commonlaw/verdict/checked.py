@@ -8,19 +8,19 @@ from commonlaw.trials import Trials
 
 
 def checked_forecast(
-    law: Law, trials: Trials, training: Trials, bands: bool
+    law: Law, trials: Trials, training: Trials, bands: bool, start: int | None = None
 ) -> tuple[Forecast | None, tuple[str, ...]]:
     """Return forecasts by a law, with bands if wanted and known, and words on what they lack.
 
     They are of the trials that the law was not learned from, or if there is none whose object it knows, of the others,
-    later samples included.
+    later samples included. Starts are fitted to so many first samples, see `Law.predict`.
     """
     learned_from = _names(training)
     others = [each for each in trials if (each.object, each.name) not in learned_from]
     held_out = [each for each in others if each.object in law.objects]
     checked = held_out or [each for each in trials if (each.object, each.name) in learned_from]
     try:
-        return law.predict(trials.with_trials(checked), return_std=bands and law.has_std), ()
+        return law.predict(trials.with_trials(checked), return_std=bands and law.has_std, start=start), ()
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
         return None, (f"the law was not checked by forecasts, nor drawn: {error}",)
 

@@ -78,13 +78,17 @@ def stretches(trials: Trials, learned: Trials | None) -> list[Stretch]:
     return [Stretch(each, int(np.ceil((1 - SHARE) * len(each))), Kind.SEEN) for each in measured]
 
 
+def samples_before(count: int) -> int:
+    """Return how many of the samples of a trial tell where its forecast starts."""
+    return max(_LEAST_BEFORE, int(np.ceil(_BEFORE * count)))
+
+
 def _held_out(trials: Trials, learned: Trials) -> Iterator[Stretch]:
     ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
         if end is None:
-            before = max(_LEAST_BEFORE, int(np.ceil(_BEFORE * len(measured))))
-            yield Stretch(measured, before, Kind.TRIAL)
+            yield Stretch(measured, samples_before(len(measured)), Kind.TRIAL)
         elif measured.times[-1] > end:
             yield Stretch(measured, int(np.searchsorted(measured.times, end, side="right")), Kind.LATER)
 
