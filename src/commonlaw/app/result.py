@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from commonlaw.app.words import in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidate_laws
@@ -92,10 +93,9 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     show("forecasting")
     forecast, lacking = checked_forecast(law, trials, training, bands=True)
     trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
-    schema, check = trials.schema, trials.check()
+    schema = trials.schema
     about = {
-        "verdict": verdict.sentences,
-        "usable": verdict.usable,
+        "verdict": [in_page(each) for each in verdict.sentences],
         "held_out": forecast is not None and not is_of_training(forecast, training),
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
@@ -108,8 +108,9 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
-        "odd": [*check.lines(), *check.notes, *map(str, law.outcomes), *lacking],
-        "history": [[each.stage, each.choice, each.reason] for each in law.history],
+        "lacking": [in_page(each) for each in lacking],
+        "outcomes": [in_page(str(each)) for each in law.outcomes],
+        "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
     }
     made = Found(law, trials, training, forecast, lacking, about)
     laws = candidate_laws(law, training, 1)

@@ -181,25 +181,18 @@ async def _file(sessions: Sessions, request: Request) -> Response:
 
 def _made(search: Search, name: str, candidate: str) -> str:
     """Return a file of a candidate; if none is named, of the law."""
-    found = search.found
-    if candidate.isdecimal():
-        found = found.of_candidate(int(candidate))
-    return _MAKERS[name](search, found)
+    index = int(candidate) if candidate.isdecimal() else 0
+    # Only for the law, the first candidate, there is a program that finds it in the table
+    return _MAKERS[name](search.found.of_candidate(index), "" if index else search.table.name)
 
 
-def _is_chosen(search: Search, found: Found) -> bool:
-    """Whether the law is the one that the search found; only for this one there is a program that finds it."""
-    return found.law is search.found.law
-
-
-def _script(search: Search, found: Found) -> str:
-    if not _is_chosen(search, found):
+def _script(found: Found, table: str) -> str:
+    if not table:
         raise CommonlawError("a program is there for the law that was chosen: take law.json of a candidate")
-    return found.law.to_script(search.table.name)
+    return found.law.to_script(table)
 
 
-def _report(search: Search, found: Found) -> str:
-    table = search.table.name if _is_chosen(search, found) else ""
+def _report(found: Found, table: str) -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
     with _one_draws:
@@ -207,12 +200,12 @@ def _report(search: Search, found: Found) -> str:
         return to_page(made).decode()
 
 
-def _figure(_: Search, found: Found) -> str:
+def _figure(found: Found, _: str) -> str:
     with _one_draws:
         return render(plot_law(found.law, _forecast_of(found)), ".svg").decode()
 
 
-def _forecasts(_: Search, found: Found) -> str:
+def _forecasts(found: Found, _: str) -> str:
     return str(_forecast_of(found).to_frame().to_csv(index=False))
 
 
@@ -222,11 +215,11 @@ def _forecast_of(found: Found) -> Forecast:
     return found.checked
 
 
-_MAKERS: dict[str, Callable[[Search, Found], str]] = {
-    "law.json": lambda _, found: found.law.to_json(),
+_MAKERS: dict[str, Callable[[Found, str], str]] = {
+    "law.json": lambda found, _: found.law.to_json(),
     "law.py": _script,
-    "law.tex": lambda _, found: found.law.to_latex(found.law.objects[0]),
-    "coefficients.csv": lambda _, found: str(found.law.to_frame().to_csv()),
+    "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
+    "coefficients.csv": lambda found, _: str(found.law.to_frame().to_csv()),
     "report.html": _report,
     "law.svg": _figure,
     "forecasts.csv": _forecasts,

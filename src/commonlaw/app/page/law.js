@@ -9,7 +9,7 @@ export function show({ found, asked }) {
   Object.assign(state, { found, asked });
   $("result").hidden = false;
   $("verdict").textContent = found.verdict[0] ?? "";
-  $("limits").replaceChildren(...found.verdict.slice(1).map(each => element("p", each)));
+  $("limits").replaceChildren(...[...found.verdict.slice(1), ...found.lacking].map(each => element("p", each)));
   const rates = found.rates.map((rate, i) => `${rate} is how fast ${found.states[i].name} changes`);
   $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("states").hidden = found.states.length < 2;
@@ -17,6 +17,7 @@ export function show({ found, asked }) {
   showTrialChoices(found);
   showOwn(found);
   showCommand();
+  $("outcomes").replaceChildren(...found.outcomes.map(each => element("li", each)));
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
   move(0);
