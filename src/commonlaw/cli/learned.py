@@ -72,7 +72,8 @@ def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
 class Learned:
     """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known.
 
-    A verdict says what the law is good for, and words what the check lacked; laws may be compared, see
+    A verdict says what the law is good for, the start how many first samples told where forecasts start, None for those
+    that `Law.predict` takes, and words what the check lacked; laws may be compared, see
     `commonlaw.compare`.
     """
 
@@ -81,6 +82,7 @@ class Learned:
     forecast: "Forecast | None"
     truth: "Law | None"
     verdict: "LawVerdict"
+    start: int | None
     lacking: tuple[str, ...] = ()
     compared: "pd.DataFrame | None" = None
 
@@ -88,13 +90,13 @@ class Learned:
     def check(cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool) -> "Learned":
         """Return a law with forecasts, and their bands if wanted, see `checked_forecast`."""
         from commonlaw.datasets import truth_of
-        from commonlaw.verdict import checked_forecast
+        from commonlaw.verdict import checked_forecast, checked_start
 
         truth = truth_of(source.dataset) if source.dataset else None
         verdict = law.verdict(trials, training)
         forecast, lacking = checked_forecast(law, trials, training, bands)
         law = replace(law, provenance=law.provenance.judged(verdict))
-        return cls(training, law, forecast, truth, verdict, lacking)
+        return cls(training, law, forecast, truth, verdict, checked_start(law, trials), lacking)
 
     @property
     def forecast_of(self) -> str:
@@ -141,10 +143,15 @@ class Learned:
             kind, learned = "trial", f" it was learned from{', later samples included' if later else ''}"
         if self.forecast:
             say(
-                f"\nForecasts of {counted(len(self.forecast.trials), kind)}{learned}, each from its own "
-                f"initial state: R^2 = {self.forecast.score():.5g}"
+                f"\nForecasts of {counted(len(self.forecast.trials), kind)}{learned}, each from {self._begin}: "
+                f"R^2 = {self.forecast.score():.5g}"
             )
         say(f"\n{self.verdict}")
+
+    @property
+    def _begin(self) -> str:
+        """Where the forecasts start, in words."""
+        return "its own initial state" if self.start is None else f"a start fitted to its first {self.start} samples"
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""

@@ -13,7 +13,7 @@ from commonlaw.law.verdict import LawVerdict
 from commonlaw.report.document import Block, Fold, Table
 from commonlaw.report.markup import literal
 from commonlaw.trials import Trials
-from commonlaw.verdict import checked_forecast, is_of_training, samples_before
+from commonlaw.verdict import checked_forecast, checked_start, is_of_training
 
 _LONG = 12
 """Rows from which on a table is folded."""
@@ -60,17 +60,12 @@ class LawCase:
 
     @cached_property
     def _checked(self) -> tuple[Forecast | None, tuple[str, ...]]:
-        return checked_forecast(self.law, self.trials, self.training, bands=True, start=self.start)
+        return checked_forecast(self.law, self.trials, self.training, bands=True)
 
     @property
     def start(self) -> int | None:
-        """How many first samples tell where forecasts start, None for those that `Law.predict` takes.
-
-        A law of second order with a model error follows these samples: they are to be few, as they are no forecasts.
-        """
-        if self.law.order < 2 or not self.law.uncertainty.error_model.of_law:
-            return None
-        return samples_before(min(map(len, self.trials)))
+        """How many first samples tell where forecasts start, see `checked_start`."""
+        return checked_start(self.law, self.trials)
 
     @property
     def forecast_of(self) -> str:
