@@ -13,7 +13,7 @@ import numpy as np
 from commonlaw.app.words import in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import CandidateLaw, candidate_law, candidate_laws
+from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import with_error
 from commonlaw.report.formulas import coefficient_names, law_latex
@@ -87,7 +87,7 @@ class Found:
 
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
-    """Yield a law with all that the page needs of it, then with the other candidates after it."""
+    """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
     show("judging the law")
     verdict = law.verdict(trials, training)
     show("forecasting")
@@ -113,12 +113,9 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
     }
     made = Found(law, trials, training, forecast, lacking, about)
-    laws = candidate_laws(law, training, 1)
-    yield made.with_laws(_shown(each, made) for each in laws)
-    laws = candidate_laws(law, training, _CANDIDATES, show)
-    show("forecasting with every candidate")
-    in_order = sorted(laws, key=lambda each: not each.chosen)
-    yield made.with_laws(_shown(each, made) for each in in_order)
+    for each in candidates_in_turn(law, training, _CANDIDATES, show):
+        made = made.with_laws([_shown(each, made)])
+        yield made
 
 
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:

@@ -13,6 +13,7 @@ _ROLES = {
 _PARTS = {
     ", or give it with units=...": "",
     "Name it with ": "Choose ",
+    ", or method=DerivativeRegression()": "",
     "clip_irregular() would keep": "the option --clip of the command would keep",
 }
 

@@ -1,6 +1,7 @@
 """Work in processes of its own: the page stays alive, and what is cancelled ends at once."""
 
 import pickle
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -102,6 +103,7 @@ def _work(connection: Connection, task: Task[Any]) -> None:
     def show(stage: str) -> None:
         connection.send(("stage", (stage, time())))
 
+    warnings.showwarning = lambda message, *_, **__: show(in_page(str(message)))
     try:
         for made in task(show):
             connection.send(("made", made))

@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.adaptation import adapt
-from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws
+from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
@@ -25,6 +25,7 @@ __all__ = [
     "best_course",
     "candidate_law",
     "candidate_laws",
+    "candidates_in_turn",
     "compare",
     "error_kinds",
     "finish",

@@ -73,15 +73,19 @@ def candidate_laws(
     >>> [each.law.structure()[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
-    chosen = CandidateLaw(law, _evidence(law, law.support), True)
+    found = candidates_in_turn(law, trials, most, progress)
+    return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
+
+
+def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:
+    """Yield the law, and the others of `candidate_laws` as soon as each is fitted, those near to it in size first."""
+    yield CandidateLaw(law, _evidence(law, law.support), True)
     if law.order == 0 or not law.shared:
-        return (chosen,)
-    found = [chosen]
+        return
     for support in _supports(law, most - 1):
         progress(f"fitting the candidate with {counted(int(support.sum()), 'term')}")
         with suppress(CommonlawError):  # What cannot be fitted is no rival
-            found.append(candidate_law(law, trials, support))
-    return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
+            yield candidate_law(law, trials, support)
 
 
 def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:

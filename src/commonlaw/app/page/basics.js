@@ -89,9 +89,9 @@ function showStages(place, stages) {
     if (rows[0]?.what === what) rows[0].seconds += seconds;
     else rows.unshift({ what, seconds });
   }
-  const [now, ...before] = rows, done = before.filter(each => each.seconds >= 0.05), stage = $(`${place}_stage`);
+  const [now, ...done] = rows, stage = $(`${place}_stage`);
   // Said aloud when it changes, and not every second
   if (stage.textContent !== (now?.what ?? "")) stage.textContent = now?.what ?? "";
   $(`${place}_seconds`).textContent = now ? `${Math.round(now.seconds)} s` : "";
-  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
+  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", seconds < 0.05 ? what : `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
 }
