@@ -124,3 +124,10 @@ def test_few_samples_are_not_tested_and_discrete_time_is_refused():
 def test_a_law_that_does_not_know_its_noise_takes_it_from_the_samples():
     table = DECAY.residuals(decays(white)).to_frame()
     assert table["x residual/noise"].std() == pytest.approx(1.0, rel=0.1)
+
+
+def test_means_of_residuals_are_of_several():
+    few = WHITE.residuals(decays(white, 30).select(trial=0))
+    axes = plot_residuals(few).axes[0]
+    (means,) = [each for each in axes.lines if each.get_marker() == "o"]
+    assert len(means.get_xdata()) == 30 // 4

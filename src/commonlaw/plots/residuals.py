@@ -16,6 +16,9 @@ from commonlaw.plots.style import COLORS, GREY, axis_label, frozen_layout, plain
 _MOST = 1500
 """Residuals that are drawn in a panel."""
 
+_PARTS, _IN_PART = 10, 4
+"""Means are of so many parts of what was visited, each of so many residuals at least."""
+
 _AT_ENDS = 50
 """Of the largest and smallest residuals."""
 
@@ -26,9 +29,9 @@ _LAGS = 20
 def plot_residuals(residuals: Residuals) -> Figure:
     """Plot residuals over noise, one row for each state.
 
-    Against time since the trial's start, states, rates and inputs, with the mean in tenths of what was visited; against
-    the next state's, if there are several; the correlation of neighbours, with the range in which 95 % lie by chance;
-    and their quantiles beside those of a normal distribution.
+    Against time since the trial's start, states, rates and inputs, with means and their 95 % intervals in tenths of
+    what was visited; against the next state's, if there are several; the correlation of neighbours, with the range in
+    which 95 % lie by chance; and their quantiles beside those of a normal distribution.
 
     Parameters
     ----------
@@ -102,7 +105,8 @@ def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
     some = seen[:: -(-len(seen) // _MOST) or 1]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)
     panel.axhline(0.0, color="black", linewidth=0.8)
-    parts = [part for part in np.array_split(seen[np.argsort(values[seen])], 10) if len(part)]
+    count = min(_PARTS, max(1, len(seen) // _IN_PART))
+    parts = [part for part in np.array_split(seen[np.argsort(values[seen])], count) if len(part)]
     means = [[values[part].mean(), own[part].mean(), own[part].std() / np.sqrt(len(part))] for part in parts]
     middle, mean, error = np.array(means).reshape(-1, 3).T
     panel.errorbar(middle, mean, 1.96 * error, color=COLORS[1], capsize=2, markersize=3, marker="o")

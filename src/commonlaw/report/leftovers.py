@@ -34,7 +34,8 @@ def _patterns(case: LawCase) -> Iterator[Block]:
     except _FAILURES as error:
         yield Text(f"What measurements are off the law's trajectories could not be tested: {case.said(error)}.")
         return
-    meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise."
+    meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise. "
+    meaning += "In the figures, orange are means of neighbouring ones with 95 % intervals."
     if len(found.odd) > 1:
         meaning += " Patterns often have one cause: look into the surest first, see the tests."
     yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
