@@ -42,7 +42,7 @@ function showPreview() {
     showOddities({ odd: [], notes: [] });
     return draw($("preview_plot"), [], {});
   }
-  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}. Measured: ${roles.states.join(", ")}${roles.inputs.length ? `; acting from outside: ${roles.inputs.join(", ")}` : ""}.`;
+  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}. Measured: ${roles.states.join(", ")}${roles.inputs.length ? `; acting from outside: ${roles.inputs.join(", ")}` : ""}.${found.trials.length < found.count ? ` The first ${found.trials.length} trials are drawn.` : ""}`;
   showOddities(found);
   $("preview_states").hidden = roles.states.length < 2;
   $("preview_state").replaceChildren(...roles.states.map((name, j) => element("option", name, { value: j })));
