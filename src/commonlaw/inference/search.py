@@ -39,6 +39,12 @@ _ROUNDS = 6
 STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
+_FEW = 10
+"""Objects in a group of those that are searched alone, too, where there are many."""
+
+_GROUPS = 2
+"""How many such groups there are; fewer objects than in all of them are not many."""
+
 _LARGER = 1.03
 """By how much noise is enlarged at least."""
 
@@ -89,6 +95,7 @@ def search(
         found += _anneal(problem, solver, model_errors)
     if schedules is not SCHEDULES:
         return _sorted(found)
+    found += _as_few_say(problem, solver, progress)
     best, *others = _with_rivals(problem, _sorted(found))
     return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
 
@@ -211,6 +218,24 @@ def neighbours(problem: SearchProblem, state: SearchState) -> list[list[Compared
     return _evidence(problem, state.estimates, state.model_error).neighbours(
         state.supports, state.forecasts, state.fitted
     )
+
+
+def _as_few_say(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
+    """Return the laws that some of many objects find, fitted to all; none where there are few objects.
+
+    Evidence linearised about one law errs for each object, and of many by more than what tells laws apart.
+    """
+    many = len(problem.models)
+    if many <= _GROUPS * _FEW:
+        return []
+    progress("choosing terms by some of the objects")
+    groups = [problem.of_objects(range(first, many, many // _FEW)) for first in range(_GROUPS)]
+    supports = [search(each, solver, lambda _: None)[0].supports for each in groups]
+    found = []
+    for each in {own.tobytes(): own for own in supports}.values():
+        with suppress(CommonlawError):
+            found.append(fit_supports(problem, each, SCHEDULES[-1]))
+    return found
 
 
 def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
