@@ -46,8 +46,8 @@ layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
 
-docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: two minutes
-	$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs
+docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: a minute
+	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs build/docs
 
 fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
 	$(BIN)/python -m tests.hostile.fuzz $(ARGS)
