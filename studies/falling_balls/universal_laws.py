@@ -102,7 +102,7 @@ def _numbers(relation: Relation) -> Mapping[str, object]:
         "factor": relation.factors[0],
         "standard_error": relation.errors[0],
         "scatter": relation.scatter,
-        "probability": relation.probability,
+        "probability": round(relation.probability, 9),  # Further digits are those of rounding in linear algebra
     }
 
 
