@@ -62,6 +62,14 @@ def test_units_say_what_a_factor_is():
     assert "the coefficient of v^2 times mass/diameter^2 is a pi group" in str(pure)
 
 
+def test_a_coefficient_without_a_unit_follows_properties_as_any_other():
+    law = falling(units={**UNITS, "x": "1"}).explain()
+    assert law.coefficient_units()["x''", "v^2"] == ""
+    table = law.relations().set_index("term")
+    assert table["kind"]["v^2"] == "power law"
+    assert table["unit"].to_dict() == {"1": "1/s²", "v^2": "kg/m²"}
+
+
 def test_exponents_that_leave_a_factor_without_a_unit_are_more_probable():
     decay, dimensions = 1 / np.array([2.0, 3.0, 5.0, 9.0]), dimensions_of(["1/s"], {"a": "s^2", "b": "s"})
     # Both explain the coefficients alike, but only one leaves a number

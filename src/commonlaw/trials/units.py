@@ -29,7 +29,7 @@ def registry() -> "pint.UnitRegistry[float]":
 
 @cache
 def parse_unit(text: str) -> "pint.Unit":
-    """Return the unit that a text stands for.
+    """Return the unit that a text stands for; of a number that is an empty one, as pint writes it.
 
     Raises
     ------
@@ -38,10 +38,10 @@ def parse_unit(text: str) -> "pint.Unit":
 
     Examples
     --------
-    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"), parse_unit("dB/s"), sep=", ")
-    meter / second ** 2, meter ** 0.5, decibel / second
+    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"), parse_unit("dB/s"), parse_unit(""), sep=", ")
+    meter / second ** 2, meter ** 0.5, decibel / second, dimensionless
     """
-    unit = known_unit(text)
+    unit = known_unit(text) if text else registry().dimensionless
     if unit is None:
         raise CommonlawError(_unknown_unit(text))
     return unit
