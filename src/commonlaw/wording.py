@@ -4,7 +4,7 @@
 def counted(count: int, noun: str, ending: str = "s") -> str:
     """Return a number of things.
 
-    >>> counted(1, "trial"), counted(3, "stretch", "es")
-    ('1 trial', '3 stretches')
+    >>> counted(1, "trial"), counted(3, "box", "es")
+    ('1 trial', '3 boxes')
     """
     return f"{count} {noun}{'' if count == 1 else ending}"

@@ -359,6 +359,6 @@ def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
     rows = [f"{tree},{age},{age / 10 + tree}" for tree in range(5) for age in (118 + tree, 484, 664, 1004, 1231)]
     (tmp_path / "trees.csv").write_text("\n".join(["object,age [day],girth [mm]", *rows]))
     _, out, _ = run("data", "check", "trees.csv")
-    assert [line for line in out.splitlines() if line.startswith("Odd: ")] == [
-        "Odd: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 off their median 284"
+    assert [line for line in out.splitlines() if line.startswith("Data check: ")] == [
+        "Data check: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 off their median 284"
     ]

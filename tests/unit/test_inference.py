@@ -189,7 +189,7 @@ def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
         drops, order=2, library="poly:2", universal=["1"], method=cl.TrajectoryLikelihood(partial_pooling=False)
     )
     assert alone.coefficients[0, 0, gravity] == pytest.approx(law.coefficients[0, 0, gravity], abs=0.05)
-    assert "1 in x'': alike (1.00); v in x'': each its own (0.00)" in alone.history[-1].choice
+    assert "1 in x'': alike (1.00); v in x'': specific to the object (0.00)" in alone.history[-1].choice
 
 
 def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):

@@ -14,7 +14,7 @@ from commonlaw.report.law_case import LawCase
 from commonlaw.report.law_sections import candidates, coefficients, forecasts
 from commonlaw.report.markup import formula
 
-SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "oddities", "choices", "again"]
+SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "data-checks", "choices", "again"]
 
 
 @pytest.fixture(scope="module")

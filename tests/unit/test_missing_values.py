@@ -134,8 +134,8 @@ def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_
     assert [each.missing for each in report.trials] == [{"x": 2, "y": 2}, {"x": 3, "y": 2}]
     assert report.to_frame()["x (missing)"].tolist() == [2, 3]
     assert "missing" not in " ".join(collection(spiral(gaps=())).check().to_frame().columns)
-    assert "a, trial 1: x is missing in 2 of 60 samples" in report.oddities
-    assert [each for each in report.oddities if "jumps" in each] == [
+    assert "a, trial 1: x is missing in 2 of 60 samples" in report.findings
+    assert [each for each in report.findings if "jumps" in each] == [
         f"b, trial 1: x jumps by {states[30, 0] - states[28, 0]:.3g} from sample 29 to sample 31"
     ]
     assert report.trials[0].last["y"] == trials[0].states[58, 1]

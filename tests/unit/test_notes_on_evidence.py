@@ -11,8 +11,8 @@ COPIED = DROPS.with_trials([*DROPS, replace(DROPS[0], name="again"), replace(DRO
 
 
 def test_a_check_names_exact_copies():
-    assert not any("copy" in each for each in DROPS.check().oddities)
-    assert [each for each in COPIED.check().oddities if "copy" in each] == [
+    assert not any("copy" in each for each in DROPS.check().findings)
+    assert [each for each in COPIED.check().findings if "copy" in each] == [
         "Ball 1, trial again: an exact copy of Ball 1, trial 1, which tells nothing new",
         "Ball 1, trial other: an exact copy of Ball 2, trial 2, which tells nothing new",
     ]
@@ -20,7 +20,7 @@ def test_a_check_names_exact_copies():
 
 def test_trials_of_few_samples_can_agree_by_chance():
     short = cl.Trials.from_arrays([[0, 1, 2]] * 2, [[1, 2, 3]] * 2)
-    assert not any("copy" in each for each in short.check().oddities)
+    assert not any("copy" in each for each in short.check().findings)
 
 
 @pytest.mark.parametrize("method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood()])

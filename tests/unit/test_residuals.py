@@ -32,14 +32,14 @@ def white(times, _states, rng):
 
 def found(disturb) -> dict[str, str]:
     """Return what the patterns that are there mean, by pattern."""
-    return {each.pattern: each.meaning for each in WHITE.residuals(decays(disturb)).odd}
+    return {each.pattern: each.meaning for each in WHITE.residuals(decays(disturb)).significant}
 
 
 def test_white_noise_has_no_pattern():
     assert found(white) == {}
     residuals = WHITE.residuals(decays(white))
-    assert "no pattern is more than chance" in str(residuals)
-    assert repr(residuals) == "<Residuals of 10 trials: 0 of 6 patterns are there>"
+    assert "no pattern is significant" in str(residuals)
+    assert repr(residuals) == "<Residuals of 10 trials: 0 of 6 patterns are significant>"
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_residuals_of_states_that_err_together_are_correlated():
     trials = Trials.from_arrays(times, decay + both, names=["x", "y"])
     found = law.residuals(trials)
     (pattern,) = [each for each in found.patterns if each.pattern == "correlation with residuals of x"]
-    assert pattern.there
+    assert pattern.significant
     own = np.concatenate(found.standardized)
     assert pattern.statistic == pytest.approx(stats.pearsonr(*own.T).statistic)
     assert render(plot_residuals(found), "svg").startswith(b"<?xml")

@@ -1,4 +1,4 @@
-"""Irregular ends are clipped by the published rule, and a check says what is odd about trials."""
+"""Irregular ends are clipped by the published rule, and data checks find what is irregular."""
 
 import json
 
@@ -58,8 +58,8 @@ def test_what_is_irregular_does_not_depend_on_the_unit_of_the_times(unit):
     times = np.append(T, T[-1] + 0.1) * unit
     late = ball(fall(np.append(T, 2.0)), times=times)
     assert [len(each) for each in late.clip_irregular()] == [30]
-    (oddity, *_) = late.check().oddities
-    assert oddity == "ball, trial 1: irregular frame: clip_irregular() would keep 30 of 31 samples"
+    (finding, *_) = late.check().findings
+    assert finding == "ball, trial 1: irregular frame: clip_irregular() would keep 30 of 31 samples"
 
 
 def test_what_is_odd_knows_its_trial_sample_and_column():
@@ -72,9 +72,9 @@ def test_what_is_odd_knows_its_trial_sample_and_column():
 
 
 def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
-    oddities = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().oddities
-    assert oddities[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")
-    assert not any("clip" in each for each in oddities)
+    findings = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().findings
+    assert findings[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")
+    assert not any("clip" in each for each in findings)
 
 
 @pytest.mark.parametrize("tolerance", [0, -1, float("nan")])
@@ -92,7 +92,7 @@ def test_the_check_has_the_figures_of_every_trial(drops):
     assert row.median_step == pytest.approx(1 / 15)
     assert row.largest_deviation == pytest.approx(1 / 30, abs=1e-6)
     assert (row.first, row.last) == ({"Height": trial.states[0, 0]}, {"Height": trial.states[-1, 0]})
-    assert "Golf Ball, trial 1: irregular frame: clip_irregular() would keep 42 of 43 samples" in report.oddities
+    assert "Golf Ball, trial 1: irregular frame: clip_irregular() would keep 42 of 43 samples" in report.findings
     assert [len(drops[i]) - row.clipped for i, row in enumerate(report.trials)] == [*map(len, drops.clip_irregular())]
 
 
@@ -104,10 +104,10 @@ def test_the_report_is_a_table_and_json(drops):
     assert json.loads(json.dumps(report.to_dict(), allow_nan=False))["notes"] == list(report.notes)
 
 
-def test_good_trials_have_no_oddity():
+def test_data_checks_find_nothing_in_good_trials():
     for start in (0.0, 1.7e9):
         trials = ball(fall(noise=0.01), times=start + T, names=["h"], units={"h": "m", "t": "s"})
-        assert trials.check().oddities == ()
+        assert trials.check().findings == ()
 
 
 def bumped(values, index, by):
@@ -117,7 +117,7 @@ def bumped(values, index, by):
 
 
 @pytest.mark.parametrize(
-    ("trials", "oddity"),
+    ("trials", "finding"),
     [
         (ball(fall(), np.full(30, 3.0)), "ball, trial 1: x2 is constant, 3 in every sample"),
         (ball(fall()[:3], times=T[:3]), "ball, trial 1: very short, 3 samples"),
@@ -141,14 +141,14 @@ def bumped(values, index, by):
         (ball(fall()), "no unit is known for t, x: "),
     ],
 )
-def test_what_is_odd_is_said_in_words(trials, oddity):
-    assert any(each.startswith(oddity) for each in trials.check().oddities), trials.check().oddities
+def test_what_data_checks_find_is_said_in_words(trials, finding):
+    assert any(each.startswith(finding) for each in trials.check().findings), trials.check().findings
 
 
 def test_a_value_out_of_line_is_named_at_its_sample():
     values = fall(noise=0.01)
     values[12] += 5.0
-    assert any("from sample 12 to sample 13" in oddity for oddity in ball(values).check().oddities)
+    assert any("from sample 12 to sample 13" in finding for finding in ball(values).check().findings)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_a_value_out_of_line_is_named_at_its_sample():
     ],
 )
 def test_coarse_smooth_and_noisy_measurements_do_not_jump(values):
-    assert not [oddity for oddity in ball(values).check().oddities if "jumps" in oddity]
+    assert not [finding for finding in ball(values).check().findings if "jumps" in finding]
 
 
 def test_units_without_a_unit_column_are_only_missing_where_used():
@@ -171,6 +171,6 @@ def test_units_without_a_unit_column_are_only_missing_where_used():
     assert (
         Trials(trials.trials, Schema(("h",), units={"h": "m"}))
         .check()
-        .oddities[0]
+        .findings[0]
         .startswith("no unit is known for t:")
     )

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from commonlaw.app.oddities import cell_text, odd_kinds
+from commonlaw.app.data_checks import cell_text, finding_kinds
 from commonlaw.app.question import Columns, Table
 from commonlaw.app.result import Found
 from commonlaw.app.words import in_page
@@ -52,7 +52,7 @@ def sample_table(name: str) -> Table:
 
 
 def preview(table: Table, columns: Columns) -> dict[str, Any]:
-    """Return the columns of a table, its first rows, its trials by these columns, and what is odd about them.
+    """Return the columns of a table, its first rows, its trials by these columns, and what data checks find.
 
     Where columns do not make trials, the reason stands in place of these.
     """
@@ -70,8 +70,8 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         return found | {"problem": in_page(str(error))}
     trials = Trials(*rows.data)
     check = trials.check()
-    odd = {"odd": odd_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
-    return found | _of_trials(trials) | odd
+    checks = {"odd": finding_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
+    return found | _of_trials(trials) | checks
 
 
 def _of_trials(trials: Trials) -> dict[str, Any]:

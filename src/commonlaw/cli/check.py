@@ -38,7 +38,7 @@ def check(law_path: str, source: Source, save: str | None, plot: str | None, as_
             outputs[plot] = render(plot_residuals(found), plot)
     write_all(outputs)
     if as_json:
-        print_json({"patterns": [asdict(each) | {"there": each.there} for each in found.patterns]})
+        print_json({"patterns": [asdict(each) | {"significant": each.significant} for each in found.patterns]})
     else:
         print_frame(found.tests().drop(columns="meaning"))
         say(f"\n{found}")

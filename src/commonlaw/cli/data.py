@@ -19,7 +19,7 @@ def data() -> None:
 @with_source
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def check(source: Source, as_json: bool) -> None:
-    """Say what is in FILE, what is odd, and what --clip would cut.
+    """Say what is in FILE, what data checks find, and what --clip would cut.
 
     \b
     Example:
@@ -36,9 +36,9 @@ def check(source: Source, as_json: bool) -> None:
     )
     print_frame(report.to_frame())
     for line in report.lines():
-        say(in_line(f"Odd: {in_options(line)}"))
-    if not report.oddities:
-        say("Nothing odd was found.")
+        say(in_line(f"Data check: {in_options(line)}"))
+    if not report.findings:
+        say("The data checks found nothing.")
     print_notes(trials.notes)
 
 

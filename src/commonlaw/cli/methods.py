@@ -90,9 +90,9 @@ _REGRESSION_OPTIONS = (
         metavar="SPEC",
         help="How terms are chosen: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], "
         "forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), "
-        "stlsq[:THRESHOLD] (each its own). Without its value a solver offers all its candidates, and --rule chooses; "
-        "so it goes with trajectory-likelihood too.  [default: group-stlsq and best-subset; best-subset for "
-        "trajectory-likelihood]",
+        "stlsq[:THRESHOLD] (terms specific to each object). Without its value a solver offers all its candidates, and "
+        "--rule chooses; so it goes with trajectory-likelihood too.  [default: group-stlsq and best-subset; "
+        "best-subset for trajectory-likelihood]",
     ),
     _regression(
         "--rule",

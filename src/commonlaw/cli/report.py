@@ -22,7 +22,7 @@ def report(source: Source, question: Question, out: str, law_path: str | None) -
 
     The page needs nothing else: it opens offline, on a phone too, and prints. It has the verdict and the law as a
     formula, trials beside forecasts, coefficients, what else it could be, what the law leaves, where it may be used,
-    what was odd in the data, every choice, and how to make it again. Options are those of `commonlaw discover`.
+    what data checks found, every choice, and how to make it again. Options are those of `commonlaw discover`.
 
     \b
     Examples:

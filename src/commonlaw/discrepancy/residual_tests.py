@@ -1,4 +1,4 @@
-"""Tests of residuals: which patterns are more than chance, and what these usually mean."""
+"""Tests of residuals: which patterns are significant, and what these usually mean."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.law.residuals import ODD, Pattern, correlations
+from commonlaw.law.residuals import FALSE_DISCOVERY_RATE, Pattern, correlations
 
 _POWERS = 3
 """Residuals are held against polynomials of this degree."""
@@ -22,7 +22,7 @@ _MOST = 5000
 
 
 class Tested(NamedTuple):
-    """A pattern with its statistic and p-value, and what it means if it is there."""
+    """A pattern with its statistic and p-value, and what it means if it is significant."""
 
     pattern: str
     statistic: float
@@ -61,7 +61,7 @@ def patterns(
         return ()
     adjusted = false_discovery_control([each.p_value for _, each in found], method="by")
     return tuple(
-        Pattern(name, each.pattern, each.statistic, each.p_value, share, each.meaning if share < ODD else "")
+        Pattern(name, *each[:3], share, each.meaning if share < FALSE_DISCOVERY_RATE else "")
         for (name, each), share in zip(found, adjusted.tolist(), strict=True)
     )
 

@@ -60,7 +60,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
                 OutcomeKind.MODEL_ERROR,
                 "",
                 "the measurements depart from every law of this library by more than errors of measurement; the law "
-                f"is one of those that forecast held-out stretches as well as the best{error}",
+                f"is one of those that forecast held-out segments as well as the best{error}",
                 "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
                 "summary",
             )

@@ -91,7 +91,7 @@ def search(
     """Return what was found at all model errors of all schedules, that of largest evidence first."""
     found = []
     for number, model_errors in enumerate(schedules, start=1):
-        progress(f"choosing terms, way {number} of {len(schedules)}")
+        progress(f"choosing terms, step {number} of {len(schedules)}")
         found += _anneal(problem, solver, model_errors)
     if schedules is not SCHEDULES:
         return _sorted(found)

@@ -12,7 +12,7 @@ from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 
 _ALIKE, _OWN = 0.9, 0.1
-"""Shrinkage above which coefficients count as alike in words, and below which as each object's own."""
+"""Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
 
 
 def partially_pooled(
@@ -48,7 +48,7 @@ def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools,
     words = []
     for equation, term in np.argwhere(support):
         share = shrinkage[equation, term]
-        how = "alike" if share > _ALIKE else "each its own" if share < _OWN else "partly alike"
+        how = "alike" if share > _ALIKE else "specific to the object" if share < _OWN else "partly alike"
         words.append(f"{terms[term]} in {equations[equation]}: {how} ({share:.2f})")
     reason = "how far each object's coefficient is drawn to the mean of all, by how much these scatter beyond errors"
     return Step("pooling", "; ".join(words), reason)

@@ -339,7 +339,7 @@ class AbstractPredictions(AbstractEquations):
         >>> import commonlaw as cl
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> print(cl.fit("x'' = -g - c v", drops).residuals(drops))
-        The residuals look like white noise: no pattern is more than chance.
+        The residuals look like white noise: no pattern is significant.
         """
         found: Residuals = resolve_name("commonlaw.discrepancy:residuals")(self, trials)
         return found
@@ -380,7 +380,7 @@ class AbstractPredictions(AbstractEquations):
         """Return a page on the law that needs nothing else: save it, send it, print it, or look at it in a notebook.
 
         The verdict and the law as a formula, trials beside forecasts, coefficients, what else it could be, what it
-        leaves, where it may be used, what was odd in the data, every choice, and how to make it again.
+        leaves, where it may be used, what data checks found, every choice, and how to make it again.
 
         Parameters
         ----------

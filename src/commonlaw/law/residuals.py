@@ -13,8 +13,8 @@ from commonlaw.trials import Trials
 if TYPE_CHECKING:
     import pandas as pd
 
-ODD = 0.01
-"""Share of false alarms among the patterns that count as there (false discovery rate)."""
+FALSE_DISCOVERY_RATE = 0.01
+"""Share of false alarms among the patterns that count as significant."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Pattern:
     adjusted
         The same with all patterns of the table in mind: the share of false alarms among those as sure as this.
     meaning
-        What the pattern usually means; empty where it is not there.
+        What the pattern usually means; empty where it is not significant.
     """
 
     state: str
@@ -45,9 +45,9 @@ class Pattern:
     meaning: str
 
     @property
-    def there(self) -> bool:
-        """Whether it is more than chance."""
-        return self.adjusted < ODD
+    def significant(self) -> bool:
+        """Whether it is more than chance, by `adjusted`."""
+        return self.adjusted < FALSE_DISCOVERY_RATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,9 @@ class Residuals:
         return {schema.time: since, **dict(zip(names, (*states, *inputs), strict=True))}
 
     @property
-    def odd(self) -> tuple[Pattern, ...]:
-        """The patterns that are there."""
-        return tuple(each for each in self.patterns if each.there)
+    def significant(self) -> tuple[Pattern, ...]:
+        """The patterns that are significant."""
+        return tuple(each for each in self.patterns if each.significant)
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and of each state the fitted value and the residual over noise."""
@@ -103,7 +103,7 @@ class Residuals:
         return pd.concat(parts, ignore_index=True)
 
     def tests(self) -> "pd.DataFrame":
-        """Return a table of all patterns that were looked for: statistic, p-values, and what those there mean."""
+        """Return a table of all patterns that were looked for: statistic, p-values, what the significant ones mean."""
         import pandas as pd
 
         columns = ["state", "pattern", "statistic", "p-value", "adjusted", "meaning"]
@@ -111,14 +111,15 @@ class Residuals:
         return pd.DataFrame(rows, columns=columns)
 
     def __repr__(self) -> str:
-        return f"<Residuals of {len(self.trials)} trials: {len(self.odd)} of {len(self.patterns)} patterns are there>"
+        among = f"{len(self.significant)} of {len(self.patterns)} patterns are significant"
+        return f"<Residuals of {len(self.trials)} trials: {among}>"
 
     def __str__(self) -> str:
         if not self.patterns:
             return "There are too few residuals to test."
-        if not self.odd:
-            return "The residuals look like white noise: no pattern is more than chance."
-        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.odd)
+        if not self.significant:
+            return "The residuals look like white noise: no pattern is significant."
+        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.significant)
 
     def correlations(self, state: int, lags: int = 20) -> Floats:
         """Return the correlation of a state's residuals with those so many samples later, shape (lags,), in trials."""

@@ -62,7 +62,7 @@ def law_report(
         law_sections.candidates,
         leftovers.residuals,
         law_sections.ranges,
-        making.oddities,
+        making.data_checks,
         making.choices,
     )
     sections = []

@@ -24,7 +24,7 @@ _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 def residuals(case: LawCase) -> Section:
     """Return the part on what the law leaves unexplained."""
     blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
-    return Section("residuals", "What it leaves", blocks)
+    return Section("residuals", "Residuals and discrepancy", blocks)
 
 
 def _patterns(case: LawCase) -> Iterator[Block]:
@@ -36,8 +36,8 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         return
     meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise. "
     meaning += "In the figures, orange are means of neighbouring ones with 95 % intervals."
-    if len(found.odd) > 1:
-        meaning += " Patterns often have one cause: look into the surest first, see the tests."
+    if len(found.significant) > 1:
+        meaning += " Patterns often have one cause: look into the one with the smallest p-value first, see the tests."
     yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
     yield from _residual_panels(found)
     tests = found.tests()

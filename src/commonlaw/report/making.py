@@ -19,11 +19,11 @@ _ROUNDING = 1e-9
 _PACKAGES = ("commonlaw", "numpy", "scipy", "pandas", "matplotlib", "heyoka")
 
 
-def oddities(case: LawCase) -> Section:
-    """Return the part on what was odd in the data."""
+def data_checks(case: LawCase) -> Section:
+    """Return the part on what the data checks found."""
     found = case.trials.check()
     remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.outcomes)]
-    said = "Nothing odd was found." if not remarks else listed([case.said(each) for each in remarks])
+    said = "The data checks found nothing." if not remarks else listed([case.said(each) for each in remarks])
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
@@ -34,7 +34,7 @@ def oddities(case: LawCase) -> Section:
     frame["largest_deviation"] = frame["largest_deviation"].mask(rounding, 0.0)
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
-    return Section("oddities", "What was odd", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
+    return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
 
 
 def choices(case: LawCase) -> Section:

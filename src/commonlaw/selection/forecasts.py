@@ -12,8 +12,8 @@ from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold
 from commonlaw.trials import Trial, Trials
 
-_STRETCHES = 8
-"""Into how many stretches the later parts of few trials are cut, so that their scores show how sure the mean is."""
+_SEGMENTS = 8
+"""Into how many segments the later parts of few trials are cut, so that their scores show how sure the mean is."""
 
 ENOUGH = 20
 """Measurements that tell by how much intervals are too narrow."""
@@ -91,7 +91,7 @@ class FreeForecast:
     ----------
     scores
         The continuous ranked probability score of the measurements (Gneiting and Raftery 2007), each state in units of
-        its standard deviation over all trials: the mean in each of several stretches, shape (stretches,).
+        its standard deviation over all trials: the mean in each of several segments, shape (segments,).
     missed
         How far each measurement is from its forecast, in standard deviations, shape (measurements,).
     """
@@ -117,7 +117,7 @@ class FreeForecast:
 
     @property
     def score(self) -> float:
-        """The mean score of the stretches."""
+        """The mean score of the segments."""
         return float(self.scores.mean())
 
     @property
@@ -150,7 +150,7 @@ def free_forecast(law: Law, trials: Trials, first: Trials) -> FreeForecast | Non
             if not (np.isfinite(middle).all() and np.isfinite(std).all()):
                 return None
             missed = (trial.states[count:] - middle) / std
-            parts = np.array_split(_crps(missed) * std / scale, min(-(-_STRETCHES // len(pairs)), len(missed)))
+            parts = np.array_split(_crps(missed) * std / scale, min(-(-_SEGMENTS // len(pairs)), len(missed)))
             scores += [float(np.nanmean(own)) for own in parts if np.isfinite(own).any()]
             misses.append(missed[np.isfinite(missed)])
     return FreeForecast(np.array(scores), np.concatenate(misses)) if scores else None

@@ -21,7 +21,7 @@ _REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
 _FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
 _ROUNDED = 1e-4  # of the median step
-_MANY = 4  # cases that are told as one
+_MANY = 4  # cases that are summed up as one
 _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
 
 
@@ -60,8 +60,8 @@ class TrialCheck:
 
 
 @dataclass(frozen=True)
-class Oddity:
-    """Something odd about trials: a sentence, and where it is, as far as it is in one place.
+class Finding:
+    """What a data check found: a sentence, and where it is, as far as it is in one place.
 
     Parameters
     ----------
@@ -87,35 +87,35 @@ class Oddity:
 
 @dataclass(frozen=True)
 class Report:
-    """Figures of every trial, what is odd about the trials, and what was done to them before, in words."""
+    """Figures of every trial, what the data checks found, and what was done to the trials before, in words."""
 
     trials: tuple[TrialCheck, ...]
-    found: tuple[Oddity, ...]
+    found: tuple[Finding, ...]
     notes: tuple[str, ...] = ()
 
     @property
-    def oddities(self) -> tuple[str, ...]:
-        """What is odd, in sentences."""
+    def findings(self) -> tuple[str, ...]:
+        """What the data checks found, in sentences."""
         return tuple(map(str, self.found))
 
-    def kinds(self) -> dict[str, tuple[Oddity, ...]]:
-        """Return what is odd in the same way together, by how it begins to be told.
+    def kinds(self) -> dict[str, tuple[Finding, ...]]:
+        """Return findings of the same kind together, by a line that sums them up.
 
-        More than three cases are told as how many there are, and one of them.
+        More than three cases are summed up as how many there are, and one of them.
         """
-        kinds: dict[str, list[Oddity]] = {}
+        kinds: dict[str, list[Finding]] = {}
         for each in self.found:
             kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each.text), []).append(each)
-        told: dict[str, tuple[Oddity, ...]] = {}
+        lines: dict[str, tuple[Finding, ...]] = {}
         for same in kinds.values():
             if len(same) < _MANY:
-                told |= {each.text: (each,) for each in same}
+                lines |= {each.text: (each,) for each in same}
             else:
-                told[f"in {len(same)} cases, such as {same[0]}"] = tuple(same)
-        return told
+                lines[f"in {len(same)} cases, such as {same[0]}"] = tuple(same)
+        return lines
 
     def lines(self) -> tuple[str, ...]:
-        """Return what is odd; of what is odd in the same way in more than three cases, how many there are, and one."""
+        """Return the findings; of more than three of the same kind, how many there are, and one."""
         return tuple(self.kinds())
 
     def to_frame(self) -> "pd.DataFrame":
@@ -138,23 +138,23 @@ class Report:
     def to_dict(self) -> dict[str, Any]:
         """Return the report in values that JSON holds."""
         held = asdict(self)
-        return {"trials": held["trials"], "oddities": self.oddities, "notes": held["notes"]}
+        return {"trials": held["trials"], "findings": self.findings, "notes": held["notes"]}
 
 
 def check(data: TrialData, tolerance: float | None) -> Report:
-    """Return figures of every trial and what is odd about them, see `Trials.check`."""
+    """Return figures of every trial and what data checks find, see `Trials.check`."""
     trials, schema, notes = data.trials, data.schema, data.notes
     rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
     found = (
-        oddity
+        finding
         for trial, row in zip(trials, rows, strict=True)
-        for oddity in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
+        for finding in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
     )
     return Report(rows, (*found, *_uneven(trials), *_copied(trials), *_without_unit(schema)), notes)
 
 
-def _in(trial: Trial, text: str, sample: int | None = None, column: str | None = None) -> Oddity:
-    return Oddity(f"{trial.label}: {text}", trial.object, trial.name, sample, column)
+def _in(trial: Trial, text: str, sample: int | None = None, column: str | None = None) -> Finding:
+    return Finding(f"{trial.label}: {text}", trial.object, trial.name, sample, column)
 
 
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> TrialCheck:
@@ -175,8 +175,8 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
     )
 
 
-def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Oddity]:
-    """Yield what is odd about a trial's length, steps and gaps."""
+def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Finding]:
+    """Yield findings about a trial's length, steps and gaps."""
     if row.samples < _SHORT:
         yield _in(trial, f"very short, {row.samples} samples")
     if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _FEW:
@@ -200,8 +200,8 @@ def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | 
             yield _in(trial, text, int(np.isnan(column).argmax()), name)
 
 
-def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Oddity]:
-    """Yield what is odd about the states of a trial; jumps are looked for in its first `stop` samples."""
+def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Finding]:
+    """Yield findings about the states of a trial; jumps are looked for in its first `stop` samples."""
     for name, column in zip(schema.states, trial.states.T, strict=True):
         measured = np.flatnonzero(~np.isnan(column))
         values = column[measured]
@@ -240,13 +240,13 @@ def _jump(times: Floats, values: Floats) -> int | None:
     return int(wild[0] + (after >= before))
 
 
-def _uneven(trials: Sequence[Trial]) -> list[Oddity]:
+def _uneven(trials: Sequence[Trial]) -> list[Finding]:
     """Return the objects whose trials have very different lengths."""
     lengths: dict[str, list[int]] = {}
     for trial in trials:
         lengths.setdefault(trial.object, []).append(len(trial))
     return [
-        Oddity(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
+        Finding(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
         for name, each in lengths.items()
         if max(each) >= _UNEVEN * min(each)
     ]
@@ -264,18 +264,18 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     return tuple((trial, before) for trial, before in pairs if trial is not before)
 
 
-def _copied(trials: Sequence[Trial]) -> list[Oddity]:
+def _copied(trials: Sequence[Trial]) -> list[Finding]:
     """Return the trials that are no new evidence."""
     pairs = exact_copies(trials)
     return [_in(trial, f"an exact copy of {before.label}, which tells nothing new") for trial, before in pairs]
 
 
-def _without_unit(schema: Schema) -> list[Oddity]:
+def _without_unit(schema: Schema) -> list[Finding]:
     bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
     if not bare:
         return []
     text = f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."
-    return [Oddity(text)]
+    return [Finding(text)]
 
 
 def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:

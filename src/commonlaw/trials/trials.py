@@ -274,7 +274,7 @@ class Trials(ShownInNotebooks):
         return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
     def check(self, tolerance: float | None = None) -> Report:
-        """Return figures of every trial and what is odd about them.
+        """Return figures of every trial and what data checks find.
 
         Parameters
         ----------

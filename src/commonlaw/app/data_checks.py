@@ -1,10 +1,10 @@
-"""What is odd about trials, beside the rows of the table in which it stands."""
+"""What data checks find, beside the rows of the table in which it stands."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from commonlaw.app.words import in_page
-from commonlaw.trials.check import Oddity, Report
+from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table
 
 _CASES, _AROUND = 12, 3
@@ -14,13 +14,13 @@ _Labels = tuple[str | None, str | None]
 """Of an object and its trial."""
 
 
-def odd_kinds(check: Report, table: Table, places: Sequence[Codes]) -> list[dict[str, Any]]:
-    """Return what is odd: for each kind its text, how many cases there are, and the first of them with their rows.
+def finding_kinds(check: Report, table: Table, places: Sequence[Codes]) -> list[dict[str, Any]]:
+    """Return the findings: for each kind its text, how many cases there are, and the first of them with their rows.
 
     Parameters
     ----------
     check
-        What is odd about the trials of a table.
+        What data checks found in the trials of a table.
     table
         Its cells.
     places
@@ -35,21 +35,21 @@ def odd_kinds(check: Report, table: Table, places: Sequence[Codes]) -> list[dict
     ]
 
 
-def _case(odd: Oddity, table: Table, rows: Mapping[_Labels, Codes]) -> dict[str, Any]:
-    """Return what is odd with rows of its trial, each the number that it has in the file and its cells.
+def _case(found: Finding, table: Table, rows: Mapping[_Labels, Codes]) -> dict[str, Any]:
+    """Return a finding with rows of its trial, each the number that it has in the file and its cells.
 
     Which of the rows and columns is meant comes with it; neither if it is the trial as a whole.
     """
-    own = rows.get((odd.object, odd.trial))
-    case: dict[str, Any] = {"text": in_page(odd.text), "rows": [], "row": None, "column": None}
+    own = rows.get((found.object, found.trial))
+    case: dict[str, Any] = {"text": in_page(found.text), "rows": [], "row": None, "column": None}
     if own is None:
         return case
-    sample, columns = odd.sample or 0, table.columns.values()
+    sample, columns = found.sample or 0, table.columns.values()
     first = max(0, sample - _AROUND)
     shown = own[first : sample + _AROUND + 1].tolist()
     case["rows"] = [[table.number(row), *(cell_text(column[row]) for column in columns)] for row in shown]
-    if odd.sample is not None:
-        case |= {"row": sample - first, "column": odd.column}
+    if found.sample is not None:
+        case |= {"row": sample - first, "column": found.column}
     return case
 
 
