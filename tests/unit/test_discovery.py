@@ -219,6 +219,13 @@ def test_the_signature_of_discover_is_that_of_the_estimator():
     assert all(ours[name].default == estimators[name].default for name in estimators)
 
 
+def test_the_docstring_of_discover_describes_every_parameter_as_the_estimator_does():
+    own, estimators = (inspect.getdoc(each).splitlines() for each in (cl.discover, cl.LawDiscovery))
+    for name in inspect.signature(cl.LawDiscovery).parameters:
+        assert own[own.index(name) + 1] == estimators[estimators.index(name) + 1], name
+    assert own.index("Parameters") < own.index("trials") < own.index("progress") < own.index("Raises")
+
+
 def test_a_state_that_never_changes_is_refused():
     times = np.arange(50.0)
     still = cl.Trial("rock", "1", times, np.full(50, 3.0))

@@ -207,12 +207,15 @@ def _with_copies(law: Law, trials: Trials | TrialStream) -> Law:
 def _with_parameters_of(
     estimator: Callable[P, LawDiscovery],
 ) -> Callable[[Callable[..., Law]], Callable[Concatenate[Trials | TrialStream, P], Law]]:
-    """Give a function of trials the parameters of an estimator, so that they are listed in one place."""
+    """Give a function of trials the parameters of an estimator and their descriptions, which stand in one place."""
 
     def decorate(function: Callable[..., Law]) -> Callable[Concatenate[Trials | TrialStream, P], Law]:
         trials, *_ = inspect.signature(function).parameters.values()
         own = inspect.signature(estimator).parameters.values()
         vars(function)["__signature__"] = inspect.Signature([trials, *own], return_annotation=Law)
+        described = (inspect.getdoc(estimator) or "").partition("Parameters\n----------\n")[2]
+        before, heading, after = (inspect.getdoc(function) or "").partition("\n\nRaises\n")
+        function.__doc__ = before + "\n" + described.partition("\n\n")[0] + heading + after
         return function
 
     return decorate
@@ -226,8 +229,6 @@ def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law
     ----------
     trials
         What was measured.
-    order, library, method, known, universal, progress
-        See `LawDiscovery`.
 
     Raises
     ------
