@@ -2,11 +2,13 @@
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.output import say
+from commonlaw.cli.paths import ReadFile
 
 
-@click.command()
-@click.argument("path", required=False, metavar="[FILE]")
+@command
+@click.argument("path", required=False, metavar="[FILE]", type=ReadFile())
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
 @click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
 def app(path: str | None, port: int, open_browser: bool) -> None:

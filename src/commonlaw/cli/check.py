@@ -4,16 +4,25 @@ from dataclasses import asdict
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 
-@click.command()
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @with_source
-@click.option("--save", metavar="RESIDUALS.csv", help="Write measured and fitted states, and residuals over noise.")
-@click.option("--plot", metavar="FIGURE", help="Write a figure of the residuals (.png, .svg, .pdf).")
+@click.option(
+    "--save",
+    type=WrittenFile(),
+    metavar="RESIDUALS.csv",
+    help="Write measured and fitted states, and residuals over noise.",
+)
+@click.option(
+    "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the residuals (.png, .svg, .pdf)."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def check(law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool) -> None:
     """Say how well LAW.json fits FILE: what its trajectories leave of the measurements, and which patterns that has.

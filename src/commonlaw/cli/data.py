@@ -2,15 +2,17 @@
 
 import click
 
+from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
+from commonlaw.cli.paths import WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
 from commonlaw.names import in_line
 from commonlaw.wording import counted
 
 
-@click.group()
+@click.group(cls=Commands)
 def data() -> None:
     """Look at measurements before learning from them."""
 
@@ -56,7 +58,7 @@ def list_() -> None:
 
 @data.command()
 @with_source
-@click.option("--save", required=True, metavar="FILE", help="The table to write: .csv or .parquet.")
+@click.option("--save", required=True, metavar="FILE", type=WrittenFile(), help="The table to write: .csv or .parquet.")
 def export(source: Source, save: str) -> None:
     """Write trials as a table that commonlaw and others read without loss.
 

@@ -1,15 +1,13 @@
 """`commonlaw discover`: from a table to a law."""
 
-import click
-
+from commonlaw.cli.command import command
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
-from commonlaw.cli.options import GroupedCommand
 from commonlaw.cli.output import working
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 
 
-@click.command(cls=GroupedCommand)
+@command
 @with_training_source
 @with_question
 @with_outputs

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.options import numbers
 from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_all
@@ -16,8 +18,8 @@ if TYPE_CHECKING:
     from commonlaw.law.discrepancy import Discrepancy
 
 
-@click.command()
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @with_source
 @click.option(
     "--of",
@@ -40,8 +42,18 @@ if TYPE_CHECKING:
     multiple=True,
     help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
 )
-@click.option("--save", metavar="WITH.json", help="Write the law with its discrepancy, for predict --discrepancy.")
-@click.option("--plot", metavar="FIGURE", help="Write a figure of the function and its band (.png, .svg, .pdf).")
+@click.option(
+    "--save",
+    type=WrittenFile(),
+    metavar="WITH.json",
+    help="Write the law with its discrepancy, for predict --discrepancy.",
+)
+@click.option(
+    "--plot",
+    type=WrittenFigure(),
+    metavar="FIGURE",
+    help="Write a figure of the function and its band (.png, .svg, .pdf).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def discrepancy(
     law_path: str,

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, say, working
-from commonlaw.files import check_targets, write_all
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
+from commonlaw.files import write_all
 
 
-@click.command()
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @click.option(
     "--property",
     "names",
@@ -24,10 +26,18 @@ from commonlaw.files import check_targets, write_all
     "--properties",
     "table",
     metavar="FILE",
+    type=ReadFile(),
     help="A table with the objects' properties, a row for each, if the law does not know them.",
 )
-@click.option("--save", metavar="EXPLAINED.json", help="Write the law with what decides its coefficients.")
-@click.option("--plot", metavar="FIGURE", help="Write a figure of coefficients against properties (.png, .svg, .pdf).")
+@click.option(
+    "--save", type=WrittenFile(), metavar="EXPLAINED.json", help="Write the law with what decides its coefficients."
+)
+@click.option(
+    "--plot",
+    type=WrittenFigure(),
+    metavar="FIGURE",
+    help="Write a figure of coefficients against properties (.png, .svg, .pdf).",
+)
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
 @click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -54,11 +64,6 @@ def explain(
     from commonlaw.law import Law
     from commonlaw.trials.properties import given_properties
 
-    check_targets([each for each in (save, plot) if each], [each for each in (law_path, table) if each])
-    if plot:
-        from commonlaw.plots import figure_format
-
-        figure_format(plot)
     law = Law.load(law_path)
     with working("Explaining ..."):
         if table:

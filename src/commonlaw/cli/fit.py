@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.options import GroupedCommand, option
+from commonlaw.cli.options import option
 from commonlaw.cli.output import working
+from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.errors import CommonlawError
 
@@ -19,11 +21,17 @@ if TYPE_CHECKING:
     from commonlaw.trials import Trials
 
 
-@click.command(cls=GroupedCommand)
+@command
 @click.argument("equations")
 @with_training_source
 @with_likelihood
-@option("Output", "--against", metavar="LAW.json", help="Say how the fitted law stands in evidence beside another.")
+@option(
+    "Output",
+    "--against",
+    metavar="LAW.json",
+    type=ReadFile(),
+    help="Say how the fitted law stands in evidence beside another.",
+)
 @with_outputs
 def fit(equations: str, source: Source, settings: dict[str, Any], against: str | None, outputs: Outputs) -> None:
     """Fit a law that you have in mind to the trials in FILE.

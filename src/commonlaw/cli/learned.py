@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.cli.options import option, with_options
 from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, say
+from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.files import write_all
 from commonlaw.names import in_line
@@ -26,8 +27,13 @@ if TYPE_CHECKING:
 _output = partial(option, "Output")
 
 _OPTIONS = (
-    _output("--save", metavar="LAW.json", help="Write the law."),
-    _output("--plot", metavar="FIGURE", help="Write a figure of the law and its forecasts (.png, .svg, .pdf)."),
+    _output("--save", metavar="LAW.json", type=WrittenFile(), help="Write the law."),
+    _output(
+        "--plot",
+        metavar="FIGURE",
+        type=WrittenFigure(),
+        help="Write a figure of the law and its forecasts (.png, .svg, .pdf).",
+    ),
     _output("--history", is_flag=True, help="Print every choice on the way to the law, and why."),
     _output("--json", "as_json", is_flag=True, help="Print the result as JSON."),
 )

@@ -7,6 +7,7 @@ from io import StringIO
 
 import click
 
+from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
@@ -15,7 +16,7 @@ from commonlaw.errors import CommonlawError
 _COMMANDS = ("discover", "fit", "refine", "predict", "explain", "check", "discrepancy", "report", "app", "show", "data")
 
 
-class _Commands(click.Group):
+class _Commands(Commands):
     """A group whose commands are loaded when they are called, so that help and errors come at once."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -6,9 +6,6 @@ from typing import Any
 
 import click
 
-_OTHERS = "Options"
-"""The heading of options that have none."""
-
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
@@ -18,19 +15,6 @@ class GroupedOption(click.Option):
     def __init__(self, *args: Any, group: str, **settings: Any) -> None:
         super().__init__(*args, **settings)
         self.group = group
-
-
-class GroupedCommand(click.Command):
-    """A command whose help lists options by their headings; those without one come last."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option)]
-        headings = dict.fromkeys(each.group for each in options if isinstance(each, GroupedOption))
-        for heading in [*headings, _OTHERS]:
-            own = (each for each in options if getattr(each, "group", _OTHERS) == heading)
-            records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
-            with formatter.section(heading):
-                formatter.write_dl(records)
 
 
 def option(group: str, *names: str, **settings: Any) -> Decorator:
@@ -67,10 +51,20 @@ def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
         yield key.strip(), value.strip()
 
 
+def by_name(name: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return the values that an option gives by name; two for one name are wrong usage."""
+    found: dict[str, str] = {}
+    for key, value in pairs(name, texts):
+        if key in found:
+            raise click.UsageError(f"{name} gives {key} twice, {found[key]} and {value}: give it once")
+        found[key] = value
+    return found
+
+
 def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
     """Return the numbers that an option gives by name."""
     found = {}
-    for key, text in pairs(name, texts):
+    for key, text in by_name(name, texts).items():
         try:
             found[key] = float(text)
         except ValueError:

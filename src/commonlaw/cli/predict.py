@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
@@ -21,8 +23,8 @@ _BYTES_A_VALUE = 200
 """Of a forecast, with what is made of it on the way."""
 
 
-@click.command()
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @with_source
 @click.option(
     "--start",
@@ -48,8 +50,10 @@ _BYTES_A_VALUE = 200
     "[default: as the law was learned]",
 )
 @click.option("--discrepancy", is_flag=True, help="Forecast with the discrepancy that `discrepancy --save` found.")
-@click.option("--save", metavar="FORECAST.csv", help="Write measured and forecast states.")
-@click.option("--plot", metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf).")
+@click.option("--save", type=WrittenFile(), metavar="FORECAST.csv", help="Write measured and forecast states.")
+@click.option(
+    "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf)."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
 def predict(
     law_path: str,

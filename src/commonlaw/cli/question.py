@@ -9,6 +9,7 @@ import click
 
 from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import numbers, option, with_options
+from commonlaw.cli.paths import ReadLaw, is_law_file
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -34,6 +35,7 @@ _OPTIONS = (
     _law(
         "--known",
         metavar="TERM=VALUE",
+        type=ReadLaw(),
         multiple=True,
         help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more. Or a base, "
         "and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json.",
@@ -97,7 +99,7 @@ def _known(texts: Sequence[str]) -> "Base":
     """Return what is known: coefficients by term, equations, or the law in a file."""
     from commonlaw.law import Law
 
-    if len(texts) == 1 and texts[0].endswith(".json"):
+    if len(texts) == 1 and is_law_file(texts[0]):
         return Law.load(texts[0])
     if any(set("'[") & set(each.partition("=")[0]) for each in texts):
         return "; ".join(texts)

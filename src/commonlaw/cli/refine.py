@@ -4,18 +4,19 @@ from typing import Any
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.options import GroupedCommand
 from commonlaw.cli.output import print_history, print_notes, say, working
+from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.files import write_all
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @with_source
 @with_likelihood
-@click.option("--save", metavar="REFINED.json", help="Write the law.")
+@click.option("--save", type=WrittenFile(), metavar="REFINED.json", help="Write the law.")
 @click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
 def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | None, history: bool) -> None:
     """Fit the coefficients of LAW.json to FILE.

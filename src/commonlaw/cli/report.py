@@ -3,20 +3,27 @@
 import shlex
 import sys
 
-import click
-
-from commonlaw.cli.options import GroupedCommand, in_options, option
+from commonlaw.cli.command import command
+from commonlaw.cli.options import in_options, option
 from commonlaw.cli.output import say, working
+from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.files import write_whole
 
 
-@click.command(cls=GroupedCommand)
+@command
 @with_training_source
 @with_question
-@option("Output", "--out", metavar="REPORT.html", default="report.html", help="The page to write.")
-@option("Output", "--law", "law_path", metavar="LAW.json", help="A saved law to report on; nothing is learned then.")
+@option("Output", "--out", metavar="REPORT.html", type=WrittenFile(), default="report.html", help="The page to write.")
+@option(
+    "Output",
+    "--law",
+    "law_path",
+    metavar="LAW.json",
+    type=ReadFile(),
+    help="A saved law to report on; nothing is learned then.",
+)
 def report(source: Source, question: Question, out: str, law_path: str | None) -> None:
     """Find the law that the objects in FILE share, and write a page that says all about it.
 

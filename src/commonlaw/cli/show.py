@@ -2,12 +2,14 @@
 
 import click
 
+from commonlaw.cli.command import command
 from commonlaw.cli.output import print_frame, print_history, say
+from commonlaw.cli.paths import ReadFile
 from commonlaw.names import in_line
 
 
-@click.command()
-@click.argument("law_path", metavar="LAW.json")
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
 @click.option("--object", "name", metavar="NAME", help="Only this object.")
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")

@@ -1,15 +1,16 @@
 """Where trials come from: the options that every command on a table shares."""
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from typing import Any
 
 import click
 
-from commonlaw.cli.options import Decorator, in_options, option, pairs, with_options
+from commonlaw.cli.options import Decorator, by_name, in_options, option, pairs, with_options
+from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
-from commonlaw.files import check_targets
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.sources import read_table
 
@@ -17,10 +18,11 @@ _table = partial(option, "Table")
 _columns = partial(_table, metavar="COLUMN", multiple=True)
 
 _OPTIONS = (
-    click.argument("path", required=False, metavar="[FILE]"),
+    click.argument("path", required=False, metavar="[FILE]", type=ReadFile()),
     _table(
         "--dataset",
         metavar="NAME",
+        type=ReadDataset(),
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
     _table("--object", metavar="COLUMN", help="Column that names the object."),
@@ -49,7 +51,8 @@ _OPTIONS = (
         "--where",
         metavar="NAME=VALUE",
         multiple=True,
-        help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several; repeat for more.",
+        help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name with a "
+        "comma in double quotes; repeat for more.",
     ),
     _table(
         "--exclude",
@@ -60,6 +63,9 @@ _OPTIONS = (
     _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."),
 )
 
+
+_COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
+"""A comma that is not in quotes."""
 
 _HELD_OUT = (
     _table(
@@ -73,9 +79,6 @@ _HELD_OUT = (
         "--learn-until", type=float, metavar="TIME", help="Learn from samples up to this time, check on the others."
     ),
 )
-
-_INPUTS, _OUTPUTS = ("path", "law_path", "against"), ("save", "plot", "out")
-"""Parameters of commands that name files."""
 
 
 @dataclass(frozen=True)
@@ -109,15 +112,15 @@ class Source:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
         trials = self._from_dataset() if self.dataset else self._from_file(schema)
         if self.exclude:
-            trials = trials.split(**_conditions("--exclude", self.exclude, trials.schema))[1]
+            trials = trials.split(**_conditions("--exclude", self.exclude, trials))[1]
         return trials.clip_irregular() if self.clip else trials
 
     def select(self, trials: Trials) -> Trials:
         """Return the trials that fit ``--where`` and not ``--hold-out``, up to the time of ``--learn-until``."""
         if self.where:
-            trials = trials.select(**_conditions("--where", self.where, trials.schema))
+            trials = trials.select(**_conditions("--where", self.where, trials))
         if self.hold_out:
-            trials = trials.split(**_conditions("--hold-out", self.hold_out, trials.schema))[1]
+            trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
 
     def _from_dataset(self) -> Trials:
@@ -148,22 +151,18 @@ class Source:
             time=self.time or (schema.time if schema else None),
             states=self.states or (schema.states if schema else None),
             inputs=self.inputs or (schema.inputs if schema else ()),
-            noise_columns=dict(pairs("--noise-column", self.noise_columns)) or self._noise_columns_like(schema),
+            noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema),
             properties=list(self.properties) or None,
-            units=dict(pairs("--unit", self.units)),
+            units=by_name("--unit", self.units),
             sheet=self.sheet,
         )
 
 
 def with_source(command: Callable[..., None], options: Sequence[Decorator] = _OPTIONS) -> Callable[..., None]:
-    """Add the file argument and the shared options to a command; it receives them as `source`.
-
-    Files that it is to write and cannot, or must not, are refused before it does anything.
-    """
+    """Add the file argument and the shared options to a command; it receives them as `source`."""
 
     @wraps(command)
     def wrapped(**values: Any) -> None:
-        _check_files(values)
         source = Source(**{field.name: values.pop(field.name) for field in fields(Source) if field.name in values})
         try:
             command(source=source, **values)
@@ -177,25 +176,31 @@ with_training_source = partial(with_source, options=(*_OPTIONS, *_HELD_OUT))
 """Adds what tells trials to learn from from those to check the law on, too."""
 
 
-def _check_files(values: Mapping[str, Any]) -> None:
-    """Refuse files that a command is to write and cannot, or must not."""
-    inputs, outputs = (
-        [values[name] for name in names if values.get(name) is not None] for names in (_INPUTS, _OUTPUTS)
-    )
-    check_targets(outputs, inputs)
-    if values.get("plot") is not None:
-        from commonlaw.plots import figure_format
-
-        figure_format(values["plot"])
-
-
-def _conditions(name: str, texts: Sequence[str], schema: Schema) -> dict[str, object]:
-    """Return what an option asks of trials, in the words of `Trials.select`."""
-    conditions: dict[str, object] = {}
+def _conditions(name: str, texts: Sequence[str], trials: Trials) -> dict[str, list[float | str]]:
+    """Return what an option asks of trials, in the words of `Trials.select`; of one name, all values count."""
+    conditions: dict[str, list[float | str]] = {}
+    columns = {trials.schema.object: "object", trials.schema.trial: "trial"}
+    known: dict[str, Collection[object]] = {
+        "object": {each.object for each in trials},
+        "trial": {each.name for each in trials},
+    }
     for key, text in pairs(name, texts):
-        role = {schema.object: "object", schema.trial: "trial"}.get(key, key)
-        conditions[role] = [part if role in ("object", "trial") else _value(part) for part in text.split(",")]
+        role = columns.get(key, key)
+        present = known.get(role) or {own[role] for own in trials.properties.values() if role in own}
+        parts = _parts(text, present)
+        conditions.setdefault(role, []).extend(parts if role in known else map(_value, parts))
     return conditions
+
+
+def _parts(text: str, present: Collection[object]) -> list[str]:
+    """Return the values in a text with commas between them, which is one value if there is such a one.
+
+    >>> _parts("Ball,blue", ["Ball,blue", "Ball", "blue"]), _parts('"Ball,blue",Golf', [])
+    (['Ball,blue'], ['Ball,blue', 'Golf'])
+    """
+    if text in present:
+        return [text]
+    return [re.sub(r'^"(.*)"$', r"\1", each, flags=re.DOTALL) for each in re.split(_COMMA, text)]
 
 
 def _value(text: str) -> float | str:

@@ -1,0 +1,56 @@
+"""What holds for every command and every option, also for those to come."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from commonlaw.cli.paths import check_files
+
+_OTHERS = "Options"
+"""The heading of options that have none."""
+
+
+class Command(click.Command):
+    """A command that neither drops what it is given nor writes over what it reads.
+
+    An option counts each time that it is given, or is refused where it has one value. Files that are to be written and
+    cannot be, or are read too, are refused before anything is done. The help lists options by their headings; those
+    without one come last.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; an option of one value that is given twice is wrong usage."""
+        given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        for each, count in given.items():
+            if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
+                names = " or ".join(each.opts + each.secondary_opts)
+                raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Do what the command does once its files are found to be right."""
+        check_files(self.params, ctx.params)
+        return super().invoke(ctx)
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings."""
+        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option)]
+        headings = dict.fromkeys(getattr(each, "group", _OTHERS) for each in options)
+        for heading in sorted(headings, key=_OTHERS.__eq__):
+            own = (each for each in options if getattr(each, "group", _OTHERS) == heading)
+            records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+class Commands(click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+
+
+def command(function: Callable[..., None]) -> Command:
+    """Make a command of a function."""
+    return click.command(cls=Command)(function)

@@ -1,0 +1,88 @@
+"""Options and arguments that name files: which a command reads, and which it writes."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from commonlaw.files import check_targets
+
+
+class _File(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions only
+    """A name of a file; a shell completes it."""
+
+    name = "file"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Leave the names to the shell."""
+        return [CompletionItem(incomplete, type="file")]
+
+
+class ReadFile(_File):
+    """A file that is read, and that no option may have written over."""
+
+    def files(self, value: str) -> list[str]:
+        """Return the files that a value names."""
+        return [value]
+
+
+class ReadLaw(ReadFile):
+    """The file of a law, or else the text of one."""
+
+    def files(self, value: str) -> list[str]:
+        """Return the file if a value names one."""
+        return [value] if is_law_file(value) else []
+
+
+class ReadDataset(ReadFile):
+    """A data set with its options, some of which may name a file or a folder of files."""
+
+    def files(self, value: str) -> list[str]:
+        """Return what is in the folders that the options name."""
+        named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
+        return [str(file) for each in named for file in ([each] if each.is_file() else _listed(each))]
+
+
+class WrittenFile(_File):
+    """A file that is written."""
+
+
+class WrittenFigure(WrittenFile):
+    """A figure that is written, in a format that is told by its name."""
+
+
+def is_law_file(value: str) -> bool:
+    """Whether a text that may be a law or the file of one is a file."""
+    return value.endswith(".json")
+
+
+def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
+    """Refuse files that are to be written and cannot, or must not, as they are read.
+
+    Raises
+    ------
+    CommonlawError
+        See `check_targets`; or if the name of a figure says no format.
+    """
+    inputs: list[str] = []
+    outputs: list[str] = []
+    for each in params:
+        given = values.get(str(each.name))
+        texts = [] if given is None else list(given) if isinstance(given, tuple) else [given]
+        if isinstance(each.type, ReadFile):
+            inputs += (file for text in texts for file in each.type.files(text))
+        elif isinstance(each.type, WrittenFile):
+            outputs += texts
+    check_targets(outputs, inputs)
+    for each in params:
+        if isinstance(each.type, WrittenFigure) and values.get(str(each.name)) is not None:
+            from commonlaw.plots import figure_format
+
+            figure_format(values[str(each.name)])
+
+
+def _listed(folder: Path) -> list[Path]:
+    return [each for each in folder.iterdir() if each.is_file()] if folder.is_dir() else []

@@ -1,0 +1,159 @@
+"""Rules that hold for every command and every option, also for those to come."""
+
+import os
+import re
+
+import click
+import pytest
+
+import commonlaw as cl
+from commonlaw.cli.command import Command
+from commonlaw.cli.main import commonlaw
+from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile
+
+DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)
+
+
+def commands(group=commonlaw, path=()):
+    """Yield every command with its words."""
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        found = group.get_command(context, name)
+        if isinstance(found, click.Group):
+            yield from commands(found, (*path, name))
+        else:
+            yield (*path, name), found
+
+
+ALL = dict(commands())
+PARAMETERS = [(words, each) for words, command in ALL.items() for each in command.params]
+OPTIONS = [(words, each) for words, each in PARAMETERS if isinstance(each, click.Option)]
+VALUES = {"integer range": "1", "float range": "1", "float": "1", "integer": "1"}
+
+
+def of_kind(kind):
+    return [(words, each) for words, each in PARAMETERS if isinstance(each.type, kind)]
+
+
+def named(pairs):
+    return [" ".join((*words, str(each.name))) for words, each in pairs]
+
+
+def given(option, value=None):
+    """Return the words that give an option once."""
+    if option.is_flag:
+        return [option.opts[0]]
+    of_type = (
+        option.type.choices[0] if isinstance(option.type, click.Choice) else VALUES.get(option.type.name, "x.json")
+    )
+    return [option.opts[0], value or of_type]
+
+
+def needed(command, but=(), reading=None, source=""):
+    """Return what a command cannot do without, every file being x.json, and what it is to read."""
+    wanted = [each for each in command.params if each not in but and (each.required or each is reading)]
+    values = {each: source if each is reading else "x.json" for each in wanted}
+    options = [each for each in wanted if isinstance(each, click.Option)]
+    arguments = [values[each] for each in wanted if each not in options]
+    return [*arguments, *(word for each in options for word in given(each, values[each]))]
+
+
+def test_every_command_is_one_of_ours():
+    assert {type(each) for each in ALL.values()} == {Command}
+
+
+def test_what_names_a_file_says_whether_it_is_read_or_written():
+    like_a_file = re.compile(r"FILE|FIGURE|\w\.\w")
+    files = [(words, each) for words, each in PARAMETERS if like_a_file.search(each.metavar or "")]
+    assert len(files) > 20
+    assert [pair for pair in files if not isinstance(pair[1].type, ReadFile | WrittenFile)] == []
+    figures = [(words, each) for words, each in PARAMETERS if each.metavar == "FIGURE"]
+    assert figures == of_kind(WrittenFigure)
+
+
+@pytest.mark.parametrize(("words", "option"), OPTIONS, ids=named(OPTIONS))
+def test_an_option_counts_each_time_or_is_refused(run, tmp_path, monkeypatch, words, option):
+    for name in ("x.json", "y.csv"):
+        (tmp_path / name).write_text("t,x\n")
+    said = []
+    monkeypatch.setattr(ALL[words], "callback", lambda **values: said.append(values))
+    once = needed(ALL[words], but=(option,))
+    code, _, err = run(*words, *once, *given(option), *given(option))
+    if option.multiple:
+        assert (code, len(said[0][option.name])) == (0, 2)
+    else:
+        assert (code, said) == (2, [])
+        assert f"{option.opts[0]}" in err
+        assert "is given 2 times and counts once: give it once" in " ".join(err.split())
+
+
+READ_AND_WRITTEN = [
+    (words, read, written)
+    for words, read in of_kind(ReadFile)
+    for of_words, written in of_kind(WrittenFile)
+    if of_words == words
+]
+
+
+@pytest.mark.parametrize("link", [None, os.symlink, os.link])
+@pytest.mark.parametrize(
+    ("words", "read", "written"), READ_AND_WRITTEN, ids=[f"{w} {r.name} {o.name}" for w, r, o in READ_AND_WRITTEN]
+)
+def test_what_is_read_is_never_written_over(run, tmp_path, monkeypatch, words, read, written, link):
+    (tmp_path / "x.json").write_text("others")
+    (tmp_path / "of mine").mkdir()
+    (tmp_path / "of mine" / "in.json").write_text("read")
+    path = "of mine/../of mine/in.json"
+    if link:
+        link(tmp_path / "of mine/in.json", tmp_path / "link.svg")
+    monkeypatch.setattr(ALL[words], "callback", lambda **_: pytest.fail("work was started"))
+    source = "ball-drops:folder=of mine" if read.name == "dataset" else "of mine/in.json"
+    rest = needed(ALL[words], (written,), read, source)
+    code, _, err = run(*words, *rest, written.opts[0], "link.svg" if link else path)
+    assert code == 1
+    assert "it is read here too" in err or (link is os.link and "one file under several names" in err)
+    assert (tmp_path / "of mine" / "in.json").read_text() == "read"
+
+
+def test_a_law_that_is_given_as_text_is_no_file():
+    assert ReadLaw().files("x'' = -9.8") == []
+    assert ReadLaw().files("law.json") == ["law.json"]
+
+
+@pytest.mark.parametrize("option", ["--where", "--exclude", "--hold-out"])
+def test_conditions_on_the_same_name_all_count(run, tmp_path, monkeypatch, option):
+    DROPS.to_csv(tmp_path / "drops.csv")
+    learned = []
+
+    def discover(training, **_):
+        learned.append({each.name for each in training})
+        raise cl.CommonlawError("enough")
+
+    monkeypatch.setattr("commonlaw.discover", discover)
+    run("discover", "drops.csv", option, "trial=3", option, "trial=2")
+    assert learned == [{"2", "3"} if option == "--where" else {"1"}]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [("--noise", "x=1", "x=2"), ("--known", "1=1", "1=2"), ("--unit", "x=m", "x=km"), ("--noise-column", "x=a", "x=b")],
+)
+def test_two_values_for_one_name_are_refused(run, tmp_path, given):
+    DROPS.to_csv(tmp_path / "drops.csv")
+    name, one, other = given
+    code, _, err = run("discover", "drops.csv", name, one, name, other)
+    assert code == 2
+    assert f"{name} gives {one[0]} twice, {one[2:]} and {other[2:]}: give it once" in " ".join(err.split())
+
+
+def test_an_object_is_found_whose_name_has_a_comma(run, tmp_path):
+    frame = cl.datasets.linear_drag(drag=(-0.1, -0.2, -0.3, -0.4), trials=1).to_frame()
+    names = dict(zip(frame["object"].unique(), ["Ball", "blue", "Ball,blue", "Golf"], strict=True))
+    frame.assign(object=frame["object"].map(names)).to_csv(tmp_path / "drops.csv", index=False)
+
+    def kept(condition):
+        return run("data", "check", "drops.csv", "--where", condition)[1].splitlines()[0].split(": ")[1]
+
+    assert kept("object=Ball,blue").startswith("1 trial of 1 object")
+    assert kept('object="Ball,blue",Golf').startswith("2 trials of 2 objects")
+    assert kept("object=Ball,Golf").startswith("2 trials of 2 objects")
