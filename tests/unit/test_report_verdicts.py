@@ -122,4 +122,4 @@ def test_of_several_states_those_that_are_forecast_no_better_are_named():
     trials = cl.Trials.from_arrays(times, states, names=["x", "y"])
     verdict = cl.Law.from_text("x' = 1; y' = 0.01").verdict(trials)
     assert verdict.usable
-    assert 'For y that is no better than "tomorrow as today".' in verdict.sentences
+    assert "For y that is no better than persistence." in verdict.sentences

@@ -29,7 +29,7 @@ def test_a_true_law_forecasts_held_out_trials_and_its_bands_hold(drops):
     learned = drops.select(trial=1)
     verdict = cl.fit("x'' = -g - c v", learned).verdict(drops, learned)
     assert verdict.usable
-    assert (verdict.stretches, verdict.in_sample) == (5, False)
+    assert (verdict.segments, verdict.in_sample) == (5, False)
     assert verdict.horizon == verdict.longest > 1.5
     assert verdict.error < 0.02 * verdict.persistence
     assert verdict.coverage > 0.85
@@ -70,7 +70,7 @@ def test_forecasts_no_better_than_the_last_value_are_not_to_be_used(line):
     verdict = cl.Law.from_text("x' = 1e-12").verdict(line, line.until(25.0))
     assert verdict.error == pytest.approx(verdict.persistence)
     assert verdict.usable is False
-    assert 'no better than "tomorrow as today"' in verdict.sentences[0]
+    assert "no better than persistence" in verdict.sentences[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -87,7 +87,20 @@ def test_random_walks_and_noise_cannot_be_forecast(seed):
 def test_a_law_that_runs_away_is_not_to_be_used(line):
     verdict = cl.Law.from_text("x' = x^2").verdict(line)
     assert (verdict.diverged, verdict.usable) == (1, False)
-    assert verdict.sentences[0] == "Do not use this law for forecasts: its forecasts run away in 1 of 1 stretch."
+    assert verdict.sentences[0] == "Do not use this law for forecasts: its forecasts run away in 1 of 1 segment."
+
+
+def test_forecasts_that_are_worse_than_the_mean_are_not_to_be_used_however_good_the_nearest_are():
+    times = np.linspace(0, 40, 401)
+    swinging = cl.Trials.from_arrays(times, np.sin(times))
+    law = cl.Law.from_text("x'' = -k x", {"k": 1.2})
+    verdict = law.verdict(swinging, swinging.until(10.0))
+    errors = verdict.state_errors[0].law
+    assert verdict.horizon > 0
+    assert errors < 0.5 * np.std(swinging[0].states)
+    assert verdict.r_squared < 0
+    assert verdict.usable is False
+    assert f"R^2 is {verdict.r_squared:.3g}" in verdict.sentences[0]
 
 
 def test_bands_that_fail_are_told(drops):
@@ -123,7 +136,7 @@ def test_an_unknown_object_is_forecast_with_the_mean_of_the_others(drops):
     learned = drops.select(object=drops.objects[1:])
     verdict = cl.fit("x'' = -g - c v", learned).verdict(drops, learned)
     assert verdict.unknown_objects == drops.objects[:1]
-    assert verdict.stretches == len(drops.of_object(drops.objects[0]))
+    assert verdict.segments == len(drops.of_object(drops.objects[0]))
     assert verdict.coverage > 0.85  # The scatter of the others' coefficients is in the bands
     assert "knows the other objects' mean coefficients only" in str(verdict)
 
@@ -151,7 +164,7 @@ def test_an_exact_forecast_is_told_without_a_ratio():
     trials = cl.Trials.from_arrays(np.arange(20.0), np.arange(20.0))
     verdict = cl.Law.from_text("x[k+1] = x + 1").verdict(trials)
     assert (verdict.error, verdict.usable) == (0, True)
-    assert 'are off by 0, "tomorrow as today" by 4.' in str(verdict)
+    assert "are off by 0, persistence (the states stay as they were last measured) by 4." in str(verdict)
 
 
 def test_coefficients_with_large_errors_are_poorly_known():

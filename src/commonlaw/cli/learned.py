@@ -124,7 +124,7 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
-        from commonlaw.law.tables import readable_candidates
+        from commonlaw.law.tables import BAYES_FACTOR, readable_candidates
 
         law, training = self.law, self.training
         say(
@@ -139,10 +139,14 @@ class Learned:
             say(str(law))
         if law.alternatives:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
-            print_frame(readable_candidates(law.alternatives))
+            candidates = readable_candidates(law.alternatives)
+            print_frame(candidates)
+            if "2 log B" in candidates:
+                say(f"\n{BAYES_FACTOR}.")
         if self.compared is not None:
-            say("\nEvidence from the same measurements; 2 log B above 10 is out of the question:\n")
+            say("\nEvidence from the same measurements:\n")
             print_frame(self.compared)
+            say(f"\n{BAYES_FACTOR}.")
         kind, learned = "held-out trial", ""
         if self.forecast_of == "training":
             later = self.forecast and sum(map(len, self.forecast.trials)) > sum(map(len, training))

@@ -30,7 +30,8 @@ def best_course(problem: SearchProblem, state: SearchState) -> Step:
                 gains[course] = state.value - _with_course(problem, state, course).value
     best = max(gains, key=lambda each: gains[each], default=before)
     if gains and gains[best] > STRONG:
-        return Step("inputs", best, f"between samples: 2 log B is {gains[best]:.3g} for it, against {before}")
+        why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
+        return Step("inputs", best, why)
     return Step("inputs", before, "between samples: the evidence for no other course is strong")
 
 

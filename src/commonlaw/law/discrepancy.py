@@ -156,6 +156,7 @@ class Discrepancy(Generic[LawType]):
         added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
         how = "Discrepancy" if self.claimed else "No discrepancy is sure"
         yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
+        yield f"B says how many times more probable it is than the law alone; 2 log B above {CLAIMED:g} is strong."
         low, high = self.basis.low, self.basis.high
         digits = 3 + max(0, int(np.log10(max(abs(low), abs(high)) / (high - low))))  # Those that tell the ends apart
         span = f"{self.basis.coordinate} from {low:.{digits}g} to {high:.{digits}g}"

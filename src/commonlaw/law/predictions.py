@@ -351,7 +351,7 @@ class AbstractPredictions(AbstractEquations):
     def verdict(self, trials: Trials, learned: Trials | None = None) -> LawVerdict:
         """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.
 
-        Forecasts are compared with "tomorrow as today", the states as they were last measured. Each starts where the
+        Forecasts are compared with persistence, the states as they were last measured. Each starts where the
         law, fitted to the samples before, says; the coefficients stay as they are.
 
         Parameters

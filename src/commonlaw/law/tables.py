@@ -16,6 +16,9 @@ _MORE_TERMS = 2
 _MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", "forecast error")
 """What is shown of a candidate, as far as it is there."""
 
+BAYES_FACTOR = "2 log B: twice the logarithm of how many times more probable the best is; above 10, out of the question"
+"""What stands beside a table with this measure."""
+
 
 def coefficient_frame(
     objects: Sequence[str],

@@ -24,7 +24,7 @@ _SHOWN = 3
 
 
 class StateError(NamedTuple):
-    """What the law's forecasts of a state and "tomorrow as today" are off, in its unit, empty if that is not known.
+    """What the law's forecasts of a state and persistence are off, in its unit, empty if that is not known.
 
     The noise is how far measurements of it scatter by themselves, NaN if that is not known.
     """
@@ -45,8 +45,8 @@ class StateError(NamedTuple):
 class LawVerdict:
     """What a law is good for; it prints as sentences.
 
-    Errors are root mean squares, in units of the states' standard deviations within trials: their spread. "Tomorrow as
-    today" is the forecast that states stay as they were last measured.
+    Errors are root mean squares, in units of the states' standard deviations within trials: their spread. Persistence
+    is the forecast that states stay as they were last measured.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ class LawVerdict:
         What was forecast, in words.
     in_sample
         Whether the law was learned from it.
-    stretches
-        How many stretches of trials were judged.
+    segments
+        How many segments of trials were judged.
     diverged
         In how many of them the forecast ran away.
     measurements
@@ -67,9 +67,11 @@ class LawVerdict:
     time_unit
         Of both; "units of t", by the name of the column, if it is not known.
     error, persistence
-        What the law's forecasts and "tomorrow as today" are off up to the horizon, or if that is 0 everywhere.
+        What the law's forecasts and persistence are off up to the horizon, or if that is 0 everywhere.
+    r_squared
+        Mean over states of the share of their variation that all forecasts together explain, see `Forecast.score`.
     state_errors
-        The same for each state in its unit.
+        What both are off for each state in its unit.
     coverage
         Share of the measurements that lay in 95 % bands; None if the law has none.
     poorly_known
@@ -90,7 +92,7 @@ class LawVerdict:
 
     judged_on: str
     in_sample: bool
-    stretches: int
+    segments: int
     diverged: int
     measurements: int
     horizon: float
@@ -98,6 +100,7 @@ class LawVerdict:
     time_unit: str
     error: float
     persistence: float
+    r_squared: float
     state_errors: tuple[StateError, ...]
     coverage: float | None
     poorly_known: tuple[str, ...]
@@ -129,11 +132,14 @@ class LawVerdict:
         """What speaks against using the law for forecasts."""
         found = []
         if self.diverged:
-            found.append(f"its forecasts run away in {self.diverged} of {counted(self.stretches, 'stretch', 'es')}")
+            found.append(f"its forecasts run away in {self.diverged} of {counted(self.segments, 'segment')}")
         if not self.horizon and not self.diverged:
             found.append("even the nearest are off by more than half of the states' spread")
         if self._is_no_better and not self.diverged:
-            found.append('they are no better than "tomorrow as today"')
+            found.append("they are no better than persistence")
+        if self.r_squared < 0 < self.horizon and not self.diverged:
+            whole = f"over all that was judged, R^2 is {self.r_squared:.3g}"
+            found.append(f"beyond {self._time(self.horizon)} ahead they are worse than a mean of the states: {whole}")
         if self.coverage is not None and self.coverage < _FAILED and self.measurements >= _MANY:
             found.append(f"its 95 % bands held only {_percent(self.coverage)} of the measurements")
         return tuple(found)
@@ -192,7 +198,7 @@ class LawVerdict:
 
     def _errors(self) -> Iterator[str]:
         seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
-        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.stretches, 'stretch', 'es')}"
+        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'segment')}"
         yield f"Judged on {self.judged_on}: {compared}{seen}."
         if self.unknown_objects:
             yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
@@ -204,9 +210,10 @@ class LawVerdict:
             last = " and ".join(_number(each.persistence, each.unit) for each in self.state_errors)
             together = " in all, relative to their spreads," if len(self.state_errors) > 1 else ""
             times = f":{together} {_number(self.persistence / self.error)} times as much" if self.error else ""
-            yield f'{upto}, forecasts of {names} are off by {own}, "tomorrow as today" by {last}{times}.'
+            still = "persistence (the states stay as they were last measured)"
+            yield f"{upto}, forecasts of {names} are off by {own}, {still} by {last}{times}."
             if worse and not self._is_no_better:
-                yield f'For {" and ".join(worse)} that is no better than "tomorrow as today".'
+                yield f"For {' and '.join(worse)} that is no better than persistence."
             if not self.exact and all(each.noise > 0 for each in self.state_errors):
                 noise = " and ".join(_number(each.noise, each.unit) for each in self.state_errors)
                 rest = " and ".join(_number(each.unexplained, each.unit) for each in self.state_errors)

@@ -5,7 +5,7 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Forecast, Law
 from commonlaw.trials import Trials
-from commonlaw.verdict.stretches import samples_before
+from commonlaw.verdict.segments import samples_before
 
 
 def checked_forecast(

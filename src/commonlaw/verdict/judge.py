@@ -1,4 +1,4 @@
-"""From a law and trials to a verdict: forecasts of stretches, and what they are off together."""
+"""From a law and trials to a verdict: forecasts of segments, and what they are off together."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from commonlaw.law.population import is_typical, law_of
 from commonlaw.law.verdict import LawVerdict, StateError, listed
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
-from commonlaw.verdict.stretches import Kind, StretchErrors, forecast_errors, stretches
+from commonlaw.verdict.segments import Kind, SegmentErrors, forecast_errors, segments
 
 _WITHIN = 0.5
 """Errors within this share of the states' spread count as forecasts."""
@@ -27,19 +27,19 @@ _POOR = 0.5
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.verdict`."""
     kinds, judged, found, unjudged = [], [], [], []
-    parts = stretches(trials, learned)
-    for stretch in announced(parts, f"judging the law by forecasts of {len(parts)} trials", "take fewer trials"):
-        trial = stretch.trial
-        if stretch.first >= len(trial):
+    parts = segments(trials, learned)
+    for segment in announced(parts, f"judging the law by forecasts of {len(parts)} trials", "take fewer trials"):
+        trial = segment.trial
+        if segment.first >= len(trial):
             unjudged.append(f"{trial.label}: its {len(trial)} samples are too few")
             continue
         single = trials.with_trials([trial])
         try:
-            found.append(forecast_errors(law_of(law, single)[0], single, stretch))
+            found.append(forecast_errors(law_of(law, single)[0], single, segment))
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             unjudged.append(str(error))
             continue
-        kinds.append(stretch.kind)
+        kinds.append(segment.kind)
         judged.append(trial)
     spread = _spread(judged, len(law.states))
     errors = _joined(found, spread)
@@ -52,7 +52,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
-        stretches=len(found),
+        segments=len(found),
         diverged=sum(each.diverged for each in found),
         measurements=int(counted.sum()),
         horizon=horizon,
@@ -60,6 +60,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
         error=_rms(own / spread),
         persistence=_rms(last / spread),
+        r_squared=_r_squared(errors.errors / spread),
         state_errors=tuple(map(StateError, law.states, map(_rms, own.T), map(_rms, last.T), units, map(_rms, noise.T))),
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
@@ -79,10 +80,10 @@ def _spread(trials: Sequence[Trial], states: int) -> Floats:
     return np.where(spread > 0, spread, np.nan)
 
 
-def _joined(found: Sequence[StretchErrors], spread: Floats) -> StretchErrors:
-    """Return the errors of all stretches, those of states without a spread left out."""
+def _joined(found: Sequence[SegmentErrors], spread: Floats) -> SegmentErrors:
+    """Return the errors of all segments, those of states without a spread left out."""
     kept, none = np.where(np.isnan(spread), np.nan, 1.0), np.empty((0, len(spread)))
-    return StretchErrors(
+    return SegmentErrors(
         np.concatenate([np.empty(0), *(each.leads for each in found)]),
         kept * np.concatenate([none, *(each.errors for each in found)]),
         kept * np.concatenate([none, *(each.persistence for each in found)]),
@@ -107,6 +108,12 @@ def _horizon(leads: Floats, scaled: Floats) -> float:
 def _rms(values: Floats) -> float:
     known = values[~np.isnan(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _r_squared(scaled: Floats) -> float:
+    """Return the mean of R^2 over states of errors relative to the spread, shape (n, states); NaN if there are none."""
+    known = [_rms(column) for column in scaled.T if not np.isnan(column).all()]
+    return float(np.mean([1 - each**2 for each in known])) if known else float("nan")
 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:

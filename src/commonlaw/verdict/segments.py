@@ -1,4 +1,4 @@
-"""The stretches of trials that a law is judged on, and what it forecasts there."""
+"""The segments of trials that a law is judged on, and what it forecasts there."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ _BEFORE, _LEAST_BEFORE = 0.2, 5
 """Share of a held-out trial, its beginning, that tells where its forecast starts, and how many samples at least."""
 
 _MOST_BEFORE = 200
-"""So many samples before a stretch tell where its forecast starts, as more take long and add little."""
+"""So many samples before a segment tell where its forecast starts, as more take long and add little."""
 
 _TOLERANCE = 1e-6
 """Relative error of a step, far below that of any measurement."""
 
 
 class Kind(StrEnum):
-    """Where a stretch comes from."""
+    """Where a segment comes from."""
 
     TRIAL = "trials that were held out"
     LATER = "later samples that were held out"
@@ -32,7 +32,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """A trial, without samples in which nothing was measured, and the index of the first one that is judged."""
 
     trial: Trial
@@ -41,17 +41,17 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class StretchErrors:
-    """What the forecast of a stretch was off.
+class SegmentErrors:
+    """What the forecast of a segment was off.
 
     Parameters
     ----------
     leads
-        How far ahead of the last sample before the stretch, shape (n,).
+        How far ahead of the last sample before the segment, shape (n,).
     errors
         Forecast less measured states, shape (n, states): infinite after a divergence, NaN where nothing was measured.
     persistence
-        The same of the last values that were measured before the stretch.
+        The same of the last values that were measured before the segment.
     inside
         1 where the 95 % band held the measurement, 0 where it did not, NaN where there is none, shape (n, states).
     noise
@@ -68,14 +68,14 @@ class StretchErrors:
     diverged: bool
 
 
-def stretches(trials: Trials, learned: Trials | None) -> list[Stretch]:
+def segments(trials: Trials, learned: Trials | None) -> list[Segment]:
     """Return what was held out of learning, trials or later samples; if nothing was, the end of each trial."""
     if learned is not None:
         held_out = list(_held_out(trials, learned))
         if held_out:
             return held_out
     measured = [trial.measured() for trial in trials]
-    return [Stretch(each, int(np.ceil((1 - SHARE) * len(each))), Kind.SEEN) for each in measured]
+    return [Segment(each, int(np.ceil((1 - SHARE) * len(each))), Kind.SEEN) for each in measured]
 
 
 def samples_before(count: int) -> int:
@@ -83,25 +83,25 @@ def samples_before(count: int) -> int:
     return max(_LEAST_BEFORE, int(np.ceil(_BEFORE * count)))
 
 
-def _held_out(trials: Trials, learned: Trials) -> Iterator[Stretch]:
+def _held_out(trials: Trials, learned: Trials) -> Iterator[Segment]:
     ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
         if end is None:
-            yield Stretch(measured, samples_before(len(measured)), Kind.TRIAL)
+            yield Segment(measured, samples_before(len(measured)), Kind.TRIAL)
         elif measured.times[-1] > end:
-            yield Stretch(measured, int(np.searchsorted(measured.times, end, side="right")), Kind.LATER)
+            yield Segment(measured, int(np.searchsorted(measured.times, end, side="right")), Kind.LATER)
 
 
-def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors:
-    """Return what the law's forecast of a stretch of the only trial is off, from a start fitted to the samples before.
+def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
+    """Return what the law's forecast of a segment of the only trial is off, from a start fitted to the samples before.
 
     Raises
     ------
     CommonlawError
         If it cannot be forecast.
     """
-    trial, first, states = stretch.trial, stretch.first, len(law.states)
+    trial, first, states = segment.trial, segment.first, len(law.states)
     fits = law.order > 0 and law.noise is not None
     forecast = law.predict(
         trials,
@@ -121,7 +121,7 @@ def forecast_errors(law: Law, trials: Trials, stretch: Stretch) -> StretchErrors
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
     leads = trial.times[first:] - trial.times[first - 1]
-    return StretchErrors(leads, errors, _last(trial.states[:first]) - measured, inside, noise, diverged)
+    return SegmentErrors(leads, errors, _last(trial.states[:first]) - measured, inside, noise, diverged)
 
 
 def _last(states: Floats) -> Floats:
