@@ -9,8 +9,9 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.app.preview import Sample, preview, sample_table, simulated
-from commonlaw.app.question import Columns, HoldOut, Table, named
+from commonlaw.app.question import Columns, HoldOut, Question, Table, named
 from commonlaw.app.result import of_terms, results, support_of
+from commonlaw.app.searching import answer
 
 
 @pytest.fixture(scope="module")
@@ -128,10 +129,45 @@ def test_of_many_cases_some_are_shown_in_the_words_of_the_page():
 
 def test_what_is_held_out_is_not_learned_from(drops):
     assert HoldOut("object", drops.objects[0]).training(drops).objects == drops.objects[1:]
-    assert max(trial.times[-1] for trial in HoldOut("after", "1.5").training(drops)) <= 1.5
+    assert max(trial.times[-1] for trial in HoldOut("after", "0.7").training(drops)) <= 1.5
     with pytest.raises(cl.CommonlawError, match="after which time"):
         HoldOut("after", "noon").training(drops)
 
 
 def test_of_a_name_only_the_last_part_is_taken():
     assert [named(each, b"").name for each in ("../../a.csv", r"C:\x\b.csv", "")] == ["a.csv", "b.csv", "table"]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"hold_out": HoldOut("object", "Ball 2")},
+        {"hold_out": HoldOut("after", "0.7")},
+        {"known": {"1": -9.8}, "columns": Columns(states=("x",), properties=("mass",)), "explain": True},
+    ],
+)
+def test_the_program_finds_the_law_again_that_the_app_found(asked, drops, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frame = drops.until(1.0).to_frame()
+    frame["mass"] = frame["object"].map(dict(zip(drops.objects, [0.3, 0.1, 0.06], strict=True)))
+    table = Table("drops.csv", frame.to_csv(index=False).encode())
+    (tmp_path / table.name).write_bytes(table.content)
+    check_program(Question("", order=2, library="poly:1", **asked), table)
+
+
+def test_the_program_of_a_data_set_finds_its_law_again_without_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_program(Question("", order=2, library="poly:1", hold_out=HoldOut("trial", "2")), sample_table("linear-drag"))
+
+
+def check_program(question, table):
+    """Check that the program of a question makes the law that a search finds, and judges it as the page does."""
+    made = next(answer(question, table, lambda _: None))
+    scope = {}
+    exec(made.law.to_script(question.source(table)), scope)
+    assert scope["law"].terms.names == made.law.terms.names
+    np.testing.assert_array_equal(scope["law"].coefficients, made.law.coefficients)
+    assert (scope["law"].explanation is None) == (made.law.explanation is None)
+    assert [*scope["law"].verdict(scope.get("measured", scope["trials"]), scope["trials"]).sentences] == [
+        *made.law.verdict(made.trials, made.training).sentences
+    ]

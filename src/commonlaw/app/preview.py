@@ -18,12 +18,12 @@ _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 200
 """Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
 
 SAMPLES = {
-    "linear-drag": "linear-drag:noise=0.05",
-    "nonlinear-oscillator": "nonlinear-oscillator:noise=0.01",
-    "lotka-volterra": "lotka-volterra:noise=0.05",
-    "lorenz": "lorenz:noise=0.1",
+    "linear-drag": {"noise": 0.05},
+    "nonlinear-oscillator": {"noise": 0.01},
+    "lotka-volterra": {"noise": 0.05},
+    "lorenz": {"noise": 0.1},
 }
-"""Data sets that the page offers, by what it calls them."""
+"""Data sets that the page offers, and their options."""
 
 
 class Sample(msgspec.Struct, forbid_unknown_fields=True):
@@ -39,16 +39,16 @@ class Sample(msgspec.Struct, forbid_unknown_fields=True):
 
 def sample_table(name: str) -> Table:
     """Return a simulated data set as a table, as if its file had been sent."""
-    from commonlaw.datasets import DATASETS
-    from commonlaw.spec import parse_spec
+    from commonlaw.datasets import load
 
     if name not in SAMPLES:
         raise unknown("data set of the app", name, SAMPLES)
-    trials: Trials = parse_spec("data set", SAMPLES[name], DATASETS)
+    trials = load(name, **SAMPLES[name])
     units = trials.schema.units
     frame = trials.to_frame()
     frame.columns = [f"{each} [{units[each]}]" if each in units else each for each in frame.columns]
-    return Table(f"{name}.csv", frame.to_csv(index=False).encode())
+    call = f"cl.datasets.load({name!r}, {', '.join(f'{each}={value!r}' for each, value in SAMPLES[name].items())})"
+    return Table(f"{name}.csv", frame.to_csv(index=False).encode(), call)
 
 
 def preview(table: Table, columns: Columns) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from commonlaw.errors import CommonlawError
+from commonlaw.law.script import Source
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.sources import table_in
@@ -46,6 +47,15 @@ class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                 raise CommonlawError(f"hold out what was measured after which time? {self.value!r} is none") from None
         return trials.split(**{self.kind: [self.value]})[1]
 
+    @property
+    def written(self) -> str:
+        """The trials to learn from as Python, of those `measured`; nothing if it is all of them."""
+        if self.kind == "nothing":
+            return ""
+        if self.kind == "after":
+            return f"measured.until({float(self.value)!r})"
+        return f"measured.split({self.kind}=[{self.value!r}])[1]"
+
 
 class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """All that a search is asked."""
@@ -60,12 +70,19 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     law: str | None = None
     """A saved law, which is then shown with these trials, and nothing is learned."""
 
+    def source(self, table: "Table") -> Source:
+        """Return where a program finds the trials of its law in a table."""
+        learned = self.hold_out if self.law is None else HoldOut()
+        return Source(table.name, table.dataset, self.columns.properties, learned.written)
+
 
 class Table(msgspec.Struct, frozen=True):
-    """A file that the page sent: its name as shown, and what is in it."""
+    """A file that the page sent, or a data set: its name as shown, and what is in it."""
 
     name: str
     content: bytes
+    dataset: str = ""
+    """As Python."""
 
     def cells(self) -> Cells:
         """Return what is in it."""

@@ -1,5 +1,6 @@
 """What the page may ask of the server."""
 
+import re
 from collections.abc import Awaitable, Callable
 from functools import wraps
 from pkgutil import get_data
@@ -23,6 +24,7 @@ from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.law import Forecast
+from commonlaw.law.script import Source
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
 
@@ -38,6 +40,8 @@ ASSETS = {
 
 _one_draws = Lock()
 """Matplotlib draws in one thread at a time."""
+
+_NUMBER = re.compile("[0-9]{1,6}")
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -181,31 +185,38 @@ async def _file(sessions: Sessions, request: Request) -> Response:
 
 def _made(search: Search, name: str, candidate: str) -> str:
     """Return a file of a candidate; if none is named, of the law."""
-    index = int(candidate) if candidate.isdecimal() else 0
+    index = 0 if not candidate else _number_in(candidate)
     # Only for the law, the first candidate, there is a program that finds it in the table
-    return _MAKERS[name](search.found.of_candidate(index), "" if index else search.table.name)
+    return _MAKERS[name](search.found.of_candidate(index), None if index else search.question.source(search.table))
 
 
-def _script(found: Found, table: str) -> str:
-    if not table:
+def _number_in(text: str) -> int:
+    """Return the number of a candidate in an address."""
+    if not _NUMBER.fullmatch(text):
+        raise CommonlawError(f"there is no candidate {text[:20]!r}: name one by its number")
+    return int(text)
+
+
+def _script(found: Found, source: Source | None) -> str:
+    if source is None:
         raise CommonlawError("a program is there for the law that was chosen: take law.json of a candidate")
-    return found.law.to_script(table)
+    return found.law.to_script(source)
 
 
-def _report(found: Found, table: str) -> str:
+def _report(found: Found, source: Source | None) -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
     with _one_draws:
-        made = law_report(found.law, found.trials, found.training, table=table, words=in_page, rivals=rivals)
+        made = law_report(found.law, found.trials, found.training, table=source or "", words=in_page, rivals=rivals)
         return to_page(made).decode()
 
 
-def _figure(found: Found, _: str) -> str:
+def _figure(found: Found, _: Source | None) -> str:
     with _one_draws:
         return render(plot_law(found.law, _forecast_of(found)), ".svg").decode()
 
 
-def _forecasts(found: Found, _: str) -> str:
+def _forecasts(found: Found, _: Source | None) -> str:
     return str(_forecast_of(found).to_frame().to_csv(index=False))
 
 
@@ -215,7 +226,7 @@ def _forecast_of(found: Found) -> Forecast:
     return found.checked
 
 
-_MAKERS: dict[str, Callable[[Found, str], str]] = {
+_MAKERS: dict[str, Callable[[Found, Source | None], str]] = {
     "law.json": lambda found, _: found.law.to_json(),
     "law.py": _script,
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),

@@ -30,7 +30,7 @@ class Search:
     fits: list[Work[ShownLaw]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._work = Work(partial(_answer, self.question, self.table))
+        self._work = Work(partial(answer, self.question, self.table))
 
     @property
     def is_running(self) -> bool:
@@ -86,7 +86,8 @@ class Search:
         return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}
 
 
-def _answer(question: Question, table: Table, show: Callable[[str], None]) -> Iterator[Found]:
+def answer(question: Question, table: Table, show: Callable[[str], None]) -> Iterator[Found]:
+    """Yield what a question asked of a table finds, with more and more candidates; the work of a search."""
     from commonlaw.discovery import discover
     from commonlaw.law import Law
 

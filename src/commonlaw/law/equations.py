@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     import pint
     import sympy
 
+    from commonlaw.law.script import Source
+
 
 class AbstractEquations(ShownInNotebooks, ABC):
     """What a law says: everything that follows from its terms and coefficients and how accurate these are."""
@@ -204,13 +206,13 @@ class AbstractEquations(ShownInNotebooks, ABC):
         ]
         return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
 
-    def to_script(self, path: str = "trials.csv") -> str:
+    def to_script(self, path: "str | Source" = "trials.csv") -> str:
         """Return a Python program that finds this law again in the table of its trials.
 
         Parameters
         ----------
         path
-            Of the table. What was selected from it before the law was found, the law does not know.
+            Of the table. What was selected from it before the law was found, the law does not know; a `Source` says it.
 
         Examples
         --------
@@ -221,10 +223,11 @@ class AbstractEquations(ShownInNotebooks, ABC):
         trials = cl.Trials.read('drops.csv', time='t', states=['x'], units={'t': 's', 'x': 'm'})
         law = cl.fit("x'' = -g - c v", trials)
         """
-        from commonlaw.law.script import script
+        from commonlaw.law.script import Source, script
 
         equations = self.structure() if self.shared else ()
-        return script(self.provenance.calls or [f"cl.fit({'; '.join(equations)!r}, trials)"], self.schema, path)
+        source = path if isinstance(path, Source) else Source(path)
+        return script(self.provenance.calls or [f"cl.fit({'; '.join(equations)!r}, trials)"], self.schema, source)
 
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.

@@ -2,13 +2,35 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any
 
 from commonlaw.trials import Schema
 
 _NOT_SAID = ("progress",)
 """Arguments that change nothing in a law."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a program takes trials from, and which of them it learns from.
+
+    Parameters
+    ----------
+    table
+        Path of a table.
+    dataset
+        In place of a table, the data set as Python: ``"cl.datasets.load('lorenz')"``.
+    properties
+        Columns that are properties; those that the table says itself by default.
+    training
+        The trials that are learned from, as Python, of those ``measured``: ``"measured.until(2.0)"``; all by default.
+    """
+
+    table: str = "trials.csv"
+    dataset: str = ""
+    properties: tuple[str, ...] = ()
+    training: str = ""
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
@@ -51,27 +73,25 @@ def written(value: Any) -> str:
     return repr(value)
 
 
-def script(calls: Sequence[str], schema: Schema, path: str) -> str:
-    """Return a program that reads a table and makes a law by these calls, see `Law.to_script`."""
+def script(calls: Sequence[str], schema: Schema, source: Source) -> str:
+    """Return a program that reads trials and makes a law by these calls, see `Law.to_script`."""
     roles: dict[str, Any] = {
         "object": schema.object if schema.object != "object" else None,
         "trial": schema.trial if schema.trial != "trial" else None,
         "time": schema.time,
         "states": list(schema.states),
         "inputs": list(schema.inputs) or None,
+        "properties": list(source.properties) or None,
         "noise_columns": dict(schema.noise_columns) or None,
         "units": {name: schema.units[name] for name in _columns(schema) if name in schema.units} or None,
     }
-    said = [f"{name}={each!r}" for name, each in roles.items() if each is not None]
-    lines = [
-        "import commonlaw as cl",
-        "",
-        f"trials = cl.Trials.read({', '.join([repr(path), *said])})",
-        *(f"law = {each}" for each in calls),
-        "print(law)",
-        "print(law.verdict(trials))",
-    ]
-    return "\n".join(lines) + "\n"
+    said = ", ".join(f"{name}={each!r}" for name, each in roles.items() if each is not None)
+    reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
+    read = f"cl.Trials.{reading}, {said})"
+    learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
+    judged = "measured, trials" if source.training else "trials"
+    made = [f"law = {each}" for each in calls]
+    return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", f"print(law.verdict({judged}))", ""])
 
 
 def _columns(schema: Schema) -> tuple[str, ...]:

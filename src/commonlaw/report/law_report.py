@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.page import Page
+from commonlaw.law.script import Source
 from commonlaw.report import law_sections, leftovers, making
 from commonlaw.report.document import Report
 from commonlaw.report.formulas import law_markdown
@@ -25,7 +26,7 @@ def law_report(
     trials: Trials,
     learned: Trials | None = None,
     command: str = "",
-    table: str = "trials.csv",
+    table: str | Source = "trials.csv",
     words: Callable[[str], str] = str,
     progress: Callable[[str], None] = lambda _: None,
     rivals: Sequence[CandidateLaw] = (),

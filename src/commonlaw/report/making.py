@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import pandas as pd
 
+from commonlaw.law.script import Source
 from commonlaw.report.document import Block, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import code
@@ -48,12 +49,13 @@ def choices(case: LawCase) -> Section:
     return Section("choices", "How it was found", (block,))
 
 
-def again(case: LawCase, command: str, table: str) -> Section:
+def again(case: LawCase, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
     asked = f"The command:{code(command, 'sh')}" if command else ""
     text = asked
     if table:
-        some = "" if case.training is case.trials else ", which learns from all trials of the table"
+        is_whole = case.training is case.trials or isinstance(table, Source)
+        some = "" if is_whole else ", which learns from all trials of the table"
         text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
     made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
     return Section("again", "How to make it again", (Text(f"{text}Made with {made_with}."),))
