@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pooch
@@ -24,6 +25,8 @@ QUIET = (
 )  # fmt: skip
 PHONE, SCREEN = 390, 1200
 """Widths of a window, in pixels."""
+
+NEEDS_DROPS = "needs the measured drops"
 
 FAULTS = """
 const faults = [], ids = [...document.querySelectorAll("[id]")].map(each => each.id);
@@ -68,16 +71,45 @@ def run(
     return call
 
 
-@pytest.fixture(scope="session")
-def ball_drops_folder() -> Path:
-    """The folder of the measured drops: COMMONLAW_DATA, shared/data/ball_drops beside the checkout, or a download."""
+@cache
+def _measured_drops() -> tuple[str, str]:
+    """Return the folder of the measured drops, or why there is none.
+
+    It is what COMMONLAW_DATA names, shared/data/ball_drops beside the checkout, or the cache, after a download.
+    """
     beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "ball_drops"
     named = os.environ.get("COMMONLAW_DATA") or (beside if beside.is_dir() else None)
     try:
         cl.datasets.ball_drops(named)
     except cl.CommonlawError as error:
-        pytest.fail(str(error))
-    return Path(named or pooch.os_cache("commonlaw"))
+        return "", str(error)
+    return str(named or pooch.os_cache("commonlaw")), ""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node) -> None:
+    """Look for the measured drops once for all workers: each would wait for a server that cannot be reached."""
+    node.workerinput["measured drops"] = _measured_drops()
+
+
+@pytest.fixture(scope="session")
+def ball_drops_folder(pytestconfig: pytest.Config) -> Path:
+    """The folder of the measured drops; without it tests are skipped, or fail where it is named or CI is set."""
+    by_controller: dict[str, tuple[str, str]] = getattr(pytestconfig, "workerinput", {})
+    folder, reason = by_controller.get("measured drops") or _measured_drops()
+    if reason and (os.environ.get("CI") or os.environ.get("COMMONLAW_DATA")):
+        pytest.fail(reason, pytrace=False)
+    if reason:
+        pytest.skip(f"{NEEDS_DROPS}: {reason}")
+    return Path(folder)
+
+
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Have all tests without the measured drops summed up in one line, as of one place."""
+    for report in terminalreporter.stats.get("skipped", ()):
+        *_, reason = report.longrepr
+        if NEEDS_DROPS in reason:
+            report.longrepr = (__file__, None, reason)
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,7 @@ def test_a_law_without_drag_leaves_patterns_and_one_with_drag_none(run, tmp_path
     code, out, _ = run("check", "law.json", "drops.csv")
     assert "Residuals of x, trend with v: the law lacks a term in v" in out
     patterns = json.loads(run("check", "law.json", "drops.csv", "--json")[1])["patterns"]
-    assert next(each for each in patterns if each["pattern"] == "trend with v")["there"]
+    assert next(each for each in patterns if each["pattern"] == "trend with v")["significant"]
 
 
 @pytest.mark.usefixtures("drops")

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pooch
 import pytest
+import requests
 from scipy.integrate import solve_ivp
 
 from commonlaw import datasets
@@ -291,7 +292,7 @@ def test_downloads_are_pinned_checked_and_kept(ball_drops_folder, monkeypatch):
     monkeypatch.delenv("COMMONLAW_DATA", raising=False)
     asked = []
 
-    def retrieve(url, known_hash, fname, path):
+    def retrieve(url, known_hash, fname, path, **_):
         asked.append((url.rsplit("/", 3)[1:], known_hash, path))
         return str(ball_drops_folder / fname)
 
@@ -303,12 +304,23 @@ def test_downloads_are_pinned_checked_and_kept(ball_drops_folder, monkeypatch):
     assert cache == pooch.os_cache("commonlaw")
 
 
-@pytest.mark.parametrize("failure", [OSError("no route to host"), ValueError("SHA256 hash does not match")])
-def test_without_a_connection_the_error_says_what_was_tried_and_how_to_name_a_folder(monkeypatch, failure):
+@pytest.mark.parametrize(
+    ("failure", "said"),
+    [
+        (OSError("no space left"), "no space left"),
+        (ValueError("SHA256 hash does not match"), "SHA256 hash does not match"),
+        (requests.ConnectionError("max retries exceeded with url"), "no connection to raw.githubusercontent.com"),
+        (requests.ReadTimeout("read timed out"), "no connection to raw.githubusercontent.com"),
+        (requests.exceptions.SSLError("certificate has expired"), "certificate has expired"),
+    ],
+)
+def test_without_a_connection_the_error_says_what_was_tried_and_how_to_name_a_folder(monkeypatch, failure, said):
     def retrieve(*_, **__):
         raise failure
 
     monkeypatch.delenv("COMMONLAW_DATA", raising=False)
     monkeypatch.setattr(pooch, "retrieve", retrieve)
-    with pytest.raises(CommonlawError, match=f"cannot download https://raw.*: {failure}; .*COMMONLAW_DATA"):
+    with pytest.raises(CommonlawError, match=f"cannot download https://raw.*: {said}; .*COMMONLAW_DATA") as raised:
         datasets.ball_drops()
+    assert "\n" not in str(raised.value)
+    assert raised.value.__suppress_context__

@@ -22,6 +22,9 @@ _SHA256 = {
     _BALLS: "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
 }
 _VARIABLE = "COMMONLAW_DATA"
+_PATIENCE = 10.0
+"""Seconds that a server has to answer."""
+
 _OUNCE = 0.028349523125
 """Avoirdupois, kg."""
 
@@ -118,14 +121,24 @@ def _downloaded(name: str) -> Path:
     """Return the path of a file in the user's cache, downloaded if it is not there yet."""
     import pooch
 
-    cache = pooch.os_cache("commonlaw")
+    cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=_PATIENCE)
     try:
-        return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache))
+        return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
         raise CommonlawError(
-            f"cannot download {_SOURCE}{name} to {str(cache)!r}: {error}; download {_HEIGHTS} and {_BALLS} from there "
-            f"yourself, and name their folder in the environment variable {_VARIABLE} or as the option folder"
-        ) from error
+            f"cannot download {_SOURCE}{name} to {str(cache)!r}: {_cause(error)}; download {_HEIGHTS} and {_BALLS} "
+            f"from there, and name their folder in the environment variable {_VARIABLE} or as the option folder"
+        ) from None
+
+
+def _cause(error: Exception) -> str:
+    """Return why a download failed: of errors of connections, which are long, what matters."""
+    from requests import exceptions
+
+    unreachable = isinstance(error, (exceptions.ConnectionError, exceptions.Timeout))
+    if unreachable and not isinstance(error, exceptions.SSLError):
+        return f"no connection to {_SOURCE.split('/')[2]}"
+    return str(error)
 
 
 ball_drops = Dataset(
