@@ -20,9 +20,6 @@ from uuid import uuid4
 
 from commonlaw.errors import CommonlawError
 
-if sys.platform != "win32":
-    import fcntl
-
 AnyPath = str | os.PathLike[str]
 P = TypeVar("P", bound=AnyPath)
 
@@ -202,8 +199,7 @@ def _anchor(folder: Path) -> Iterator[Path]:
     try:
         yield anchor
     finally:
-        anchor.unlink(missing_ok=True)
-        os.close(opened)
+        _end(anchor, opened)
 
 
 def _new_anchor(folder: Path) -> tuple[int, Path]:
@@ -226,15 +222,34 @@ def _clear(folder: Path) -> None:
                 opened = os.open(folder / anchor, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
                 try:
                     _lock(opened, wait=False)
-                    for part in [*(name for name in names if name.startswith(f"{anchor}-")), anchor]:
+                    for part in (name for name in names if name.startswith(f"{anchor}-")):
                         (folder / part).unlink(missing_ok=True)
-                finally:
+                except OSError:  # its process lives, or there are no locks
                     os.close(opened)
+                else:
+                    _end(folder / anchor, opened)
+
+
+def _end(anchor: Path, opened: int) -> None:
+    """Remove a locked file and close it, in this order where the system lets it be: so nobody else locks it between."""
+    with suppress(PermissionError):
+        anchor.unlink(missing_ok=True)
+    os.close(opened)
+    with suppress(PermissionError):
+        anchor.unlink(missing_ok=True)
 
 
 def _lock(opened: int, wait: bool) -> None:
     """Lock an open file for this process; raise an OSError if another has it and one does not `wait`."""
-    if sys.platform != "win32":
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(opened, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+    else:
+        try:
+            import fcntl
+        except ImportError:
+            raise OSError(errno.ENOLCK, "this Python knows no locks") from None
         fcntl.flock(opened, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
@@ -267,5 +282,6 @@ def _pour(path: AnyPath, content: bytes) -> None:
     """Write to a device, or to a pipe that something reads from."""
     opened = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
     with os.fdopen(opened, "wb") as stream:
-        os.set_blocking(opened, True)
+        if hasattr(os, "O_NONBLOCK"):
+            os.set_blocking(opened, True)
         stream.write(content)

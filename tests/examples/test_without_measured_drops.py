@@ -17,17 +17,18 @@ FILES = ("tests/unit/test_trials_tables.py", "tests/unit/test_trials_check.py")
 """With tests on the measured drops, among others."""
 
 
-class NoWay(socketserver.BaseRequestHandler):
+class Refusing(socketserver.TCPServer):
     """A proxy that hangs up on everybody, and counts."""
 
-    def handle(self) -> None:
-        self.server.asked += 1
+    asked = 0
+
+    def finish_request(self, request, client_address) -> None:
+        self.asked += 1
 
 
 @pytest.fixture
-def proxy() -> Iterator[socketserver.TCPServer]:
-    with socketserver.TCPServer(("127.0.0.1", 0), NoWay) as server:
-        server.asked = 0
+def proxy() -> Iterator[Refusing]:
+    with Refusing(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
         Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}).start()
         yield server
         server.shutdown()

@@ -19,7 +19,7 @@ CHANGES_DISK = {
 READS_DISK = {"fromfile", "genfromtxt", "loadtxt", "memmap", "open", "read_bytes", "read_excel", "read_text"}
 """What takes bytes out of a file by itself."""
 
-MAKES_FILES = {"fcntl", "shutil", "tempfile"}
+MAKES_FILES = {"fcntl", "msvcrt", "shutil", "tempfile"}
 """Modules for that."""
 
 TALKS = {"cli/output.py", "progress.py", "trials/workbook_process.py"}

@@ -18,8 +18,8 @@ NO_WORKBOOK = 3
 
 def main() -> None:
     """Read standard input."""
-    # A limit that is lower already stays
-    with contextlib.suppress(ImportError, ValueError):
+    # A limit that is lower already stays; some systems have none
+    with contextlib.suppress(ImportError, AttributeError, OSError, ValueError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
