@@ -19,6 +19,8 @@ class OutcomeKind(StrEnum):
     """An equation has as many terms as the samples can tell apart."""
     ILL_CONDITIONED = "ill-conditioned"
     """Terms nearly depend on each other on the samples."""
+    METHOD = "method"
+    """Another method than most laws are found by was taken."""
     MODEL_ERROR = "model error"
     """The measurements depart from every law of the library by more than their noise."""
     NOT_CONVERGED = "not converged"
@@ -27,6 +29,8 @@ class OutcomeKind(StrEnum):
     """An integrator could not follow a trajectory that another one may finish."""
     ONE_OBJECT = "one object"
     """What objects are to share was found from one of them."""
+    SAMPLES = "samples"
+    """A law was fitted to some of the samples, as they are many."""
     UNITS = "units"
     """What was chosen depends on the units of measurement."""
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search_problem import noise_floor
+from commonlaw.inference.first_noise import noise_floor
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
 

@@ -13,6 +13,7 @@ from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference import can_be_carried
 from commonlaw.law import Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.script import call
@@ -32,9 +33,6 @@ P = ParamSpec("P")
 
 _MANY_TERMS = 70
 """More terms for each equation make the likelihood of trajectories too slow to be the default."""
-
-_MANY_SAMPLES = 50_000
-"""More samples do so too, and derivatives are then good enough."""
 
 
 class LawDiscovery:
@@ -116,14 +114,15 @@ class LawDiscovery:
                 raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
             library, known = with_base(library, known, self.order, trials)
         structure = ModelStructure(self.order, library, known, self.universal)
-        method = self.method or default_method(trials, structure)
+        method, instead = (self.method, ()) if self.method else _default(trials, structure)
         trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
         with one_blas_thread():
             law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
-        self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain))
+        outcomes = (*law.outcomes, *instead)
+        self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
         return self
 
     def predict(self, trials: Trials) -> "Forecast":
@@ -182,15 +181,28 @@ _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:
     """Return the method that is used when none is named.
 
-    `TrajectoryLikelihood`, but `DerivativeRegression` for streams, for more than 50 000 samples and for more than 70
-    terms, and `DiscreteTimeRegression` for laws in discrete time.
+    `TrajectoryLikelihood`, but `DerivativeRegression` for streams, for more than 70 terms and for so many objects that
+    less than 200 samples of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
     """
+    return _default(trials, structure)[0]
+
+
+def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
+    """Return the method that is used when none is named, and what to know if it is another than most are found by."""
     if structure.order == 0:
-        return DiscreteTimeRegression()
-    many = isinstance(trials, TrialStream) or sum(map(len, trials)) > _MANY_SAMPLES
-    return (
-        DerivativeRegression() if many or len(structure.terms(trials.schema)) > _MANY_TERMS else TrajectoryLikelihood()
-    )
+        return DiscreteTimeRegression(), ()
+    terms = len(structure.terms(trials.schema))
+    if isinstance(trials, TrialStream):
+        why = "trials came from a stream"
+    elif terms > _MANY_TERMS:
+        why = f"{terms} terms are too many for the likelihood of trajectories"
+    elif not can_be_carried(trials):
+        why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
+    else:
+        return TrajectoryLikelihood(), ()
+    text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
+    remedy = "offer fewer terms or take fewer objects, or refine the law: commonlaw.refine(law, trials)"
+    return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
 
 
 def _with_copies(law: Law, trials: Trials | TrialStream) -> Law:

@@ -12,6 +12,7 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
+    MOST_SAMPLES,
     PATH,
     CovarianceKind,
     ErrorKind,
@@ -32,6 +33,7 @@ from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.validation import check_whole_number
 from commonlaw.wording import counted
 
 _FACTORS, _ARRAYS = 6, 20
@@ -74,6 +76,9 @@ class TrajectoryLikelihood(AbstractMethod):
     solver
         Whose path lists the candidates of each equation, or its text such as ``"best-subset"``; it has no value of its
         hyperparameter, as the evidence chooses. Default: best subset selection.
+    max_samples
+        Of more samples so many are fitted, and the law says so: thinned as far as these still tell noise from motion,
+        and if that is not enough, in segments spread over the trials of each object. All of them tell the noise.
     seed
         Of the bootstrap.
 
@@ -95,9 +100,11 @@ class TrajectoryLikelihood(AbstractMethod):
     covariance: CovarianceKind = "likelihood"
     partial_pooling: bool = True
     solver: AbstractSolver | str | None = None
+    max_samples: int = MOST_SAMPLES
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_whole_number("max_samples", self.max_samples, 100, 10**9)
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
         check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))
         check_choice("input_between", self.input_between, ("auto", *BETWEEN))
@@ -144,7 +151,7 @@ class TrajectoryLikelihood(AbstractMethod):
     def _search(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence."""
         terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
-        _check_effort(trials, len(terms))
+        _check_effort(trials, len(terms), self.max_samples)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
         return search_supports(
             trials,
@@ -153,13 +160,14 @@ class TrajectoryLikelihood(AbstractMethod):
             solver=parsed(self.solver, parse_solver) or PATH,
             noise=known_noise(self.noise, trials),
             huber_threshold=self.huber_threshold,
+            most_samples=self.max_samples,
             progress=progress,
         )
 
 
-def _check_effort(trials: Trials, terms: int) -> None:
+def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:
     """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
-    objects, samples = len(trials.objects), sum(map(len, trials))
+    objects, samples = len(trials.objects), min(sum(map(len, trials)), most_samples)
     of = f"{counted(len(trials), 'trial')} of {counted(objects, 'object')} with {counted(terms, 'term')}"
     what = f"the trajectory likelihood of {of}"
     size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)

@@ -9,10 +9,11 @@ from commonlaw.array_types import Bools
 from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_in
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.trajectories import FunctionModel
+from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_course import on_course
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.refinement import known_coefficients, of_objects
-from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
 from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.library import Terms

@@ -5,17 +5,20 @@ from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidat
 from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
+from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import fit_supports
-from commonlaw.inference.search_problem import known_noise, prepare
+from commonlaw.inference.search_problem import prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
     "HUBER_THRESHOLD",
+    "MOST_SAMPLES",
     "PATH",
     "CandidateLaw",
     "CovarianceKind",
@@ -23,6 +26,7 @@ __all__ = [
     "LawSearch",
     "adapt",
     "best_course",
+    "can_be_carried",
     "candidate_law",
     "candidate_laws",
     "candidates_in_turn",

@@ -9,8 +9,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference.evidence import minus_twice_log_evidence
+from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
-from commonlaw.inference.search_problem import SearchProblem, noise_floor, spread
+from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]

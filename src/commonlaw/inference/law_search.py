@@ -58,6 +58,7 @@ def search_supports(
     solver: AbstractSolver,
     noise: Floats | None,
     huber_threshold: float,
+    most_samples: int,
     progress: ProgressCallback,
 ) -> LawSearch:
     """Search for the supports of largest evidence.
@@ -74,6 +75,8 @@ def search_supports(
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    most_samples
+        Samples that are fitted at most, see `prepare`.
     progress
         Takes what is being done.
 
@@ -83,7 +86,15 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    problem = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
+    problem = prepare(
+        trials,
+        frame.terms,
+        frame.order,
+        known,
+        noise=noise,
+        huber_threshold=huber_threshold,
+        most_samples=most_samples,
+    )
     found = search(problem, solver, progress)
     while found[0].has_model_error:  # As a coarse mesh looks, too
         # The random walk is to be the same in twice as many steps

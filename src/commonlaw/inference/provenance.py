@@ -65,6 +65,7 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
                 "summary",
             )
         )
+    found += outcomes_of_samples(problem)
     found += [
         Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
@@ -84,12 +85,28 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
     return tuple(found)
 
 
+def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
+    """Return what to know of a law that was fitted to some of the samples."""
+    if not problem.samples:
+        return ()
+    text = f"fitted were {problem.samples}; all of them told the noise"
+    remedy = "coefficients would be more accurate by all: method=TrajectoryLikelihood(max_samples=...) takes more"
+    return (Outcome(OutcomeKind.SAMPLES, "", text, remedy),)
+
+
+def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
+    """Return which samples were fitted, if these are not all."""
+    why = "as many as the likelihood of trajectories carries"
+    return (Step("samples", problem.samples, why),) if problem.samples else ()
+
+
 def history(
     law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedSupport]]
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order."""
     mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
     steps = [
+        *sample_steps(problem),
         noise_step(problem),
         Step(
             "library",

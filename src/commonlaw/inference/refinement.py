@@ -10,13 +10,14 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
-from commonlaw.inference.provenance import fit_steps, noise_step
+from commonlaw.inference.provenance import fit_steps, noise_step, outcomes_of_samples, sample_steps
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
-from commonlaw.inference.search_problem import SearchProblem, known_noise, prepare
+from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
@@ -122,8 +123,14 @@ def refine(
     if errors != "auto" or objection(found.problem, found.state):
         found = with_errors_of_law(found, kinds, progress)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
-    history = (*law.history, *steps, noise_step(found.problem), *fit_steps(found.problem, found.state))
-    provenance = replace(law.provenance, history=history, calls=calls, domain=Domain.of(trials, law.rates))
+    chosen = *steps, *sample_steps(found.problem), noise_step(found.problem), *fit_steps(found.problem, found.state)
+    provenance = replace(
+        law.provenance,
+        outcomes=(*law.outcomes, *outcomes_of_samples(found.problem)),
+        history=(*law.history, *chosen),
+        calls=calls,
+        domain=Domain.of(trials, law.rates),
+    )
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search import SearchState
-from commonlaw.inference.search_problem import SearchProblem, noise_floor
+from commonlaw.inference.search_problem import SearchProblem
 
 _GAIN = 10.0
 """What another error must gain in twice the log-likelihood, beside its price: very strong evidence (Kass and Raftery

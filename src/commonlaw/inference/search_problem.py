@@ -1,15 +1,16 @@
 """What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation import RobustSpline, noise_level
+from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import refuse_constant_states
+from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, parabola
+from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.library import Terms
 from commonlaw.likelihood import (
@@ -23,16 +24,8 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
-from commonlaw.trials import Schema, Trial, Trials
-from commonlaw.trials.headers import find_name
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
-
-FLOOR = 1e-4
-"""Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
-exactly than the steps of a law are integrated here."""
-
-_MULTIPLE = 1e-3
-"""Differences that are so near to multiples of a step are multiples."""
 
 _PRIOR = 2.0
 """Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
@@ -50,7 +43,8 @@ class SearchProblem:
     measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
     `first_noise` is that before any law, which stays if it was given.
     Coefficients that are known have shape (objects,
-    equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step.
+    equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
+    `samples` say which of all are fitted, nothing if all are.
     """
 
     trials: Trials
@@ -65,6 +59,7 @@ class SearchProblem:
     noise_given: bool
     points: int = 1
     errors: ErrorModel = NO_ERRORS
+    samples: str = ""
 
     @property
     def allowed(self) -> Bools:
@@ -87,7 +82,7 @@ class SearchProblem:
     @property
     def tells_noise(self) -> bool:
         """Whether some trial is so long that differences of its samples tell the noise of a state."""
-        return any(np.isfinite(trial.states).sum(axis=0).max() >= _WAYS[0][0] for trial in self.trials)
+        return any(np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials)
 
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
         """Return the problem of some of the objects alone, with the same errors."""
@@ -205,6 +200,7 @@ def prepare(
     *,
     noise: Floats | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
+    most_samples: int = MOST_SAMPLES,
 ) -> SearchProblem:
     """Return the problem of finding a law of these trials.
 
@@ -222,6 +218,8 @@ def prepare(
         Standard deviation of each state, shape (d,), if it is known, see `known_noise`; by default it is estimated.
     huber_threshold
         Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
+    most_samples
+        Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
 
     Raises
     ------
@@ -231,14 +229,16 @@ def prepare(
     """
     scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
     trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
-    groups = [trials.of_object(name) for name in trials.objects]
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
     refuse_constant_states(extremes, trials.schema)
-    curves = [[_curves(trial, order) for trial in group] for group in groups]
     given = noise is not None
-    noise, reason = _noise(trials) if noise is None else (noise, "as given")
+    noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
     levels = np.maximum(noise, FLOOR * scale if given else noise_floor(trials))
+    carried = as_many_as_are_carried(trials, levels, most_samples)
+    trials = carried.trials
+    groups = [trials.of_object(name) for name in trials.objects]
+    curves = [[_curves(trial, order) for trial in group] for group in groups]
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
@@ -252,69 +252,24 @@ def prepare(
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(states for states, _ in own) for own in curves)
     problem = SearchProblem(
-        trials, tuple(models), tuple(starts), smooth, measured, levels, reason, known, levels, given
+        trials,
+        tuple(models),
+        tuple(starts),
+        smooth,
+        measured,
+        levels,
+        reason,
+        known,
+        levels,
+        given,
+        samples=carried.words,
     )
-    return problem.with_errors(levels, NO_ERRORS, reason + _by_columns(trials.schema))
-
-
-def noise_floor(trials: Trials) -> Floats:
-    """Return what the noise of each state is at least, shape (d,): a small share of it, or that of rounded values.
-
-    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
-    """
-    columns = np.concatenate([trial.states for trial in trials]).T
-    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
-    steps = [_step(column[np.isfinite(column)]) for column in columns]
-    return np.asarray(np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12)))
-
-
-def _step(values: Floats) -> float:
-    """Return the step of which all differences of values are multiples, 0 if there is none."""
-    different = np.unique(values)
-    if len(different) < 3:
-        return 0.0
-    step = float(np.diff(different).min())
-    multiples = (different - different[0]) / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE) else 0.0
+    return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
 
 
 def spread(count: int, most: int) -> list[int]:
     """Return the indices of at most so many of a number of things, evenly spread."""
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
-
-
-def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
-    """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
-
-    Of states whose measurements have standard deviations of their own it is the median of these; None if nothing is
-    known of any state.
-
-    Raises
-    ------
-    CommonlawError
-        If a state has none while others have, or two; a name is not a state, or a value is not positive.
-    """
-    states, columns = trials.schema.states, trials.schema.noise_columns
-    if noise is None and not columns:
-        return None
-    noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
-    for name, level in noise.items():
-        if not (np.isfinite(level) and level > 0):
-            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
-        if name in columns:
-            raise CommonlawError(f"the noise of {name!r} is given twice, and in column {columns[name]!r}: give it once")
-    each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
-    noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
-    missing = [name for name in states if name not in noise]
-    if missing:
-        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
-    return np.array([noise[name] for name in states], dtype=np.float64)
-
-
-def _by_columns(schema: Schema) -> str:
-    """Return what columns noise is given by, if by any, as the end of a sentence."""
-    columns = ", ".join(f"{state} by {column}" for state, column in schema.noise_columns.items())
-    return f" for each measurement, {columns}; their median" if columns else ""
 
 
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
@@ -326,47 +281,12 @@ def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
             rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
             columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
         elif seen.sum() > 1:
-            curve = _parabola(trial.times[seen], column[seen])
+            curve = parabola(trial.times[seen], column[seen])
             columns.append([curve.deriv(k)(trial.times) for k in range(order + 1)])
         else:
             raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
     curves = [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
     return np.column_stack(curves[:order]), curves[order]
-
-
-def _parabola(times: Floats, values: Floats) -> Polynomial:
-    return Polynomial.fit(times, values, min(2, len(times) - 1))
-
-
-def _scatter(times: Floats, values: Floats) -> float:
-    return float(np.sum((values - _parabola(times, values)(times)) ** 2)) / (len(times) - 3)
-
-
-_GIVE = "; known noise is given by noise={{{0!r}: ...}}"
-_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
-    (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
-    (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
-    (2, 0, lambda _, x: (0.05 * float(np.std(x))) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
-)
-"""How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
-
-
-def _noise(trials: Trials) -> tuple[Floats, str]:
-    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from."""
-    squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
-    reasons = []
-    for j, name in enumerate(trials.schema.states):
-        pairs = [(trial.times, trial.states[:, j]) for trial in trials]
-        measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
-        counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
-        if not any(counts):
-            raise CommonlawError(f"the state {name!r} changes within no trial: take its column as a property instead")
-        least, spent, variance, reason = next((way for way in _WAYS if max(counts) >= way[0]), _WAYS[-1])
-        for i, count in enumerate(counts):
-            if count >= least:
-                squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
-        reasons.append(reason.format(name))
-    return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))
 
 
 def _first(terms: Terms, group: Sequence[Trial], curves: Sequence[tuple[Floats, Floats]], known: Floats) -> Floats:

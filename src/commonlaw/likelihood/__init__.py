@@ -5,12 +5,13 @@ from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit, without_states
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.linearization import Linearization, linearize, whitened
-from commonlaw.likelihood.mesh import Mesh, interpolate, meshes
+from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel
 
 __all__ = [
     "HUBER_THRESHOLD",
+    "LONGEST_MESH",
     "NO_ERRORS",
     "ErrorModel",
     "Estimate",

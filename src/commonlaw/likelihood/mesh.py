@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.integration import Inputs
 from commonlaw.trials import Trial
 
-_POINTS = 4000
+LONGEST_MESH = 4000
 """Points that are worked on together; longer segments would leave the cache and fill memory."""
 
 
@@ -94,7 +94,9 @@ class Mesh:
         return np.isfinite(self.measured)
 
 
-def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS, input_between: str = "linear") -> list[Mesh]:
+def meshes(
+    trials: Sequence[Trial], points: int = 1, most: int = LONGEST_MESH, input_between: str = "linear"
+) -> list[Mesh]:
     """Return the meshes of an object's trials.
 
     Parameters
@@ -114,7 +116,7 @@ def meshes(trials: Sequence[Trial], points: int = 1, most: int = _POINTS, input_
     ]
 
 
-def interpolate(values: Sequence[Floats], points: int = 1, most: int = _POINTS) -> list[Floats]:
+def interpolate(values: Sequence[Floats], points: int = 1, most: int = LONGEST_MESH) -> list[Floats]:
     """Return values at the samples of trials, each of shape (samples, columns), on the meshes of these trials.
 
     Between samples they lie on straight lines.

@@ -1,0 +1,109 @@
+"""How noisy measurements are before any law is known: as given, or by the samples alone."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import noise_level
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.headers import find_name
+
+FLOOR = 1e-4
+"""Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
+exactly than the steps of a law are integrated here."""
+
+_MULTIPLE = 1e-3
+"""Differences that are so near to multiples of a step are multiples."""
+
+
+def noise_floor(trials: Trials) -> Floats:
+    """Return what the noise of each state is at least, shape (d,): a small share of it, or that of rounded values.
+
+    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
+    """
+    columns = np.concatenate([trial.states for trial in trials]).T
+    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    steps = [_step(column[np.isfinite(column)]) for column in columns]
+    return np.asarray(np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12)))
+
+
+def _step(values: Floats) -> float:
+    """Return the step of which all differences of values are multiples, 0 if there is none."""
+    different = np.unique(values)
+    if len(different) < 3:
+        return 0.0
+    step = float(np.diff(different).min())
+    multiples = (different - different[0]) / step
+    return step if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE) else 0.0
+
+
+def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
+    """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
+
+    Of states whose measurements have standard deviations of their own it is the median of these; None if nothing is
+    known of any state.
+
+    Raises
+    ------
+    CommonlawError
+        If a state has none while others have, or two; a name is not a state, or a value is not positive.
+    """
+    states, columns = trials.schema.states, trials.schema.noise_columns
+    if noise is None and not columns:
+        return None
+    noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
+    for name, level in noise.items():
+        if not (np.isfinite(level) and level > 0):
+            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
+        if name in columns:
+            raise CommonlawError(f"the noise of {name!r} is given twice, and in column {columns[name]!r}: give it once")
+    each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
+    noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
+    missing = [name for name in states if name not in noise]
+    if missing:
+        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
+    return np.array([noise[name] for name in states], dtype=np.float64)
+
+
+def by_columns(schema: Schema) -> str:
+    """Return what columns noise is given by, if by any, as the end of a sentence."""
+    columns = ", ".join(f"{state} by {column}" for state, column in schema.noise_columns.items())
+    return f" for each measurement, {columns}; their median" if columns else ""
+
+
+def parabola(times: Floats, values: Floats) -> Polynomial:
+    return Polynomial.fit(times, values, min(2, len(times) - 1))
+
+
+def _scatter(times: Floats, values: Floats) -> float:
+    return float(np.sum((values - parabola(times, values)(times)) ** 2)) / (len(times) - 3)
+
+
+_GIVE = "; known noise is given by noise={{{0!r}: ...}}"
+NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
+    (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
+    (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
+    (2, 0, lambda _, x: (0.05 * float(np.std(x))) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
+)
+"""How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
+
+
+def estimated_noise(trials: Trials) -> tuple[Floats, str]:
+    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from."""
+    squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
+    reasons = []
+    for j, name in enumerate(trials.schema.states):
+        pairs = [(trial.times, trial.states[:, j]) for trial in trials]
+        measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
+        counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
+        if not any(counts):
+            raise CommonlawError(f"the state {name!r} changes within no trial: take its column as a property instead")
+        least, spent, variance, reason = next((way for way in NOISE_WAYS if max(counts) >= way[0]), NOISE_WAYS[-1])
+        for i, count in enumerate(counts):
+            if count >= least:
+                squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
+        reasons.append(reason.format(name))
+    return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))
