@@ -209,6 +209,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def to_script(self, path: "str | Source" = "trials.csv") -> str:
         """Return a Python program that finds this law again in the table of its trials.
 
+        A law's file may come from a stranger: the program holds calls of commonlaw with plain values only, and a line
+        for each recorded step that is something else.
+
         Parameters
         ----------
         path
@@ -227,7 +230,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
         equations = self.structure() if self.shared else ()
         source = path if isinstance(path, Source) else Source(path)
-        return script(self.provenance.calls or [f"cl.fit({'; '.join(equations)!r}, trials)"], self.schema, source)
+        return script(self.provenance.calls, equations, self.schema, source)
 
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.

@@ -5,6 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any
 
+import numpy as np
+
+from commonlaw.law.calls import readable
 from commonlaw.trials import Schema
 
 _NOT_SAID = ("progress",)
@@ -70,11 +73,16 @@ def written(value: Any) -> str:
     if isinstance(value, list | tuple):
         inner = ", ".join(map(written, value))
         return f"[{inner}]" if isinstance(value, list) else f"({inner}{',' * (len(value) == 1)})"
-    return repr(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return written(value.tolist())
+    return f"float({str(value)!r})" if isinstance(value, float) and not np.isfinite(value) else repr(value)
 
 
-def script(calls: Sequence[str], schema: Schema, source: Source) -> str:
-    """Return a program that reads trials and makes a law by these calls, see `Law.to_script`."""
+def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, source: Source) -> str:
+    """Return a program that reads trials and makes a law by these calls, see `Law.to_script`.
+
+    Without calls, or where they cannot be used, it fits the equations.
+    """
     roles: dict[str, Any] = {
         "object": schema.object if schema.object != "object" else None,
         "trial": schema.trial if schema.trial != "trial" else None,
@@ -90,7 +98,7 @@ def script(calls: Sequence[str], schema: Schema, source: Source) -> str:
     read = f"cl.Trials.{reading}, {said})"
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
-    made = [f"law = {each}" for each in calls]
+    made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
     return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", f"print(law.verdict({judged}))", ""])
 
 
