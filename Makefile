@@ -4,9 +4,13 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS_STAMP := .venv/.docs-installed
 BENCH_STAMP := .venv/.bench-installed
+RELEASE_STAMP := .venv/.release-installed
+TRIED := build/release
 DEMO := demo
 DEMO_RUN := commonlaw discover --dataset linear-drag:noise=0.05:seed=1 --order 2 \
 	--save $(DEMO)/law.json --plot $(DEMO)/law.png
+
+RELEASE_RUN := bin/commonlaw discover --dataset linear-drag:noise=0.05:seed=1 --order 2 --method derivative-regression
 
 # The kernels gain nothing from threads of their own, and lose much when the cores are busy.
 export OMP_NUM_THREADS := 1
@@ -18,7 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
+.PHONY: help demo study layers docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost release-check clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -83,6 +87,18 @@ bench-discrepancy: $(STAMP) ## What laws leave unexplained: ten minutes; less wi
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)
 
+release-check: $(RELEASE_STAMP) ## Build wheel and sdist, check them, and find a law with each in an environment of its own: minutes
+	rm -rf dist $(TRIED)
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
+	@set -e; for built in dist/*; do \
+		echo "trying $$built"; $(BIN)/python -m venv --clear $(TRIED); \
+		$(TRIED)/bin/python -m pip install --quiet -c constraints.txt "$$built"; \
+		$(TRIED)/bin/commonlaw --version; \
+		$(TRIED)/$(RELEASE_RUN); \
+	done
+	@grep -n 'example\.org' pyproject.toml && echo "fill these addresses in before this is published" || true
+
 clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) report .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -93,6 +109,10 @@ $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 
 $(DOCS_STAMP): $(STAMP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
+	@touch $@
+
+$(RELEASE_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[release]'
 	@touch $@
 
 $(BENCH_STAMP): $(STAMP)

@@ -70,3 +70,5 @@ from .trials import (
     Trials as Trials,
     TrialStream as TrialStream,
 )
+
+__version__: str

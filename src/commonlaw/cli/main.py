@@ -8,6 +8,7 @@ from io import StringIO
 import click
 
 from commonlaw.cli.command import Commands
+from commonlaw import __version__
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
@@ -31,7 +32,7 @@ class _Commands(Commands):
 
 
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
-@click.version_option(package_name="commonlaw")
+@click.version_option(__version__, prog_name="commonlaw")
 def commonlaw() -> None:
     """Find the law that repeated, noisy experiments on several objects have in common.
 

@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 import pandas as pd
 
 from commonlaw.law.script import Source
+from commonlaw import __version__
 from commonlaw.report.document import Block, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import code
@@ -17,7 +18,7 @@ _SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation
 _ROUNDING = 1e-9
 """Share of a step."""
 
-_PACKAGES = ("commonlaw", "numpy", "scipy", "pandas", "matplotlib", "heyoka")
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "heyoka")
 
 
 def data_checks(case: LawCase) -> Section:
@@ -62,6 +63,7 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
 
 
 def _versions() -> Iterator[str]:
+    yield f"commonlaw {__version__}"
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):
             yield f"{name} {version(name)}"
