@@ -58,7 +58,7 @@ fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less
 	KILLS=20 $(BIN)/pytest -q tests/hostile/test_kills.py
 
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadgroup --durations 20 -m "not slow"
 
 slow: $(STAMP) ## Tests that take minutes each
 	$(BIN)/pytest -m slow
@@ -91,6 +91,8 @@ release-check: $(RELEASE_STAMP) ## Build wheel and sdist, check them, and find a
 	rm -rf dist $(TRIED)
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
+	@version=$$($(BIN)/commonlaw --version); grep -qF "## [$${version##* }]" CHANGELOG.md || \
+		{ echo "CHANGELOG.md has no part for $$version" >&2; exit 1; }
 	@set -e; for built in dist/*; do \
 		echo "trying $$built"; $(BIN)/python -m venv --clear $(TRIED); \
 		$(TRIED)/bin/python -m pip install --quiet -c constraints.txt "$$built"; \

@@ -59,6 +59,7 @@ def test_text_that_is_not_utf_8_is_refused_with_its_line():
         check_text("a", b"\n\xe9")
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes that have names")
 def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path, message in (

@@ -64,6 +64,7 @@ KEPT = {
 }
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes that have names")
 @pytest.mark.parametrize("kept", KEPT.values(), ids=KEPT)
 def test_what_a_parquet_file_says_of_its_columns_are_names_of_them(tmp_path, monkeypatch, kept):
     monkeypatch.chdir(tmp_path)
