@@ -7,8 +7,8 @@ from io import StringIO
 
 import click
 
-from commonlaw.cli.command import Commands
 from commonlaw import __version__
+from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams

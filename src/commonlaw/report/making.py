@@ -7,8 +7,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 import pandas as pd
 
-from commonlaw.law.script import Source
 from commonlaw import __version__
+from commonlaw.law.script import Source
 from commonlaw.report.document import Block, Section, Table, Text
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import code
