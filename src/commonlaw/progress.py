@@ -11,7 +11,73 @@ from commonlaw.notebooks import ProgressBar, in_notebook
 PATIENCE = 2.0
 """Seconds after which people want to know."""
 
+_TOLD = 0.02
+"""Share of the whole from which the time that was taken tells what is left."""
+
 ProgressCallback = Callable[[str], None]
+
+
+class Stage(str):
+    """The text of a step of work, and the share of the whole that is done when it begins."""
+
+    done: float
+
+    def __new__(cls, text: str, done: float) -> "Stage":
+        """Return a text with a share, from 0 to 1."""
+        stage = super().__new__(cls, text)
+        stage.done = done
+        return stage
+
+
+def part(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
+    """Return what takes the steps of a part of some work, from one share of it to another.
+
+    >>> shares = []
+    >>> part(lambda step: shares.append(step.done), 0.5, 0.9)(Stage("half of it", 0.5))
+    >>> shares
+    [0.7]
+    """
+    return lambda step: progress(Stage(step, begin + (end - begin) * getattr(step, "done", 0.0)))
+
+
+class Course:
+    """How far work has come: its step, how long it has taken, and what is left where steps say their share."""
+
+    def __init__(self) -> None:
+        self._began = monotonic()
+        self._done, self._done_after = 0.0, 0.0
+        self.step = ""
+
+    @property
+    def seconds(self) -> float:
+        """How long it has taken."""
+        return monotonic() - self._began
+
+    def take(self, step: str) -> None:
+        """Begin a step; its share may be smaller than one before, where work turns out to be more."""
+        self.step = step
+        if isinstance(step, Stage):
+            self._done, self._done_after = step.done, self.seconds
+
+    def __str__(self) -> str:
+        """Return the step in words, with the time and what is left."""
+        shown, seconds = in_line(self.step), self.seconds
+        if self._done < _TOLD:
+            return f"{shown} ({in_words(seconds)})".strip()
+        left = max(self._done_after / self._done - seconds, 0.0)
+        rest = f", about {in_words(left)} left" if left else ""
+        return f"{shown} ({in_words(seconds)}, {100 * self._done:.0f} % done{rest})".strip()
+
+
+def in_words(seconds: float) -> str:
+    """Return a length of time.
+
+    >>> in_words(7.2), in_words(200), in_words(9000)
+    ('7 s', '3 min', '2.5 h')
+    """
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.1f} h"
 
 
 def on_terminal() -> ProgressCallback:
@@ -24,12 +90,12 @@ def on_terminal() -> ProgressCallback:
     # Where standard error is closed there is none
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda _: None
-    began = monotonic()
+    course = Course()
 
     def tell(step: str) -> None:
-        seconds = monotonic() - began
-        if seconds > PATIENCE:
+        course.take(step)
+        if course.seconds > PATIENCE:
             with suppress(OSError):  # a terminal may be closed while work goes on
-                sys.stderr.write(f"commonlaw: {in_line(step)} ({seconds:.0f} s)\n")
+                sys.stderr.write(f"commonlaw: {course}\n")
 
     return tell

@@ -2,12 +2,12 @@
 
 import click
 
-from commonlaw.cli.command import command
+from commonlaw.cli.command import quick_command
 from commonlaw.cli.output import say
 from commonlaw.cli.paths import ReadFile
 
 
-@command
+@quick_command
 @click.argument("path", required=False, metavar="[FILE]", type=ReadFile())
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
 @click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")

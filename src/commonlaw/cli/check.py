@@ -5,10 +5,11 @@ from dataclasses import asdict
 import click
 
 from commonlaw.cli.command import command
-from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
-from commonlaw.files import write_all
+from commonlaw.cli.working import working
 
 
 @command
@@ -40,17 +41,15 @@ def check(law_path: str, source: Source, save: str | None, plot: str | None, as_
     with working("Checking ..."):
         trials = source.select(source.load(law.schema))
         found = law.residuals(trials)
-        outputs = {save: found.to_frame().to_csv(index=False).encode()} if save else {}
-        if plot:
-            from commonlaw.plots import plot_residuals, render
-
-            outputs[plot] = render(plot_residuals(found), plot)
-    write_all(outputs)
+        later = LaterSteps()
+        later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
+        later.draw(plot, lambda plots: plots.plot_residuals(found))
     if as_json:
         print_json({"patterns": [asdict(each) | {"significant": each.significant} for each in found.patterns]})
     else:
         print_frame(found.tests().drop(columns="meaning"))
         say(f"\n{found}")
-        for path in outputs:
+        for path in later.written:
             say(f"\nWrote {path}")
-    print_notes(found.trials.notes)
+    print_notes([*found.trials.notes, *later.failures])
+    later.end()

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from commonlaw.cli.paths import check_files
+from commonlaw.cli.working import verbose_option
 
 _OTHERS = "Options"
 """The heading of options that have none."""
@@ -17,8 +18,12 @@ class Command(click.Command):
 
     An option counts each time that it is given, or is refused where it has one value. Files that are to be written and
     cannot be, or are read too, are refused before anything is done. The help lists options by their headings; those
-    without one come last.
+    without one come last. A command that works can be asked to say at what.
     """
+
+    def __init__(self, *args: Any, works: bool = True, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.params += [verbose_option()] if works else []
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; an option of one value that is given twice is wrong usage."""
@@ -54,3 +59,8 @@ class Commands(click.Group):
 def command(function: Callable[..., None]) -> Command:
     """Make a command of a function."""
     return click.command(cls=Command)(function)
+
+
+def quick_command(function: Callable[..., None]) -> Command:
+    """Make a command of a function that is done at once."""
+    return click.command(cls=Command, works=False)(function)

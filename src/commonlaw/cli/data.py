@@ -17,7 +17,7 @@ def data() -> None:
     """Look at measurements before learning from them."""
 
 
-@data.command()
+@data.command(works=False)
 @with_source
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def check(source: Source, as_json: bool) -> None:
@@ -44,7 +44,7 @@ def check(source: Source, as_json: bool) -> None:
     print_notes(trials.notes)
 
 
-@data.command(name="list")
+@data.command(name="list", works=False)
 def list_() -> None:
     """List the data sets that --dataset knows, with their options and their sources."""
     from inspect import signature
@@ -56,7 +56,7 @@ def list_() -> None:
         say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 
-@data.command()
+@data.command(works=False)
 @with_source
 @click.option("--save", required=True, metavar="FILE", type=WrittenFile(), help="The table to write: .csv or .parquet.")
 def export(source: Source, save: str) -> None:

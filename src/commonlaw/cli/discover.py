@@ -1,10 +1,12 @@
 """`commonlaw discover`: from a table to a law."""
 
 from commonlaw.cli.command import command
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
-from commonlaw.cli.output import working
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
+from commonlaw.cli.working import working
+from commonlaw.progress import part
 
 
 @command
@@ -26,8 +28,12 @@ def discover(source: Source, question: Question, outputs: Outputs) -> None:
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
     with working("Discovering ...") as show:
-        trials = source.load()
+        show("reading the table")
+        trials, later = source.load(), LaterSteps()
         training = source.select(trials)
-        law = question.answer(training, show)
-        learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
-    outputs.give(learned)
+        law = question.answer(training, part(show, 0.05, 0.9))
+        outputs.keep(law, later)
+        law = question.explained(law, show, later)
+        show("checking the law by forecasts")
+        learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
+    outputs.give(learned, later)

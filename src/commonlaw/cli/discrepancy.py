@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from commonlaw.cli.command import command
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import numbers
-from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.working import working
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
@@ -84,19 +85,17 @@ def discrepancy(
         trials = source.select(source.load(law.schema))
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
-        outputs = {save: found.law.to_json().encode()} if save else {}
-        if plot:
-            from commonlaw.plots import plot_discrepancy, render
-
-            outputs[plot] = render(plot_discrepancy(found), plot)
-    write_all(outputs)
+        later = LaterSteps()
+        later.write(save, lambda: found.law.to_json().encode())
+        later.draw(plot, lambda plots: plots.plot_discrepancy(found))
     if as_json:
         print_json(_document(found))
     else:
         _show(found)
-        for path in outputs:
+        for path in later.written:
             say(f"\nWrote {path}")
-    print_notes([*trials.notes, *found.law.outcomes])
+    print_notes([*trials.notes, *found.law.outcomes, *later.failures])
+    later.end()
 
 
 def _zero(text: str) -> float | Literal["auto"] | None:

@@ -7,9 +7,10 @@ from dataclasses import replace
 import click
 
 from commonlaw.cli.command import command
-from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, say, working
+from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
-from commonlaw.files import write_all
+from commonlaw.cli.working import working
 
 
 @command
@@ -71,12 +72,9 @@ def explain(
             schema = replace(law.schema, units={**law.schema.units, **found.units})
             law = replace(law, properties=found.values, schema=schema)
         law = law.explain(_listed(names))
-        outputs = {save: law.to_json().encode()} if save else {}
-        if plot:
-            from commonlaw.plots import plot_relations, render
-
-            outputs[plot] = render(plot_relations(law), plot)
-    write_all(outputs)
+        later = LaterSteps()
+        later.write(save, lambda: law.to_json().encode())
+        later.draw(plot, lambda plots: plots.plot_relations(law))
     if as_json:
         relations = law.relations().to_dict(orient="records")
         print_json({"law": json.loads(law.to_json()), "equations": list(law.equations()), "relations": relations})
@@ -87,9 +85,10 @@ def explain(
         print_frame(law.relations().dropna(axis=1, how="all"))
         if history:
             print_history(law)
-        for path in outputs:
+        for path in later.written:
             say(f"\nWrote {path}")
-    print_notes(law.outcomes)
+    print_notes([*law.outcomes, *later.failures])
+    later.end()
 
 
 def _listed(texts: Sequence[str]) -> list[str] | None:

@@ -1,24 +1,19 @@
 """`commonlaw fit`: from equations in mind and a table to a law."""
 
-import re
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from commonlaw.cli.command import command
+from commonlaw.cli.comparing import compared, load
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
 from commonlaw.cli.options import option
-from commonlaw.cli.output import working
 from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
-from commonlaw.errors import CommonlawError
-
-if TYPE_CHECKING:
-    from commonlaw.law import Law
-    from commonlaw.trials import Trials
+from commonlaw.cli.working import working
 
 
 @command
@@ -49,39 +44,16 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     """
     import commonlaw as cl
 
-    with working("Fitting ..."):
+    with working("Fitting ...") as show:
         other = cl.Law.load(against) if against else None
-        trials = _load(source, equations, other.schema.inputs if other else ())
+        later = LaterSteps()
+        trials = load(source, [equations], [other] if other else ())
         training = source.select(trials)
-        law = cl.fit(equations, training, **settings)
-        learned = Learned.check(law, source, trials, training, bands=bool(outputs.plot))
+        law = cl.fit(equations, training, **settings, progress=show)
+        outputs.keep(law, later)
+        learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:
-            learned = _compared(learned, {"fitted": law, against: other}, settings)
-    outputs.give(learned)
-
-
-def _compared(learned: Learned, laws: "dict[str, Law]", settings: dict[str, Any]) -> Learned:
-    """Return what was learned, beside other laws; if they cannot be compared, with the reason."""
-    from commonlaw.inference import compare
-
-    same = {name: settings[name] for name in ("noise", "errors", "huber_threshold") if name in settings}
-    try:
-        return replace(learned, compared=compare(laws, learned.training, **same))
-    except CommonlawError as error:
-        return replace(learned, lacking=(*learned.lacking, f"the laws were not compared: {error}"))
-
-
-def _load(source: Source, equations: str, more: Sequence[str]) -> "Trials":
-    """Return the trials, their columns in the roles that equations give them; more of them are inputs too."""
-    from commonlaw.library.equation import split_equations
-
-    trials, states = source.load(), tuple(each.state for each in split_equations(equations))
-    if source.dataset or source.states or {*states} == {*trials.schema.states}:
-        return trials
-    others = [name for name in trials.schema.states if name not in states]
-    inputs = tuple(name for name in others if name in more or _occurs(name, equations))
-    return replace(source, states=states, inputs=source.inputs or inputs).load()
-
-
-def _occurs(name: str, equations: str) -> bool:
-    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None
+            laws = {"fitted": law, against: other}
+            beside = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
+            learned = replace(learned, compared=beside)
+    outputs.give(learned, later)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from commonlaw.cli.comparing import print_compared
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import option, with_options
 from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
-from commonlaw.files import write_all
 from commonlaw.names import in_line
 from commonlaw.wording import counted
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from commonlaw.forecast import Forecast
     from commonlaw.law import Law
     from commonlaw.law.verdict import LawVerdict
+    from commonlaw.plots import Figure
     from commonlaw.trials import Trials
 
 _output = partial(option, "Output")
@@ -48,19 +50,24 @@ class Outputs:
     history: bool
     as_json: bool
 
-    def give(self, learned: "Learned") -> None:
+    def keep(self, law: "Law", later: LaterSteps) -> None:
+        """Write the law as it is so far."""
+        later.write(self.save, lambda: law.to_json().encode())
+
+    def give(self, learned: "Learned", later: LaterSteps) -> None:
         """Write the files and print the rest."""
-        outputs = learned.files(self.save, self.plot)
-        write_all(outputs)
+        self.keep(learned.law, later)
+        later.draw(self.plot, learned.figure)
         if self.as_json:
             print_json(learned.document())
         else:
             learned.show()
             if self.history:
                 print_history(learned.law)
-            for path in outputs:
+            for path in later.written:
                 say(f"Wrote {path}")
-        print_notes(learned.notes())
+        print_notes([*learned.notes(), *later.failures])
+        later.end()
 
 
 def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
@@ -87,22 +94,28 @@ class Learned:
     law: "Law"
     forecast: "Forecast | None"
     truth: "Law | None"
-    verdict: "LawVerdict"
+    verdict: "LawVerdict | None"
     start: int | None
     lacking: tuple[str, ...] = ()
     compared: "pd.DataFrame | None" = None
 
     @classmethod
-    def check(cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool) -> "Learned":
+    def check(
+        cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool, later: LaterSteps
+    ) -> "Learned":
         """Return a law with forecasts, and their bands if wanted, see `checked_forecast`."""
         from commonlaw.datasets import truth_of
         from commonlaw.verdict import checked_forecast, checked_start
 
-        truth = truth_of(source.dataset) if source.dataset else None
-        verdict = law.verdict(trials, training)
-        forecast, lacking = checked_forecast(law, trials, training, bands)
-        law = replace(law, provenance=law.provenance.judged(verdict))
-        return cls(training, law, forecast, truth, verdict, checked_start(law, trials), lacking)
+        name, start = source.dataset, checked_start(law, trials)
+        truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
+        verdict = later.take("the law was not judged", lambda: law.verdict(trials, training), None)
+        unchecked: tuple[Forecast | None, tuple[str, ...]] = None, ()
+        checking = partial(checked_forecast, law, trials, training, bands)
+        forecast, lacking = later.take("the law was not checked by forecasts, nor drawn", checking, unchecked)
+        if verdict is not None:
+            law = replace(law, provenance=law.provenance.judged(verdict))
+        return cls(training, law, forecast, truth, verdict, start, lacking)
 
     @property
     def forecast_of(self) -> str:
@@ -111,16 +124,9 @@ class Learned:
 
         return "training" if self.forecast and is_of_training(self.forecast, self.training) else "held out"
 
-    def files(self, save: str | None, plot: str | None) -> dict[str, bytes]:
-        """Return the contents of the files to write, all made before the first is written."""
-        outputs = {}
-        if save:
-            outputs[save] = self.law.to_json().encode()
-        if plot and self.forecast:
-            from commonlaw.plots import plot_law, render
-
-            outputs[plot] = render(plot_law(self.law, self.forecast, truth=self.truth), plot)
-        return outputs
+    def figure(self, plots: Any) -> "Figure | None":
+        """Return a figure of the law and its forecasts, if there are any."""
+        return plots.plot_law(self.law, self.forecast, truth=self.truth) if self.forecast else None
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
@@ -144,9 +150,7 @@ class Learned:
             if "2 log B" in candidates:
                 say(f"\n{BAYES_FACTOR}.")
         if self.compared is not None:
-            say("\nEvidence from the same measurements:\n")
-            print_frame(self.compared)
-            say(f"\n{BAYES_FACTOR}.")
+            print_compared(self.compared)
         kind, learned = "held-out trial", ""
         if self.forecast_of == "training":
             later = self.forecast and sum(map(len, self.forecast.trials)) > sum(map(len, training))
@@ -156,7 +160,8 @@ class Learned:
                 f"\nForecasts of {counted(len(self.forecast.trials), kind)}{learned}, each from {self._begin}: "
                 f"R^2 = {self.forecast.score():.5g}"
             )
-        say(f"\n{self.verdict}")
+        if self.verdict:
+            say(f"\n{self.verdict}")
 
     @property
     def _begin(self) -> str:
@@ -179,7 +184,8 @@ class Learned:
                 "errors": forecast.errors().to_dict(orient="records"),
             },
             "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
-            "verdict": asdict(self.verdict) | {"usable": self.verdict.usable, "sentences": self.verdict.sentences},
+            "verdict": self.verdict
+            and asdict(self.verdict) | {"usable": self.verdict.usable, "sentences": self.verdict.sentences},
             "notes": list(self.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
         }

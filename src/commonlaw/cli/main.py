@@ -14,7 +14,20 @@ from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
 from commonlaw.errors import CommonlawError
 
-_COMMANDS = ("discover", "fit", "refine", "predict", "explain", "check", "discrepancy", "report", "app", "show", "data")
+_COMMANDS = (
+    "discover",
+    "fit",
+    "compare",
+    "refine",
+    "predict",
+    "explain",
+    "check",
+    "discrepancy",
+    "report",
+    "app",
+    "show",
+    "data",
+)
 
 
 class _Commands(Commands):
@@ -44,6 +57,7 @@ def commonlaw() -> None:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 --save law.json
       commonlaw fit "height'' = -9.81 - c v" drops.csv --object ball --trial drop --time t
+      commonlaw compare drops.csv "height'' = -g" "height'' = -g - c v" --object ball --trial drop --time t
       commonlaw predict law.json drops.csv
       commonlaw explain law.json --property diameter,mass
       commonlaw check law.json drops.csv --plot residuals.png

@@ -1,6 +1,6 @@
 """The options that say how a law is found: one group for each method, in the words of the library."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from commonlaw.cli.options import numbers, option, with_options
+from commonlaw.cli.options import Decorator, numbers, option, with_options
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -29,7 +29,7 @@ _REGRESSIONS = (
 _likelihood = partial(option, _LIKELIHOOD)
 _regression, _derivative, _weak = (partial(option, heading) for heading in _REGRESSIONS)
 
-_LIKELIHOOD_OPTIONS = (
+_ERROR_OPTIONS = (
     _likelihood(
         "--positive",
         metavar="STATE",
@@ -64,6 +64,10 @@ _LIKELIHOOD_OPTIONS = (
         default=4.0,
         help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
     ),
+)
+
+_LIKELIHOOD_OPTIONS = (
+    *_ERROR_OPTIONS,
     _likelihood(
         "--covariance",
         type=click.Choice(["likelihood", "bootstrap"]),
@@ -167,14 +171,20 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
     return with_options(wrapped, (_METHOD, *_LIKELIHOOD_OPTIONS, *_REGRESSION_OPTIONS))
 
 
-def with_likelihood(command: Callable[..., None]) -> Callable[..., None]:
+def with_likelihood(
+    command: Callable[..., None], options: Sequence[Decorator] = _LIKELIHOOD_OPTIONS
+) -> Callable[..., None]:
     """Add the likelihood's options to a command; it receives those that are given as `settings`."""
 
     @wraps(command)
     def wrapped(**values: Any) -> None:
         command(settings=_given(values, _LIKELIHOOD), **values)
 
-    return with_options(wrapped, _LIKELIHOOD_OPTIONS)
+    return with_options(wrapped, options)
+
+
+with_comparison = partial(with_likelihood, options=_ERROR_OPTIONS)
+"""Adds those of them that say what errors are: all that concerns evidence."""
 
 
 def _given(values: dict[str, Any], *headings: str) -> dict[str, Any]:

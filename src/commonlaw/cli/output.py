@@ -93,16 +93,17 @@ def print_notes(notes: Iterable[object]) -> None:
 
 
 @contextmanager
-def working(text: str) -> Iterator[Callable[[str], None]]:
-    """Show on a terminal that something is going on; yields what takes the text of each step."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
+def changing_line(words: Callable[[], str]) -> Iterator[None]:
+    """Show one line on the terminal of stderr that says, each time that it is drawn, what these words are."""
     from rich.console import Console
     from rich.text import Text
 
-    with Console(stderr=True).status(text) as status:
-        yield lambda step: status.update(Text(in_line(f"{text} {step}")))
+    class Words:
+        def __rich__(self) -> Text:
+            return Text(words())
+
+    with Console(stderr=True).status(Words()):
+        yield
 
 
 def _finite(value: Any) -> Any:

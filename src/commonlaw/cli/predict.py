@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from commonlaw.cli.command import command
-from commonlaw.cli.output import print_frame, print_json, print_notes, say, working
+from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.working import working
 from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
@@ -98,22 +99,18 @@ def predict(
             discrepancy=discrepancy,
         )
         errors = forecast.errors()
-        outputs = {}
-        if save:
-            outputs[save] = forecast.to_frame().to_csv(index=False).encode()
-        if plot:
-            from commonlaw.plots import plot_forecast, render
-
-            outputs[plot] = render(plot_forecast(forecast), plot)
-    write_all(outputs)
+        later = LaterSteps()
+        later.write(save, lambda: forecast.to_frame().to_csv(index=False).encode())
+        later.draw(plot, lambda plots: plots.plot_forecast(forecast))
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
         print_frame(errors.dropna(axis=1, how="all"))
         say(f"R^2 of all forecasts: {forecast.score():.5g}")
-        for path in outputs:
+        for path in later.written:
             say(f"Wrote {path}")
-    print_notes([*forecast.trials.notes, *forecast.outcomes])
+    print_notes([*forecast.trials.notes, *forecast.outcomes, *later.failures])
+    later.end()
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:

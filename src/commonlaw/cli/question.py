@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_method
 from commonlaw.cli.options import numbers, option, with_options
 from commonlaw.cli.paths import ReadLaw, is_law_file
@@ -69,7 +70,7 @@ class Question:
         """Return the law of trials; `show` takes the text of each step."""
         import commonlaw as cl
 
-        law = cl.discover(
+        return cl.discover(
             training,
             order=self.order,
             library=self.library,
@@ -78,10 +79,13 @@ class Question:
             universal=[_key(name) for name in self.universal],
             progress=show,
         )
-        if self.explain:
-            show("explaining coefficients")
-            law = law.explain()
-        return law
+
+    def explained(self, law: "Law", show: Callable[[str], None], later: LaterSteps) -> "Law":
+        """Return the law with what decides its coefficients if that is asked for and can be said."""
+        if not self.explain:
+            return law
+        show("explaining coefficients")
+        return later.take("the coefficients were not explained", law.explain, law)
 
 
 def with_question(command: Callable[..., None]) -> Callable[..., None]:

@@ -5,11 +5,12 @@ from typing import Any
 import click
 
 from commonlaw.cli.command import command
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.output import print_history, print_notes, say, working
+from commonlaw.cli.output import print_history, print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.source import Source, with_source
-from commonlaw.files import write_all
+from commonlaw.cli.working import working
 
 
 @command
@@ -32,14 +33,15 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
     import commonlaw as cl
 
     law = cl.Law.load(law_path)
-    with working("Refining ..."):
+    with working("Refining ...") as show:
         trials = source.select(source.load(law.schema))
-        law = cl.refine(law, trials, **settings)
-        outputs = {save: law.to_json().encode()} if save else {}
-    write_all(outputs)
+        law = cl.refine(law, trials, **settings, progress=show)
+        later = LaterSteps()
+        later.write(save, lambda: law.to_json().encode())
     say(str(law))
     if history:
         print_history(law)
-    for path in outputs:
+    for path in later.written:
         say(f"\nWrote {path}")
-    print_notes([*trials.notes, *law.outcomes])
+    print_notes([*trials.notes, *law.outcomes, *later.failures])
+    later.end()

@@ -3,19 +3,24 @@
 import shlex
 import sys
 
+import click
+
 from commonlaw.cli.command import command
+from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import in_options, option
-from commonlaw.cli.output import say, working
+from commonlaw.cli.output import print_notes, say
 from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
-from commonlaw.files import write_whole
+from commonlaw.cli.working import working
+from commonlaw.progress import part
 
 
 @command
 @with_training_source
 @with_question
 @option("Output", "--out", metavar="REPORT.html", type=WrittenFile(), default="report.html", help="The page to write.")
+@option("Output", "--save", metavar="LAW.json", type=WrittenFile(), help="Write the law that is found.")
 @option(
     "Output",
     "--law",
@@ -24,7 +29,7 @@ from commonlaw.files import write_whole
     type=ReadFile(),
     help="A saved law to report on; nothing is learned then.",
 )
-def report(source: Source, question: Question, out: str, law_path: str | None) -> None:
+def report(source: Source, question: Question, out: str, save: str | None, law_path: str | None) -> None:
     """Find the law that the objects in FILE share, and write a page that says all about it.
 
     The page needs nothing else: it opens offline, on a phone too, and prints. It has the verdict and the law as a
@@ -40,14 +45,30 @@ def report(source: Source, question: Question, out: str, law_path: str | None) -
     from commonlaw.law import Law
     from commonlaw.report import check_packages, law_report, to_page
 
+    if save and law_path:
+        raise click.UsageError("--save writes the law that is found, and with --law none is looked for: leave one out")
     check_packages()
     with working("Reporting ...") as show:
         law = Law.load(law_path) if law_path else None
         trials = source.load(law.schema if law else None)
         training = source.select(trials)
-        law = question.answer(training, show) if law is None else law
+        later = LaterSteps()
+        if law is None:
+            law = question.answer(training, part(show, 0.0, 0.5))
+            later.write(save, law.to_json().encode)
+            law = question.explained(law, show, later)
+            later.write(save, law.to_json().encode)
         command = shlex.join(["commonlaw", *sys.argv[1:]])
-        made = law_report(law, trials, training, command, source.path or "", in_options, show)
-        page = to_page(made, lambda name: show(f"drawing {name}"))
-    write_whole(out, page)
-    say(f"Wrote {out}")
+
+        def page() -> bytes:
+            made = law_report(law, trials, training, command, source.path or "", in_options, show)
+            return to_page(made, lambda name: show(f"drawing {name}"))
+
+        later.write(out, page)
+    made = out in later.written
+    if not made:
+        say(str(law))
+    for path in later.written:
+        say(f"Wrote {path}")
+    print_notes(later.failures if made else ())
+    later.end(*(() if made else later.failures))

@@ -2,13 +2,13 @@
 
 import click
 
-from commonlaw.cli.command import command
+from commonlaw.cli.command import quick_command
 from commonlaw.cli.output import print_frame, print_history, say
 from commonlaw.cli.paths import ReadFile
 from commonlaw.names import in_line
 
 
-@command
+@quick_command
 @click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
 @click.option("--object", "name", metavar="NAME", help="Only this object.")

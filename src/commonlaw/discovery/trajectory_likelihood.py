@@ -29,7 +29,7 @@ from commonlaw.inference import (
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
-from commonlaw.progress import ProgressCallback
+from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
@@ -40,6 +40,11 @@ _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
 
 _SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.3, 1e-2, 5e-4
+
+
+_SEARCH, _SEARCH_OF_MANY, _CHOSEN = 0.75, 0.2, 0.9
+"""Shares of the time after which terms are found, if white noise is enough, and if errors are to be estimated; and
+after which the law is chosen. They are only shown, while it works."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +129,7 @@ class TrajectoryLikelihood(AbstractMethod):
         trials = with_logarithms(trials, self.positive)
         trials = on_course(trials, "linear" if self.input_between == "auto" else self.input_between)
         kinds = error_kinds(self.errors, trials.schema)
-        found, steps = self._search(trials, structure, progress), list[Step]()
+        found, steps = self._search(trials, structure, part(progress, 0.0, _SEARCH)), list[Step]()
         if chosen:
             progress("comparing courses of inputs between samples")
             steps = [best_course(found.problem, found.state)]
@@ -132,19 +137,19 @@ class TrajectoryLikelihood(AbstractMethod):
                 found = self._search(on_course(trials, steps[0].choice), structure, progress)
         odd = objection(found.problem, found.state) if self.errors == "auto" else "as asked for"
         if odd:
-            progress(f"{odd}: estimating errors with the law")
+            progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
             try:
                 other = DerivativeRegression().find(as_measured.without_noise(), structure, progress).support
             except CommonlawError:
                 other = None
-            found = with_error_models(found, other, kinds, progress)
+            found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, _CHOSEN))
         law = finish(
             found,
             covariance=self.covariance,
             universal=structure.universal_coefficients(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
-            progress=progress,
+            progress=part(progress, _CHOSEN, 1.0),
         )
         return replace(law, provenance=replace(law.provenance, history=(*steps, *law.history)))
 

@@ -22,7 +22,7 @@ from commonlaw.inference.search import (
 )
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import Estimate, NotPositiveError
-from commonlaw.progress import ProgressCallback
+from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver
 
 WORDS: dict[ErrorKind, str] = {
@@ -92,12 +92,14 @@ def hypotheses(
     progress("comparing kinds of errors")
     starts = with_errors_of_each_kind(problem, state, kinds)
     found = []
-    for group in (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS):
+    groups = (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS)
+    for number, group in enumerate(groups, start=1):
+        show = part(progress, number / (len(groups) + 1), (number + 1) / (len(groups) + 1))
         own = {kind: starts[kind] for kind in group if kind in starts}
         for kind in sorted(own, key=lambda each: own[each][1].value)[:1]:
-            progress(f"seeking the law with {WORDS[kind]}")
+            show(f"seeking the law with {WORDS[kind]}")
             with suppress(CommonlawError, NotPositiveError):
-                found.append(_hypothesis(*own[kind], kind, solver, progress))
+                found.append(_hypothesis(*own[kind], kind, solver, show))
     return sorted(found, key=lambda each: each.state.value)
 
 

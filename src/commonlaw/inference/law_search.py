@@ -19,7 +19,7 @@ from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search import SearchState, neighbours, polish, search
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
-from commonlaw.progress import ProgressCallback
+from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
@@ -95,7 +95,7 @@ def search_supports(
         huber_threshold=huber_threshold,
         most_samples=most_samples,
     )
-    found = search(problem, solver, progress)
+    found = search(problem, solver, part(progress, 0.05, 1.0))
     while found[0].has_model_error:  # As a coarse mesh looks, too
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(problem, found[0], (found[0].model_error / np.sqrt(2),))
@@ -140,9 +140,9 @@ def with_error_models(
         If the likelihood cannot be computed.
     """
     kinds = kinds if can_forecast(found.problem) or len(kinds) == 1 else ("white",)
-    hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, progress)
+    hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, part(progress, 0.0, 0.5))
     others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
-    progress("comparing free forecasts")
+    progress(Stage("comparing free forecasts", 0.5))
     compared = candidates(found.frame, found.problem, hypothesized, others, found.solver)
     if not compared:
         return found

@@ -17,7 +17,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import FACTOR, ComparedSupport, SupportEvidence
 from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit, linearize
-from commonlaw.progress import ProgressCallback
+from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.solvers import AbstractSolver
 
 SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.03), (0.3, 0.03), (0.1, 0.03))
@@ -91,7 +91,7 @@ def search(
     """Return what was found at all model errors of all schedules, that of largest evidence first."""
     found = []
     for number, model_errors in enumerate(schedules, start=1):
-        progress(f"choosing terms, step {number} of {len(schedules)}")
+        progress(Stage(f"choosing terms, step {number} of {len(schedules)}", (number - 1) / (len(schedules) + 1)))
         found += _anneal(problem, solver, model_errors)
     if schedules is not SCHEDULES:
         return _sorted(found)

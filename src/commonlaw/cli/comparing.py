@@ -1,0 +1,55 @@
+"""Laws in mind beside each other: trials in the roles that equations give, and the evidence."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from commonlaw.cli.output import print_frame, say
+from commonlaw.cli.source import Source
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from commonlaw.law import Law
+    from commonlaw.trials import Trials
+
+_SETTINGS = ("noise", "errors", "huber_threshold")
+"""Settings of a fit that a comparison shares."""
+
+
+def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
+    """Return the evidence of laws beside each other, under the settings that they were fitted with."""
+    from commonlaw.inference import compare
+
+    return compare(laws, training, **{name: settings[name] for name in _SETTINGS if name in settings})
+
+
+def print_compared(frame: "pd.DataFrame") -> None:
+    """Print the evidence of laws beside each other, and what its numbers mean."""
+    from commonlaw.law.tables import BAYES_FACTOR
+
+    say("\nEvidence from the same measurements, the most probable law first:\n")
+    print_frame(frame)
+    say(f"\n{BAYES_FACTOR} (Kass and Raftery 1995).")
+    say("More coefficients cost evidence by themselves. The probability holds if one of these laws is true.")
+
+
+def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = ()) -> "Trials":
+    """Return the trials, their columns in the roles that equations and other laws give them."""
+    from commonlaw.library.equation import split_equations
+
+    schemas = [each.schema for each in laws]
+    if not equations:
+        return source.load(schemas[0])
+    trials, states = source.load(), tuple(each.state for each in split_equations(equations[0]))
+    if source.dataset or source.states or {*states} == {*trials.schema.states}:
+        return trials
+    taken = {name for schema in schemas for name in schema.inputs}
+    others = [name for name in trials.schema.states if name not in states]
+    inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
+    return replace(source, states=states, inputs=source.inputs or inputs).load()
+
+
+def _occurs(name: str, equations: str) -> bool:
+    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None

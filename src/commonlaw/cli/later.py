@@ -1,0 +1,66 @@
+"""What follows a result: no later step costs what was found."""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeVar
+
+from commonlaw.errors import CommonlawError
+from commonlaw.files import write_whole
+
+if TYPE_CHECKING:
+    from commonlaw.plots import Figure
+
+T = TypeVar("T")
+
+
+class LaterSteps:
+    """The steps that follow a result, and what became of them.
+
+    A file is written as soon as its content is there. A step that fails, whatever the reason, is remembered, and the
+    others are taken all the same, so that what was found in minutes is printed and saved.
+    """
+
+    def __init__(self) -> None:
+        self.failures: list[str] = []
+        self.written: list[str] = []
+        self._unwritten: list[str] = []
+
+    def take(self, failure: str, step: Callable[[], T], otherwise: T) -> T:
+        """Return what a step gives; if it fails, something else, and the words for that are remembered."""
+        try:
+            return step()
+        except CommonlawError as error:
+            self.failures.append(f"{failure}: {error}")
+        except MemoryError:
+            self.failures.append(f"{failure}: there is not enough memory")
+        except Exception as error:  # A fault of ours or of others is no reason to lose what was found
+            self.failures.append(f"{failure}: {type(error).__name__}: {error}")
+        return otherwise
+
+    def write(self, path: str | None, content: Callable[[], bytes | None]) -> None:
+        """Write a file if one is asked for; a content of None is none, for which there are words already."""
+        made = self.take(f"{path} was not made", content, None) if path else None
+        if not path or made is None:
+            return
+        try:
+            write_whole(path, made)
+        except CommonlawError as error:
+            self._unwritten.append(str(error))
+        else:
+            self.written += [path] if path not in self.written else []
+
+    def draw(self, path: str | None, figure: "Callable[[ModuleType], Figure | None]") -> None:
+        """Draw a figure if one is asked for, by a function of the room of plots."""
+
+        def drawn() -> bytes | None:
+            from commonlaw import plots
+
+            made = figure(plots)
+            return None if made is None else plots.render(made, str(path))
+
+        self.write(path, drawn)
+
+    def end(self, *also: str) -> None:
+        """Refuse to end well where a file could not be written, or for other reasons; after all else was said."""
+        if reasons := [*self._unwritten, *also]:
+            raise CommonlawError("; ".join(reasons))

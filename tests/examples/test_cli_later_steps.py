@@ -1,0 +1,88 @@
+"""What was found in minutes is saved and printed, whatever becomes of later steps."""
+
+import pytest
+
+import commonlaw as cl
+from commonlaw import files
+
+QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
+
+
+def fails(*_, **__):
+    raise ZeroDivisionError("by accident")
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A table of drops, a law of them, and the same law without any uncertainty."""
+    trials = cl.datasets.linear_drag(noise=0.01, seed=1)
+    trials.to_csv(tmp_path / "drops.csv")
+    method = cl.DerivativeRegression(solver="group-stlsq:1.5")
+    cl.discover(trials, order=2, library="poly:1", method=method).save(tmp_path / "law.json")
+
+
+@pytest.mark.parametrize(
+    ("step", "options", "words"),
+    [
+        ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
+        ("commonlaw.law.law.Law.verdict", [], "the law was not judged"),
+        ("commonlaw.verdict.checked_forecast", [], "the law was not checked by forecasts, nor drawn"),
+        ("commonlaw.plots.plot_law", ["--plot", "law.svg"], "law.svg was not made"),
+    ],
+)
+@pytest.mark.usefixtures("table")
+def test_a_later_step_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch, step, options, words):
+    monkeypatch.setattr(step, fails)
+    code, out, err = run("discover", "drops.csv", *QUICK, *options, "--save", "found.json")
+    assert (code, "x'' = a + b v" in out, "Wrote found.json" in out) == (0, True, True)
+    assert f"Note: {words}: ZeroDivisionError: by accident\n" in err
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+
+
+@pytest.mark.usefixtures("table")
+def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("commonlaw.law.law.Law.verdict", interrupted)
+    code, _, _ = run("discover", "drops.csv", *QUICK, "--save", "found.json")
+    assert code != 0
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "plot"),
+    [
+        (["check", "law.json", "drops.csv"], "plot_residuals"),
+        (["predict", "law.json", "drops.csv"], "plot_forecast"),
+    ],
+)
+@pytest.mark.usefixtures("table")
+def test_a_figure_that_fails_does_not_cost_the_table(run, tmp_path, monkeypatch, words, plot):
+    monkeypatch.setattr(f"commonlaw.plots.{plot}", fails)
+    code, out, err = run(*words, "--save", "table.csv", "--plot", "figure.svg")
+    assert (code, "Wrote table.csv" in out) == (0, True)
+    assert "Note: figure.svg was not made: ZeroDivisionError" in err
+    assert not (tmp_path / "figure.svg").exists()
+    assert (tmp_path / "table.csv").stat().st_size > 100
+
+
+@pytest.mark.usefixtures("table")
+def test_a_law_that_cannot_be_written_is_printed_and_the_command_fails(run, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files, "_stage", full)
+    code, out, err = run("discover", "drops.csv", *QUICK, "--save", "found.json")
+    assert (code, "x'' = a + b v" in out, "Wrote" in out) == (1, True, False)
+    assert "commonlaw: cannot write found.json: No space left on device" in err
+
+
+@pytest.mark.usefixtures("table")
+def test_a_report_that_fails_prints_and_saves_the_law_that_was_found(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("commonlaw.report.law_report", fails)
+    code, out, err = run("report", "drops.csv", *QUICK, "--save", "found.json")
+    assert (code, "x'' = a + b v" in out) == (1, True)
+    assert "report.html was not made: ZeroDivisionError: by accident" in err
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
