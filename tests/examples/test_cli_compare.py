@@ -58,7 +58,7 @@ def test_one_law_is_nothing_to_compare(run, given):
 def test_a_data_set_stands_for_the_file(run, monkeypatch):
     asked = []
 
-    def fit(text, **_):
+    def fit(text, *_, **__):
         asked.append(text)
         raise cl.CommonlawError("enough")
 

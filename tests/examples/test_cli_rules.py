@@ -2,14 +2,17 @@
 
 import os
 import re
+from threading import Event
 
 import click
 import pytest
 
 import commonlaw as cl
+from commonlaw.cli import working
 from commonlaw.cli.command import Command
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile
+from commonlaw.progress import Stage
 
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)
 
@@ -157,3 +160,47 @@ def test_an_object_is_found_whose_name_has_a_comma(run, tmp_path):
     assert kept("object=Ball,blue").startswith("1 trial of 1 object")
     assert kept('object="Ball,blue",Golf').startswith("2 trials of 2 objects")
     assert kept("object=Ball,Golf").startswith("2 trials of 2 objects")
+
+
+def test_a_line_now_and_then_says_how_far_work_has_come(run, monkeypatch):
+    def discover(*_, progress, **__):
+        progress(Stage("choosing terms", 0.5))
+        assert said.wait(60)
+        raise cl.CommonlawError("enough")
+
+    said, lines = Event(), []
+    monkeypatch.setattr(working, "INTERVAL", 0.01)
+    monkeypatch.setattr(working, "say", lambda line, **_: (lines.append(line), "choosing" in line and said.set()))
+    monkeypatch.setattr("commonlaw.discover", discover)
+    run("discover", "--dataset", "linear-drag")
+    assert any(re.match(r"commonlaw: Discovering \.\.\. choosing terms \(.* 48 % done", line) for line in lines)
+
+
+@pytest.mark.parametrize("option", ["-v", "--verbose"])
+def test_every_step_is_said_when_asked_for(run, monkeypatch, option):
+    def discover(*_, progress, **__):
+        progress("choosing terms")
+        raise cl.CommonlawError("enough")
+
+    monkeypatch.setattr("commonlaw.discover", discover)
+    _, _, err = run("discover", "--dataset", "linear-drag", option)
+    assert [line.split(" s  ")[1] for line in err.splitlines() if " s  " in line] == [
+        "reading the table",
+        "choosing terms",
+    ]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_line_makes_the_script_that_completes_words(run, monkeypatch, shell):
+    monkeypatch.setenv("_COMMONLAW_COMPLETE", f"{shell}_source")
+    code, out, _ = run()
+    assert (code, "_commonlaw_completion" in out) == (0, True)
+
+
+def test_words_are_completed(run, monkeypatch):
+    monkeypatch.setenv("_COMMONLAW_COMPLETE", "zsh_complete")
+    monkeypatch.setenv("COMP_WORDS", "commonlaw compare --sa")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    assert "--save" in run()[1]
+    monkeypatch.setenv("COMP_WORDS", "commonlaw show ")
+    assert run()[1].split()[0] == "file"

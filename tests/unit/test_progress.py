@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import commonlaw as cl
 from commonlaw import progress
 
 
@@ -46,3 +47,37 @@ def test_nothing_is_told_where_standard_error_is_closed(terminal, monkeypatch):
     monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=None))
     progress.on_terminal()("fitting")
     assert terminal.getvalue() == ""
+
+
+def test_the_time_that_is_left_follows_from_the_share_that_is_done(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    course = progress.Course()
+    course.take("smoothing")
+    now[0] = 110.0
+    assert str(course) == "smoothing (10 s)"
+    course.take(progress.Stage("choosing", 0.25))
+    assert str(course) == "choosing (10 s, 25 % done, about 30 s left)"
+    now[0] = 120.0
+    assert str(course) == "choosing (20 s, 25 % done, about 20 s left)"
+    course.take("a step that says no share")
+    assert "25 % done, about 20 s left" in str(course)
+    now[0] = 200.0
+    assert str(course).endswith("(2 min, 25 % done)")
+
+
+def test_shares_of_a_part_are_shares_of_the_whole():
+    taken = []
+    tell = progress.part(progress.part(lambda step: taken.append((step, step.done)), 0.5, 1.0), 0.0, 0.5)
+    tell(progress.Stage("half", 0.5))
+    tell("first")
+    assert taken == [("half", 0.625), ("first", 0.5)]
+
+
+def test_a_search_says_its_shares_in_order():
+    told = []
+    cl.discover(cl.datasets.linear_drag(trials=1), order=2, library="poly:1", progress=told.append)
+    shares = [step.done for step in told if isinstance(step, progress.Stage)]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1
+    assert 0.85 < shares[-1] <= 1

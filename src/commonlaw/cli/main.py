@@ -69,6 +69,10 @@ def commonlaw() -> None:
     \b
     Without a table of your own:
       commonlaw discover --dataset linear-drag:noise=0.05 --order 2
+
+    \b
+    Have the shell complete commands, options and files (bash; write zsh or fish for these):
+      eval "$(_COMMONLAW_COMPLETE=bash_source commonlaw)"
     """
 
 
