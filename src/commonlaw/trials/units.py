@@ -19,12 +19,26 @@ _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵�
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
+_COUNTS = (
+    "cell", "individual", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
+    "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
+    "plaque_forming_unit = PFU = pfu",
+    "international_unit = IU", "relative_fluorescence_unit = RFU", "relative_light_unit = RLU",
+    "optical_density = OD = OD600",
+)  # fmt: skip
+"""What biologists count in, each with its symbol and other names: numbers without a dimension, as pint's own count."""
+
+
 @cache
 def registry() -> "pint.UnitRegistry[float]":
     """Return the one registry of units, loaded at the first call."""
     import pint
 
-    return pint.UnitRegistry()
+    made: pint.UnitRegistry[float] = pint.UnitRegistry()
+    for count in _COUNTS:
+        name, *others = count.split(" = ")
+        made.define(" = ".join([name, "count", *others]))
+    return made
 
 
 @cache
