@@ -133,6 +133,8 @@ def _unreadable(file: Path, error: Exception) -> CommonlawError:
 
 def _no_file(file: Path) -> str:
     folder = file.parent
+    if file.is_symlink():
+        return f"{file} is a link to {str(file.readlink())!r}, which is not there: repair the link, or name a file"
     if not folder.is_dir():
         return f"there is no file {str(file)!r}, nor a folder {str(folder)!r}: check the path"
     try:
