@@ -10,14 +10,15 @@ from hypothesis.extra.numpy import arrays
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.headers import join_header, split_header
-from commonlaw.trials.trial import label
+from commonlaw.trials.identifiers import label, plain
 
 _TEXT = st.text(st.characters(categories=["L", "N", "P", "S", "Zs"], include_characters="\n"), min_size=1, max_size=8)
 _LABELS = _TEXT.map(label).filter(bool)
-_NAMES = st.one_of(_TEXT, _TEXT.map("{} (m)".format), _TEXT.map("{} [m/s] []".format)).map(str.strip).filter(bool)
+_NAMES = st.one_of(_TEXT, _TEXT.map("{} (m)".format), _TEXT.map("{} [m/s] []".format)).map(plain).filter(bool)
 _WORDS = st.text(st.characters(categories=["Ll"]), min_size=1, max_size=8).map("so {}".format)
 _UNITS = st.sampled_from(["m", "m/s^2", "kg m^2", "degC", "percent", "1/s"])
 _FLOATS = st.floats(allow_nan=False, allow_infinity=False)
+_TIMES = st.floats(-1e50, 1e50).map(lambda time: 0.0 if abs(time) < 1e-30 else time)
 
 
 @st.composite
@@ -42,7 +43,7 @@ def collections(draw):
     pairs = draw(st.lists(st.tuples(_LABELS, _LABELS), min_size=1, max_size=4, unique=True))
     trials = []
     for name, run in pairs:
-        times = sorted(draw(st.lists(_FLOATS, min_size=1, max_size=7, unique=True)))
+        times = sorted(draw(st.lists(_TIMES, min_size=1, max_size=7, unique=True)))
         values = draw(arrays(np.float64, (len(times), len(schema.states) + len(schema.inputs)), elements=_FLOATS))
         states, inputs = np.split(values, [len(schema.states)], axis=1)
         for gap in draw(st.lists(st.tuples(*(st.integers(0, size - 1) for size in states.shape)), max_size=4)):

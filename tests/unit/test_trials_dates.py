@@ -55,7 +55,7 @@ def test_dates_in_files_are_times(tmp_path, suffix):
 def test_hours_and_zones_count():
     berlin = MINUTES.tz_localize("Europe/Berlin")
     assert Trials.from_frame(frame(berlin))[0].times.tolist() == [0, 90, 180, 270]
-    written = ["2020-03-29T00:30:00+01:00", "2020-03-29T01:30:00Z", "2020-03-29T02:30:00.5Z", "2020-03-29 03:30:01"]
+    written = ["2020-03-29T00:30:00+01:00", "2020-03-29T01:30:00Z", "2020-03-29T02:30:00.5Z", "2020-03-29 03:30:01+00"]
     assert Trials.from_frame(frame(written))[0].times.tolist() == [0, 7200, 10800.5, 14401]
 
 

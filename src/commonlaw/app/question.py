@@ -10,6 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.script import Source
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
+from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.sources import table_in
 from commonlaw.trials.tables import Rows, rows_of
 
@@ -23,6 +24,8 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     states: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
     properties: tuple[str, ...] = ()
+    wide: str | None = None
+    restarts: Restarts | None = None
 
     def rows(self, cells: Cells) -> Rows:
         """Return what the rows of a table make."""

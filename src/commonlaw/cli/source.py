@@ -12,6 +12,7 @@ from commonlaw.cli.options import Decorator, by_name, in_options, option, pairs,
 from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials
+from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.sources import read_table
 
 _table = partial(option, "Table")
@@ -45,6 +46,16 @@ _OPTIONS = (
         metavar="COLUMN=UNIT",
         multiple=True,
         help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
+    ),
+    _table(
+        "--wide",
+        metavar="NAME",
+        help="Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
+    ),
+    _table(
+        "--restarts",
+        type=click.Choice(["trials", "sort"]),
+        help="Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
     ),
     _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
     _table(
@@ -96,6 +107,8 @@ class Source:
     noise_columns: tuple[str, ...]
     properties: tuple[str, ...]
     units: tuple[str, ...]
+    wide: str | None
+    restarts: Restarts | None
     sheet: str | None
     where: tuple[str, ...]
     exclude: tuple[str, ...]
@@ -149,11 +162,13 @@ class Source:
             object_name=self.object_name,
             trial=self.trial or (schema.trial if schema else None),
             time=self.time or (schema.time if schema else None),
-            states=self.states or (schema.states if schema else None),
+            states=self.states or (schema.states if schema and not self.wide else None),
             inputs=self.inputs or (schema.inputs if schema else ()),
             noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema),
             properties=list(self.properties) or None,
             units=by_name("--unit", self.units),
+            wide=self.wide,
+            restarts=self.restarts,
             sheet=self.sheet,
         )
 

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import joined_units
+from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
-from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured, label, shown
+from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured, shown
 
 
 def trials_from_arrays(

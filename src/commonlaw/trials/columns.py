@@ -3,7 +3,7 @@
 import numbers
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.headers import find_name, split_headers
+from commonlaw.trials.identifiers import plain
 from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
@@ -24,10 +25,14 @@ Column = NDArray[Any]
 """Numbers; or, of dtype object, cells of one other kind (text, dates, ...) with NaN or None where they are empty."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", re.ASCII)
+"""1.000 may be a thousand where commas are decimal points."""
+_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+")
+"""What pandas calls an index that has no name; the first of these it calls nothing else."""
 
 
-def _stripped(value: object) -> object:
-    return value.strip() if isinstance(value, str) else value
+def _plain(value: object) -> object:
+    return plain(value) if isinstance(value, str) else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +108,7 @@ class Table:
             )
         return values
 
-    def encoded(self, name: str, read: Callable[[object], object] = _stripped) -> tuple[Codes, list[object]]:
+    def encoded(self, name: str, read: Callable[[object], object] = _plain) -> tuple[Codes, list[object]]:
         """Return a column as codes, shape (n,), and the values that they stand for; -1 where a cell is empty.
 
         `read` makes a value of a cell; it is called once for each different one.
@@ -130,6 +135,7 @@ class Table:
                 return column.astype(np.float64)
         if _kind(column) != "str":
             raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
+        self._refuse_thousands(name)
         parsed = self._parsed(name)
         if parsed is None:
             cells = self._cells(name)
@@ -139,6 +145,36 @@ class Table:
                 f"{self._where(name, row)}: {shown!r} is not a number; repair the cell or leave the column out"
             )
         return parsed
+
+    def _refuse_thousands(self, name: str) -> None:
+        """Refuse a cell such as 1.000 in a file of decimal commas, unless the column says that points are decimal."""
+        cells = [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name] if self.decimal_comma]
+        row = next((i for i, cell in enumerate(cells) if _THOUSANDS.fullmatch(cell)), None)
+        pointed = any("." in cell and not _THOUSANDS.fullmatch(cell) for cell in cells)
+        if row is not None and (not pointed or any("," in cell for cell in cells)):
+            raise CommonlawError(
+                f"{self._where(name, row)}: {cells[row]!r} may be {cells[row].replace('.', '')} or "
+                f"{cells[row].replace('.', ',', 1)} in a file of decimal commas: write it as one of these"
+            )
+
+    def taken(self, rows: Codes) -> "Table":
+        """Return the table of some of the rows, by their indices."""
+        return replace(
+            self,
+            columns={name: column[rows] for name, column in self.columns.items()},
+            locate=lambda row: self.locate(int(rows[row])),
+            number=lambda row: self.number(int(rows[row])),
+            parsed={},
+        )
+
+    def is_index(self, name: str) -> bool:
+        """Say whether a column is an index that pandas stored and nobody named, and not measured."""
+        column = self.columns[name]
+        if not _INDEX.fullmatch(name):
+            return False
+        values = self._parsed(name) if name in self.loose else column if column.dtype.kind in "iuf" else None
+        counts = values is not None and bool(np.all(values == np.round(values)) and np.all(np.diff(values) > 0))
+        return name.startswith("__index_level_") or counts
 
     def _cells(self, name: str) -> list[str]:
         """Return the cells of a column of text, ready to be read as numbers; empty ones are empty texts."""
@@ -186,6 +222,7 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
         empty = _missing(column)
     except InvalidOperation:  # A signalling NaN may not even be compared
         return column_of([None if isinstance(cell, Decimal) and cell.is_snan() else cell for cell in cells])
+    column[empty] = np.nan
     present = column[~empty]
     kinds = {_family(type(cell)) for cell in present}
     if len(kinds) > 1:
@@ -198,7 +235,7 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
         with np.errstate(over="ignore"):  # Of long doubles; what is infinite is refused
             return column.astype(np.int64 if whole and len(column) else np.float64), False
     except OverflowError:
-        return np.array([np.nan if cell is None else nearest(cell) for cell in column.tolist()]), False
+        return np.array([nearest(cell) for cell in column.tolist()]), False
 
 
 def frame_table(frame: Any, source: str = "the frame") -> Table:
@@ -206,7 +243,7 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
     import narwhals as nw
 
     try:
-        data = nw.from_native(frame)
+        data = nw.from_native(_with_named_indices(frame, source))
         eager = _collected(data, source) if isinstance(data, nw.LazyFrame) else data
         headers = [str(name) for name in eager.columns]
     except nw.exceptions.DuplicateError as error:
@@ -219,6 +256,21 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
     columns = [_series_column(each) for each in eager.iter_columns()]
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
     return filled_table(source, headers, [column for column, _ in columns], loose=loose)
+
+
+def _with_named_indices(frame: Any, source: str) -> Any:
+    """Return a frame with those levels of its index as columns that have a name; only pandas has such a thing."""
+    import narwhals as nw
+
+    if not nw.dependencies.is_pandas_dataframe(frame):
+        return frame
+    named = [name for name in frame.index.names if name is not None]
+    twice = next((name for name in named if named.count(name) > 1 or name in frame.columns), None)
+    if twice is not None:
+        raise CommonlawError(
+            f"{source}: {str(twice)!r} is the name of an index and of another: rename one, or drop the index"
+        )
+    return frame.reset_index(level=named) if named else frame
 
 
 def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.trials.identifiers import plain
 from commonlaw.trials.units import check_unit, known_unit
 
 _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
@@ -20,7 +21,7 @@ def split_header(header: str) -> tuple[str, str]:
     >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []")
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''))
     """
-    text = header.strip()
+    text = plain(header)
     square = _SQUARE.fullmatch(text)
     if square:
         unit = square[2].strip()
@@ -46,7 +47,7 @@ def join_header(name: str, unit: str) -> str:
 def find_name(name: str, known: Iterable[str], kind: str = "column") -> str:
     """Return that of the known names which is meant by a name, given as it is or as a header with its unit."""
     names = list(known)
-    for each in (str(name).strip(), split_header(str(name))[0]):
+    for each in (plain(str(name)), split_header(str(name))[0]):
         if each in names:
             return each
     raise unknown(kind, name, names)
@@ -83,7 +84,7 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
         raise CommonlawError(f"{source}: column {blank[0]} has no header; give it one, or delete the column")
     parts = [split_header(header) for header in headers]
     short = Counter(name for name, _ in parts)
-    names = [name if short[name] == 1 else header.strip() for (name, _), header in zip(parts, headers, strict=True)]
+    names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]
     numbers: dict[str, int] = {}
     for number, name in enumerate(names, 1):
         if numbers.setdefault(name, number) != number:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,12 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
+from commonlaw.trials.identifiers import label, several_spellings
 from commonlaw.trials.sources import read_table
-from commonlaw.trials.trial import Property, label, property_names
+from commonlaw.trials.trial import Property, property_names
+
+_FEW = 0.1
+"""Of an object's rows, those that may be mistaken in a column that is a property."""
 
 
 @dataclass(frozen=True)
@@ -54,19 +58,49 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
 
 
 def constant_columns(table: Table, names: Sequence[str], codes: Codes) -> list[str]:
-    """Return the columns that are constant, and not empty, for each of at least two objects."""
+    """Return the columns that are constant, and not empty, for each of at least two objects.
+
+    Raises
+    ------
+    CommonlawError
+        If a column of numbers is constant but for a few rows of at most half of the objects, as if these were mistaken.
+    """
     _, first = np.unique(codes, return_index=True)
     if len(first) < 2:
         return []
     found = []
     for name in names:
         try:
-            cells, _ = _cells(table, name)
+            cells, words = _cells(table, name)
         except CommonlawError:  # a column with a cell that cannot be read is for the reader of states to refuse
             continue
-        if np.array_equal(cells, cells[first][codes], equal_nan=True) and not np.isnan(cells).all():
+        if np.isnan(cells).all():
+            continue
+        if np.array_equal(cells, cells[first][codes], equal_nan=True):
             found.append(name)
+        elif words is None:
+            _refuse_nearly_constant(table, name, cells, codes)
     return found
+
+
+def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes) -> None:
+    """Refuse a column that is constant for at least half of the objects, and but for a few rows for the others."""
+    values = np.unique(cells, return_inverse=True)[1]
+    pairs, which, counts = np.unique(codes * len(cells) + values, return_inverse=True, return_counts=True)
+    sizes, most = np.bincount(codes), np.zeros(codes.max() + 1, dtype=np.int64)
+    np.maximum.at(most, pairs // len(cells), counts)
+    odd = sizes - most
+    few = (odd < most) & (odd <= np.maximum(1, _FEW * sizes))
+    row = int(np.argmax(counts[which] < most[codes]))
+    usual = cells[(codes == codes[row]) & (counts[which] == most[codes[row]])][0]
+    if not few.all() or 2 * np.sum(odd > 0) > len(odd) or np.isnan(usual):
+        return
+    cell = "empty" if np.isnan(cells[row]) else f"{cells[row]:g}"
+    raise CommonlawError(
+        f"{table.source}: column {name!r} is {cell} in {table.locate(row)}, and {usual:g} in {most[codes[row]]} of the "
+        f"{sizes[codes[row]]} rows of the same object: correct the cell if the column is a property; else name the "
+        "states with states=[...]"
+    )
 
 
 def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties:
@@ -80,7 +114,7 @@ def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties
     found = Properties(_mapped(given)) if isinstance(given, Mapping) else _tabled(given, key)
     without = [name for name in objects if name not in found.values]
     note = f"no properties are given for {', '.join(without)}"
-    return Properties(found.values, found.units, (note,)) if without else found
+    return replace(found, notes=(*found.notes, note)) if without else found
 
 
 def _mapped(given: Mapping[Any, Any]) -> dict[str, dict[str, Property]]:
@@ -96,20 +130,28 @@ def _tabled(given: Any, key: str) -> Properties:
     if key not in table.columns:
         error = unknown("column", key, table.columns)
         raise CommonlawError(f"{table.source}: {error}; the objects' names of a table of properties stand in {key!r}")
-    codes, names = object_codes(table, key)
-    return column_properties(table, [name for name in table.columns if name != key], codes, names)
+    codes, names, notes = object_codes(table, key)
+    known = column_properties(table, [name for name in table.columns if name != key], codes, names)
+    return replace(known, notes=notes)
 
 
-def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, list[str]]:
-    """Return the label of each row as codes, shape (n,), and the labels."""
-    codes, labels = table.encoded(name, label)
+def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, list[str], tuple[str, ...]]:
+    """Return the label of each row as codes, shape (n,), the labels, and notes of those written in several ways."""
+    ways: dict[str, list[str]] = {}
+
+    def read(cell: object) -> str:
+        ways.setdefault(label(cell), []).append(str(cell).strip())
+        return label(cell)
+
+    codes, labels = table.encoded(name, read)
     missing = np.flatnonzero(codes < 0)
     if len(missing):
         raise CommonlawError(
             f"{table.source}: column {name!r}, {table.locate(int(missing[0]))}: the {what} is missing "
             f"({len(missing)} rows have none); fill it in every row"
         )
-    return codes, [str(each) for each in labels]
+    spelled = {each: list(dict.fromkeys(cells)) for each, cells in ways.items() if each}
+    return codes, [str(each) for each in labels], several_spellings(what, spelled)
 
 
 def _cells(table: Table, name: str) -> tuple[Floats, list[object] | None]:

@@ -13,8 +13,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.foreign import MOST_CELLS
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
+from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
-from commonlaw.trials.trial import Roles, Schema, Trial, check_measured
+from commonlaw.trials.trial import Schema, Trial, check_measured
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
@@ -59,7 +60,7 @@ class TrialStream:
             follow each other.
         """
         _, kept = opened(path)
-        known = cast(Roles, {**kept, **roles, "properties": []})
+        known = cast(Reading, {**kept, **checked(roles), "properties": []})
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
@@ -71,7 +72,7 @@ class TrialStream:
         return cls(first.data.schema, lambda: _trials(Path(path), known))
 
 
-def _trials(path: Path, roles: Roles) -> Iterator[Trial]:
+def _trials(path: Path, roles: Reading) -> Iterator[Trial]:
     """Yield the trials of a file; the last one of a batch may go on in the next."""
     done: set[tuple[str, str]] = set()
     batches = (read_rows(each, "object", roles) for each in batch_tables(path, _ROWS))

@@ -16,7 +16,8 @@ from commonlaw.trials.columns import Table, filled_table
 if TYPE_CHECKING:
     from _csv import Reader
 
-_DECIMAL_COMMA = re.compile(rb"\d,\d")
+_DECIMAL_COMMA = re.compile(rb'(?<![^;\n"]) *[+-]?\d*,\d+(?:[eE][+-]?\d+)? *(?![^;\n"])')
+"""A cell that is a number with one."""
 _MISSING = ["", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 _QUOTED_MISSING = re.compile(rb'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
 

@@ -1,17 +1,17 @@
-"""One run of one object, the names of what was measured in it, and the keywords that say which column is what."""
+"""One run of one object, and the names of what was measured in it."""
 
 import numbers
-import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.trials.identifiers import label, plain
+from commonlaw.wording import counted
 
 Property = float | str
 PropertyTable = Mapping[Any, Mapping[str, Property]]
@@ -20,46 +20,9 @@ _SHOWN = 3
 """Locations that a note lists."""
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
-
-
-class Roles(TypedDict, total=False):
-    """Which column is what; a column is named by its header with or without the unit in it.
-
-    Parameters
-    ----------
-    object
-        Column of the objects' names. Default: ``object`` if there is such a column, else the table is of one object.
-    object_name
-        Name of the one object of a table without such a column.
-    trial
-        Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
-    time
-        Column of the times. Default: ``t`` or ``time``, or the only column like ``year``, ``hours`` or ``date``. Dates
-        in the form 2020-03-31, and dates of a frame, become days since the earliest, or seconds if hours are given too.
-    states
-        Columns of the measured states. Default: the columns of numbers that have no other role and are not constant
-        for each object.
-    inputs
-        Columns of the measured inputs. Default: none.
-    noise_columns
-        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: none.
-    properties
-        Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
-        mapping from object to property values by name. Default: the columns without another role that are constant
-        for each of at least two objects.
-    units
-        Units by column; they take precedence over those in the headers.
-    """
-
-    object: str | None
-    object_name: str | None
-    trial: str | None
-    time: str | None
-    states: str | Sequence[str] | None
-    inputs: str | Sequence[str]
-    noise_columns: Mapping[str, str]
-    properties: str | os.PathLike[str] | Sequence[str] | PropertyTable | Any
-    units: Mapping[str, str] | None
+_EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
+"""Largest time, and inverse of the smallest step: squares of second derivatives go with the fourth power of the step,
+and the rest is left for the size of the states."""
 
 
 @dataclass(frozen=True)
@@ -210,12 +173,23 @@ class Trial:
         self._check_noise()
         if self.states.shape[1] and np.isnan(self.states[0]).all():
             raise CommonlawError(f"{self.label}: no state was measured in sample 1; leave the sample out")
-        late = np.flatnonzero(self.times[1:] <= self.times[:-1])
+        self._check_times()
+
+    def _check_times(self) -> None:
+        steps = np.diff(self.times)
+        late = np.flatnonzero(steps <= 0)
         if len(late):
             i = int(late[0])
             raise CommonlawError(
                 f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
                 "sort the samples and keep one for each time"
+            )
+        largest, smallest = np.abs(self.times).max(), steps.min(initial=np.inf)
+        if largest > _EXTREME or smallest < 1 / _EXTREME:
+            what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
+            raise CommonlawError(
+                f"{self.label} has {what}, beyond what can be computed with: give the times in another unit, so that "
+                "steps are nearer to 1"
             )
 
     def _check_noise(self) -> None:
@@ -234,6 +208,10 @@ class Trial:
             )
 
 
+class NoSuchTrialError(CommonlawError, IndexError):
+    """An index beyond the trials of a collection."""
+
+
 class TrialData(NamedTuple):
     """What a collection of trials is made of: see `Trials`."""
 
@@ -242,6 +220,14 @@ class TrialData(NamedTuple):
     properties: Mapping[str, Mapping[str, Property]]
     notes: tuple[str, ...]
     nameless: bool = False
+
+
+def chosen_indices(count: int, index: Any) -> Any:
+    """Return the indices, of so many trials, that an index of NumPy chooses."""
+    try:
+        return np.arange(count)[index]
+    except IndexError as error:
+        raise NoSuchTrialError(f"there are {counted(count, 'trial')}, counted from 0: {error}") from None
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:
@@ -273,7 +259,7 @@ def _property(what: str, value: object) -> Property:
         return nearest(value)
     if not isinstance(value, str):
         raise CommonlawError(f"{what} is {value!r}: give a number or a text")
-    return value.strip()
+    return plain(value)
 
 
 def check_measured(trial: Trial, states: Sequence[str]) -> None:
@@ -301,18 +287,6 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
                 f"{trial.label} lacks standard deviations of {name}, column {schema.noise_columns[name]}: give them "
                 "for every trial or for none"
             )
-
-
-def label(value: object) -> str:
-    """Return the text by which an object or a trial is known: 1, 1.0, "1" and "1.0" are the same label.
-
-    >>> label(1.0), label(" 1.0"), label("Golf Ball"), label("v1.0")
-    ('1', '1', 'Golf Ball', 'v1.0')
-    """
-    if isinstance(value, float | np.floating) and float(value).is_integer():
-        return str(int(value))
-    text = str(value).strip()
-    return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
 
 
 def as_numbers(values: ArrayLike) -> Floats:

@@ -15,16 +15,17 @@ from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
+from commonlaw.trials.identifiers import label
+from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import read_trials, trials_from_frame
 from commonlaw.trials.trial import (
     Property,
     PropertyTable,
-    Roles,
     Schema,
     Trial,
     TrialData,
     check_noise_columns,
-    label,
+    chosen_indices,
     normalized,
     property_names,
 )
@@ -88,7 +89,7 @@ class Trials(ShownInNotebooks):
         self._check_properties()
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Roles]) -> "Trials":
+    def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, told by the content.
 
         Parameters
@@ -100,7 +101,7 @@ class Trials(ShownInNotebooks):
             The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
             an object of the sheet's name unless there is a column ``object``.
         **roles
-            Which column is what, see `Roles`. Without a column of objects there is one object, named after the file.
+            See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
 
         Raises
         ------
@@ -116,7 +117,7 @@ class Trials(ShownInNotebooks):
         return cls(*read_trials(path, sheet=sheet, **roles))
 
     @classmethod
-    def from_frame(cls, frame: Any, **roles: Unpack[Roles]) -> "Trials":
+    def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
 
         Parameters
@@ -124,7 +125,7 @@ class Trials(ShownInNotebooks):
         frame
             The table. A missing value or NaN in a column of a state is a missing measurement, see `read`.
         **roles
-            Which column is what, see `Roles`. Without a column of objects there is one object, named ``object``.
+            See `Roles` and `Reading`. Without a column of objects there is one object, named ``object``.
 
         Raises
         ------
@@ -212,7 +213,7 @@ class Trials(ShownInNotebooks):
     @overload
     def __getitem__(self, index: Any) -> "Trials": ...
     def __getitem__(self, index: Any) -> "Trial | Trials":
-        chosen = np.arange(len(self))[index]
+        chosen = chosen_indices(len(self), index)
         if np.ndim(chosen) == 0:
             return self.trials[int(chosen)]
         return self.with_trials([self.trials[i] for i in chosen])

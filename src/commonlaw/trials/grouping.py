@@ -1,0 +1,176 @@
+"""Rows of a table grouped into trials, each in order of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.trial import Schema, Trial, shown
+
+Restarts = Literal["trials", "sort"]
+"""What times that go back mean: new trials, or rows of one trial that are out of order."""
+
+Cells = tuple[Floats, Floats, Floats, Floats]
+"""Of all rows: times, shape (n,), states, inputs, and standard deviations of the states, each of shape (n, columns)."""
+
+_RANDOM = 1.5
+"""Standard deviations from the number of times that rows in random order go back, beyond which they are in no such."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows of one trial, in the order of the table: the trial's labels, and the indices of the rows, shape (n,)."""
+
+    object: str
+    trial: str
+    rows: Codes
+
+    @property
+    def label(self) -> str:
+        """Object and trial as shown in messages."""
+        return f"{self.object}, trial {self.trial}"
+
+
+@dataclass(frozen=True)
+class Grouped:
+    """Trials with the rows of their samples, labels of trials without any row left, and what was done."""
+
+    trials: tuple[Trial, ...]
+    places: tuple[Codes, ...]
+    empty: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def read_cells(table: Table, schema: Schema) -> Cells:
+    """Return the numbers in the rows of a table."""
+    times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
+    states = np.column_stack([table.numbers(name, missing=True) for name in schema.states])
+    inputs = np.column_stack([np.empty((len(table), 0)), *(table.numbers(name) for name in schema.inputs)])
+    for state, name in schema.noise_columns.items():
+        j = schema.states.index(state)
+        noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
+    return times, states, inputs, noise
+
+
+def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequence[str]) -> list[Group]:
+    """Return the rows of each object and label of a trial, in order of first appearance."""
+    codes, first, which = np.unique(owners * len(labels) + runs, return_index=True, return_inverse=True)
+    in_order = np.argsort(first)
+    rank = np.argsort(in_order)[which]
+    rows = np.split(np.argsort(rank, kind="stable"), np.cumsum(np.bincount(rank))[:-1])
+    names = ((objects[code // len(labels)], labels[code % len(labels)]) for code in codes[in_order])
+    return [Group(*name, own) for name, own in zip(names, rows, strict=True)]
+
+
+def trials_of(
+    table: Table, cells: Cells, groups: Sequence[Group], restarts: Restarts | None, *, named: bool
+) -> Grouped:
+    """Return the trials of groups of rows.
+
+    Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order,
+    and refused otherwise. Rows before a measured state that have none are left out. New trials are counted from 1, in
+    their labels beside the one of the group if it was `named`.
+    """
+    notes = []
+    if restarts == "trials":
+        begun = [group.label for group in groups if len(_back(cells[0], group))]
+        groups = [part for group in groups for part in _parts(cells[0], group, named)]
+        notes = [f"a trial begins wherever the time goes back: {'; '.join(begun)}"] if begun else []
+    sorted_rows = [group.rows[np.argsort(cells[0][group.rows], kind="stable")] for group in groups]
+    for group, rows in zip(groups, sorted_rows, strict=True):
+        _refuse_twice(table, cells[0], rows, group, groups)
+    if restarts is None:
+        _refuse_restarts(table, cells[0], groups)
+    late = [group.label for group in groups if len(_back(cells[0], group))]
+    notes += [f"sorted by time: {'; '.join(late)}"] if late else []
+    made, places, empty, gaps = [], [], [], []
+    measured = np.asarray(np.isfinite(cells[1]).any(axis=1))
+    for group, rows in zip(groups, sorted_rows, strict=True):
+        ahead = np.logical_and.accumulate(~measured[rows][::-1])[::-1]
+        kept = (measured[rows] | ahead) & ~ahead[0]
+        if not kept.all():
+            gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
+        if kept.any():
+            made.append(Trial(group.object, group.trial, *(each[rows[kept]] for each in cells)))
+            places.append(rows[kept])
+        else:
+            empty.append(group.label)
+    notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
+    return Grouped(tuple(made), tuple(places), tuple(empty), tuple(notes))
+
+
+def _back(times: Floats, group: Group) -> Codes:
+    """Return the indices, within a group, of the rows whose time is before that of the row above."""
+    own = times[group.rows]
+    return np.flatnonzero(own[1:] < own[:-1]) + 1
+
+
+def _parts(times: Floats, group: Group, named: bool) -> list[Group]:
+    """Return the trials in a group of rows: a new one begins wherever the time goes back."""
+    parts = np.split(group.rows, _back(times, group))
+    if len(parts) == 1:
+        return [group]
+    before = f"{group.trial}-" if named else ""
+    return [Group(group.object, f"{before}{number}", rows) for number, rows in enumerate(parts, 1)]
+
+
+def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> None:
+    """Refuse a table in which times start again: they go back, in neither reverse nor random order.
+
+    Of n rows in random order, (n - 1) / 2 have a time before the one above, with a variance of (n + 1) / 12: the
+    Eulerian numbers. All groups that are not in order count together, as a table is shuffled as a whole.
+    """
+    wild = [(group, back) for group in groups if 0 < len(back := _back(times, group)) < len(group.rows) - 1]
+    if not wild:
+        return
+    sizes = np.array([len(group.rows) for group, _ in wild])
+    off = sum(len(back) for _, back in wild) - np.sum(sizes - 1) / 2
+    if abs(off) <= _RANDOM * np.sqrt(np.sum(sizes + 1) / 12):
+        return
+    group, back = wild[0]
+    here, there = (int(group.rows[i]) for i in (back[0] - 1, back[0]))
+    often = "" if len(back) == 1 else f", {len(back)} times in all"
+    raise CommonlawError(
+        f"{table.source}: {group.label}: the time goes back from {times[here]:g} in {table.locate(here)} to "
+        f"{times[there]:g} in {table.locate(there)}{often}; {_remedy(table, times, groups)}, "
+        "restarts='sort' if all rows are of one trial"
+    )
+
+
+def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:
+    """Return how to tell trials apart where times start again."""
+    owners = np.concatenate([np.full(len(group.rows), i) for i, group in enumerate(groups)])
+    rows = np.concatenate([group.rows for group in groups])
+    telling = [name for name in table.columns if _tells_apart(table, name, times[rows], owners, rows)]
+    hint = f" (column {' or '.join(map(repr, telling))} would do)" if telling else ""
+    return (
+        f"name the columns that tell trials and objects apart with trial=... and object=...{hint}, or say "
+        "restarts='trials' if a trial begins wherever the time goes back"
+    )
+
+
+def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes) -> bool:
+    """Say whether times increase among rows of a group that have the same cell in a column, at least two each."""
+    try:
+        codes = table.encoded(name)[0][rows]
+    except CommonlawError:
+        return False
+    order = np.lexsort((codes, owners))  # stable: of the same cell, rows keep their order
+    same = (np.diff(codes[order]) == 0) & (np.diff(owners[order]) == 0)
+    return bool(np.mean(same) > 0.5 and (codes >= 0).all() and (np.diff(times[order]) > 0)[same].all())
+
+
+def _refuse_twice(table: Table, times: Floats, rows: Codes, group: Group, groups: Sequence[Group]) -> None:
+    """Refuse a group in which a time is there twice; its `rows` are sorted by time."""
+    own = times[rows]
+    twice = np.flatnonzero(own[1:] == own[:-1])
+    if len(twice):
+        here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])
+        raise CommonlawError(
+            f"{table.source}: {group.label}: the time {own[twice[0]]:g} is there twice, in {here} and in {there}; "
+            f"remove a row, or {_remedy(table, times, groups)}"
+        )
