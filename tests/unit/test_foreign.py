@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from commonlaw import foreign
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import check_size, check_text, read_file, read_json
+from commonlaw.foreign import check_size, check_text, checked_file, read_file, read_json
 from commonlaw.trials.sources import read_table
 
 VALUES = st.recursive(
@@ -135,3 +135,9 @@ def test_no_row_is_lost_whatever_ends_the_lines(tmp_path_factory, rows, ends, se
     table = read_table(path)
     read = zip(*(table.columns[name].tolist() for name in table.columns), strict=True)
     assert [tuple(cell.strip() if isinstance(cell, str) else "" for cell in row) for row in read] == full
+
+
+def test_a_link_that_leads_nowhere_is_told_from_a_wrong_name(tmp_path):
+    (tmp_path / "d.csv").symlink_to(tmp_path / "gone.csv")
+    with pytest.raises(CommonlawError, match=r"d.csv is a link to '.*gone.csv', which is not there: repair the link"):
+        checked_file(tmp_path / "d.csv")

@@ -204,3 +204,18 @@ def test_samples_up_to_a_time_are_taken_and_trials_that_begin_later_left_out():
     assert trials.until(np.inf).objects == trials.objects
     with pytest.raises(CommonlawError, match="every trial begins after t = -1"):
         trials.until(-1.0)
+
+
+@pytest.mark.parametrize("index", [10**9, -(10**9), [0, 5]])
+def test_an_index_beyond_the_trials_is_refused_in_words(index):
+    trials = Trials.from_arrays([[0.0, 1.0]] * 2, [[1.0, 2.0]] * 2)
+    with pytest.raises(CommonlawError, match="there are 2 trials, counted from 0") as refused:
+        trials[index]
+    assert isinstance(refused.value, IndexError)
+
+
+@pytest.mark.parametrize("scale", [1e100, 1e-100])
+def test_times_that_nothing_can_be_computed_with_are_refused(scale):
+    with pytest.raises(CommonlawError, match=r"object, trial 1 has .* give the times in another unit"):
+        Trials.from_arrays(np.arange(5) * scale, np.arange(5.0))
+    assert len(Trials.from_arrays(np.arange(5) * scale**0.5, np.arange(5.0))) == 1

@@ -90,3 +90,34 @@ def test_a_stream_takes_no_dates(tmp_path):
     frame(DAYS).assign(object="a", trial="1").to_parquet(path, index=False)
     with pytest.raises(CommonlawError, match="column 'date' holds dates: give a stream its times as numbers"):
         TrialStream.from_parquet(path, object="object", trial="trial", time="date", states=["x"])
+
+
+@pytest.mark.parametrize(
+    "times", [[20200330, 20200331, 20200401, 20200402], ["20200330", "20200331", "20200401", "20200402"]]
+)
+def test_numbers_that_are_dates_are_days(times):
+    trials = Trials.from_frame(frame(times))
+    assert trials[0].times.tolist() == [0, 1, 2, 3]
+    assert trials.schema.units == {"date": "day"}
+
+
+@pytest.mark.parametrize("times", [[20200129, 20200130, 20200131, 20200132], [20200101.5, 20200102.5, 1e7, 3e7]])
+def test_a_number_among_dates_is_refused_and_other_numbers_are_numbers(times):
+    if all(float(time).is_integer() for time in times):
+        with pytest.raises(CommonlawError, match="row 4: '20200132' is not a date"):
+            Trials.from_frame(frame(times))
+    else:
+        assert Trials.from_frame(frame(times))[0].times.tolist() == sorted(times)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        ["2020-03-29T00:30+01:00", "2020-03-29T01:30", "2020-03-29T02:30", "2020-03-29T03:30"],
+        ["2020-03-29", "2020-03-30 00:00Z", "2020-03-31 00:00Z", "2020-04-01 00:00Z"],
+        [*MINUTES[:3], MINUTES.tz_localize("UTC")[3]],
+    ],
+)
+def test_dates_of_which_only_some_have_an_offset_are_refused(times):
+    with pytest.raises(CommonlawError, match=r"has an offset from UTC, and '.*' in row \d has none"):
+        Trials.from_frame(pd.DataFrame({"date": pd.Series(times, dtype=object), "x": X}))

@@ -403,3 +403,95 @@ def test_a_unit_that_no_reader_would_know_is_not_written(tmp_path):
     with pytest.raises(CommonlawError, match=r"column 'x': unknown unit 'furlog' \(did you mean 'furlong'"):
         trials.to_csv(tmp_path / "a.csv")
     assert not list(tmp_path.iterdir())
+
+
+PANDAS = {
+    "parquet": lambda frame, folder: (frame.to_parquet(folder / "a.parquet"), Trials.read(folder / "a.parquet"))[1],
+    "csv read again": lambda frame, folder: (
+        frame.to_csv(folder / "a.csv"),
+        Trials.from_frame(pd.read_csv(folder / "a.csv")),
+    )[1],
+    "arrow": lambda frame, _: Trials.from_frame(pa.Table.from_pandas(frame)),
+    "frame": lambda frame, _: Trials.from_frame(frame),
+    "reset": lambda frame, _: Trials.from_frame(frame.reset_index()),
+}
+
+
+@pytest.mark.parametrize("kind", PANDAS)
+def test_an_index_without_a_name_is_no_measurement(kind, tmp_path):
+    frame = pd.DataFrame({"t": np.arange(6.0), "x": np.arange(6.0) ** 2})
+    assert PANDAS[kind](frame[frame["t"] != 2], tmp_path).schema.states == ("x",)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "arrow", "frame", "reset"])
+def test_an_index_with_names_is_columns(kind, tmp_path):
+    frame = FRAME.rename(columns={"ball": "object", "drop": "trial"}).set_index(["object", "trial"])
+    trials = PANDAS[kind](frame, tmp_path)
+    assert [trial.label for trial in trials] == ["golf, trial 1", "golf, trial 2", "tennis, trial 1"]
+    assert trials.schema.states == ("height", "wind")
+
+
+def test_an_index_named_like_a_column_is_refused():
+    frame = FRAME.set_index("ball", drop=False)
+    with pytest.raises(CommonlawError, match="'ball' is the name of an index and of another"):
+        Trials.from_frame(frame)
+
+
+def test_an_index_of_counts_is_a_column_where_it_is_asked_for(tmp_path):
+    pd.DataFrame({"x": [1.0, 2.0, 4.0]}, index=[0, 1, 3]).to_parquet(tmp_path / "a.parquet")
+    assert Trials.read(tmp_path / "a.parquet", time="__index_level_0__")[0].times.tolist() == [0, 1, 3]
+
+
+def test_a_point_that_may_be_of_thousands_is_refused_among_decimal_commas(tmp_path):
+    rows = "t;x\n0;1,5\n1;1.000\n2;2,5\n"
+    with pytest.raises(CommonlawError, match=r"'x', row 2 \(line 3\), .*: '1.000' may be 1000 or 1,000 in a file of"):
+        Trials.read(text(tmp_path / "a.csv", rows))
+    points = text(tmp_path / "b.csv", "t;x;y\n0;1,5;1.000\n1;2,0;0.500\n2;2,5;0\n")
+    assert Trials.read(points)[0].states[:, 1].tolist() == [1, 0.5, 0]
+
+
+def test_a_comma_in_words_makes_no_decimal_commas(tmp_path):
+    path = text(tmp_path / "a.csv", "t;x;note\n0;1.000;see 1,2\n1;2.000;a\n2;4.000;b\n")
+    assert Trials.read(path)[0].states[:, 0].tolist() == [1, 2, 4]
+    assert Trials.read(path).notes == ("columns left out: note",)
+
+
+@pytest.mark.parametrize("name", ["object", "trial"])
+def test_a_label_that_is_written_in_several_ways_is_one_and_noted(name):
+    ways = ["1", "1.0", "1.00", "Caf\u00e9", "Cafe\u0301"]
+    trials = Trials.from_frame(pd.DataFrame({name: ways, "t": np.arange(5.0), "x": np.arange(5.0)}))
+    assert [getattr(each, {"trial": "name"}.get(name, name)) for each in trials] == ["1", "Caf\u00e9"]
+    assert trials.notes[0] == f"{name} '1' is written in 3 ways, taken as one: '1', '1.0', '1.00'"
+    assert trials.notes[1] == f"{name} 'Caf\u00e9' is written in 2 ways, taken as one: 'Caf\\xe9', 'Cafe\\u0301'"
+
+
+def test_columns_and_properties_are_found_however_their_letters_are_composed():
+    frame = pd.DataFrame({"t": [0.0, 1.0], "Ho\u0308he": [1.0, 2.0]})
+    properties = {"Cafe\u0301": {"Ho\u0308he 2": 1.0}}
+    trials = Trials.from_frame(frame, states="H\u00f6he", object_name="Caf\u00e9", properties=properties)
+    assert trials.schema.states == ("H\u00f6he",)
+
+
+@pytest.mark.parametrize("wrong", [0.46, None])
+def test_one_wrong_cell_does_not_make_a_property_a_state(wrong):
+    frame = pd.DataFrame({"object": ["a"] * 6 + ["b"] * 6, "t": [*range(6)] * 2, "x": np.arange(12.0) ** 2})
+    frame["mass"] = [0.046] * 3 + [wrong] + [0.046] * 2 + [0.057] * 6
+    said = "empty" if wrong is None else wrong
+    with pytest.raises(CommonlawError, match=rf"column 'mass' is {said} in row 4, and 0.046 in 5 of the 6 rows"):
+        Trials.from_frame(frame)
+    assert Trials.from_frame(frame, states="x").schema.states == ("x",)
+    doses = frame.assign(mass=[1.0, 0, 0, 0, 0, 0] * 2)
+    assert Trials.from_frame(doses).schema.states == ("x", "mass")
+
+
+@pytest.mark.parametrize("missing", [pd.NA, pd.NaT, None, np.nan])
+@pytest.mark.parametrize("column", ["object", "trial", "t", "x", "note"])
+@pytest.mark.parametrize("row", [0, 3])
+def test_what_pandas_has_for_a_missing_cell_is_one(missing, column, row):
+    frame = pd.DataFrame({"object": "a", "trial": 1, "t": range(8), "x": np.arange(8.0), "note": "n"}, dtype=object)
+    frame[column] = pd.Series([missing if i == row else cell for i, cell in enumerate(frame[column])], dtype=object)
+    if column in ("x", "note"):
+        assert len(Trials.from_frame(frame, states="x")[0]) == (7 if column == "x" else 8)
+    else:
+        with pytest.raises(CommonlawError, match=rf"column '{column}', row {row + 1}.*missing"):
+            Trials.from_frame(frame, states="x")

@@ -57,13 +57,14 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
     return Properties(values, {name: table.units[name] for name in names if name in table.units})
 
 
-def constant_columns(table: Table, names: Sequence[str], codes: Codes) -> list[str]:
+def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others_are_states: bool) -> list[str]:
     """Return the columns that are constant, and not empty, for each of at least two objects.
 
     Raises
     ------
     CommonlawError
-        If a column of numbers is constant but for a few rows of at most half of the objects, as if these were mistaken.
+        If a column that would be a state is constant but for a few rows of at most half of the objects, as if these
+        were mistaken.
     """
     _, first = np.unique(codes, return_index=True)
     if len(first) < 2:
@@ -78,7 +79,7 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes) -> list[s
             continue
         if np.array_equal(cells, cells[first][codes], equal_nan=True):
             found.append(name)
-        elif words is None:
+        elif others_are_states and words is None:
             _refuse_nearly_constant(table, name, cells, codes)
     return found
 

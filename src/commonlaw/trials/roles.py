@@ -164,7 +164,7 @@ def value_columns(table: Table, roles: Roles, identity: Identity, owners: Codes)
     if indices := [name for name in rest if table.is_index(name)]:
         notes.append(f"columns left out, as indices of pandas without a name: {', '.join(indices)}")
     rest = [name for name in rest if name not in indices]
-    if given is None and (properties := constant_columns(table, rest, owners)):
+    if given is None and (properties := constant_columns(table, rest, owners, others_are_states=not states)):
         notes.append(f"{', '.join(properties)}: taken as properties, being constant for each object")
     rest = [name for name in rest if name not in properties]
     if not states:

@@ -1,0 +1,92 @@
+"""Rows whose times go back: refused, sorted, or trials of their own."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from commonlaw.cli.main import commonlaw
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials, TrialStream
+
+T = np.arange(10.0)
+RUNS = pd.DataFrame({"t": [*T, *(T + 0.5)], "x": [*np.exp(-T), *np.exp(-3 * T)]})
+
+
+def test_times_that_start_again_are_refused_with_the_rows_and_what_to_do():
+    with pytest.raises(CommonlawError) as refused:
+        Trials.from_frame(RUNS)
+    assert str(refused.value) == (
+        "the frame: object, trial 1: the time goes back from 9 in row 10 to 0.5 in row 11; name the columns that tell "
+        "trials and objects apart with trial=... and object=..., or say restarts='trials' if a trial begins wherever "
+        "the time goes back, restarts='sort' if all rows are of one trial"
+    )
+
+
+@pytest.mark.parametrize("samples", [3, 4, 10])
+@pytest.mark.parametrize("runs", [2, 3, 7])
+def test_runs_below_each_other_are_never_interleaved(samples, runs):
+    times = np.concatenate([np.arange(samples) + shift / runs for shift in range(runs)])
+    with pytest.raises(CommonlawError, match="the time goes back"):
+        Trials.from_frame(pd.DataFrame({"t": times, "x": times}))
+
+
+def test_the_column_that_tells_trials_apart_is_named():
+    frame = RUNS.assign(run=[1] * 10 + [2] * 10, note="a", y=np.arange(20) % 3)
+    for times in (RUNS["t"], [*T, *T]):
+        with pytest.raises(CommonlawError, match=r"object=\.\.\. \(column 'run' would do\)"):
+            Trials.from_frame(frame.assign(t=times))
+    assert len(Trials.from_frame(frame, trial="run")) == 2
+
+
+def test_times_that_start_again_become_trials_where_this_is_asked():
+    for frame in (RUNS, RUNS.assign(t=[*T, *T])):
+        trials = Trials.from_frame(frame, restarts="trials")
+        assert [each.name for each in trials] == ["1", "2"]
+        assert [each.states[:, 0].tolist() for each in trials] == [np.exp(-T).tolist(), np.exp(-3 * T).tolist()]
+        assert trials.notes == ("a trial begins wherever the time goes back: object, trial 1",)
+
+
+def test_new_trials_keep_the_label_of_the_one_that_they_were_in():
+    frame = pd.concat([RUNS.assign(trial="A"), RUNS[:10].assign(trial="B")])
+    assert [each.name for each in Trials.from_frame(frame, restarts="trials")] == ["A-1", "A-2", "B"]
+
+
+def test_rows_are_of_one_trial_where_this_is_asked():
+    (trial,) = Trials.from_frame(RUNS, restarts="sort")
+    assert trial.times.tolist() == sorted(RUNS["t"])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_of_a_shuffled_table_are_sorted(seed):
+    frame = pd.concat([RUNS[:10].assign(object=name) for name in "abcdefgh"])
+    trials = Trials.from_frame(frame.sample(frac=1, random_state=seed))
+    assert all(each.times.tolist() == T.tolist() for each in trials)
+
+
+def test_rows_in_reverse_order_are_sorted():
+    (trial,) = Trials.from_frame(RUNS[9::-1])
+    assert trial.times.tolist() == T.tolist()
+
+
+def test_what_restarts_mean_is_one_of_two():
+    with pytest.raises(CommonlawError, match="unknown restarts 'split'"):
+        Trials.from_frame(RUNS, restarts="split")
+
+
+def test_a_stream_which_sees_a_part_of_the_rows_takes_no_restarts(tmp_path):
+    RUNS.assign(object="a", trial="1").to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(CommonlawError, match="unknown keyword 'restarts'"):
+        TrialStream.from_parquet(tmp_path / "a.parquet", states="x", restarts="trials")
+
+
+def test_the_command_line_says_what_to_do_and_does_it(tmp_path):
+    path = str(tmp_path / "runs.csv")
+    RUNS.to_csv(path, index=False)
+    refused = CliRunner().invoke(commonlaw, ["data", "check", path])
+    assert "--restarts 'trials'" in str(refused.exception)
+    assert (
+        CliRunner()
+        .invoke(commonlaw, ["data", "check", path, "--restarts", "trials"])
+        .stdout.startswith(f"{path}: 2 trials of 1 object")
+    )

@@ -1,0 +1,25 @@
+"""Units of what is counted."""
+
+import pandas as pd
+import pytest
+
+from commonlaw.trials import Trials
+from commonlaw.trials.units import known_unit, registry
+
+
+@pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies"])
+def test_counts_are_units_without_a_dimension(unit):
+    assert known_unit(unit).dimensionless
+    trials = Trials.from_frame(pd.DataFrame({f"N [{unit}/mL]": [1.0, 2.0], "t [min]": [0.0, 1.0]}))
+    assert trials.schema.states == ("N",)
+    assert trials.schema.units == {"N": f"{unit}/mL", "t": "min"}
+
+
+def test_counts_are_converted_as_numbers():
+    assert registry().Quantity(1, "cells/mL").m_as("1/L") == pytest.approx(1000)
+    assert registry().Quantity(0.01, "OD/min").m_as("OD/h") == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(("unit", "name"), [("m", "meter"), ("cd", "candela"), ("pF", "picofarad"), ("P", "poise")])
+def test_counts_take_no_unit_of_physics_away(unit, name):
+    assert str(known_unit(unit)) == name

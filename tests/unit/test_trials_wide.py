@@ -1,0 +1,108 @@
+"""Tables with a column for each object, and how they are recognised."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from commonlaw.cli.main import commonlaw
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials
+
+HOURS = np.arange(6.0)
+WELLS = {name: 0.1 * np.exp(rate * HOURS) for name, rate in (("A1", 0.3), ("A2", 0.4), ("B1", 0.5), ("B12", 0.6))}
+PLATE = pd.DataFrame({"time [h]": HOURS, **WELLS})
+LONG = pd.concat([pd.DataFrame({"object": name, "time [h]": HOURS, "OD [OD]": x}) for name, x in WELLS.items()])
+
+
+def plate(folder, rows="", text=None):
+    path = folder / "plate.csv"
+    header, _, body = (text or PLATE.to_csv(index=False)).partition("\n")
+    path.write_text(f"{header}\n{rows}{body}")
+    return path
+
+
+def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
+    trials, same = Trials.from_frame(PLATE, wide="OD [OD]"), Trials.from_frame(LONG)
+    assert trials.schema == same.schema
+    assert trials.schema.units == {"time": "h", "OD": "OD"}
+    assert [(each.label, each.times.tolist(), each.states.tolist()) for each in trials] == [
+        (each.label, each.times.tolist(), each.states.tolist()) for each in same
+    ]
+
+
+def test_a_plate_that_is_read_as_one_object_is_refused_with_both_remedies():
+    with pytest.raises(CommonlawError, match=r"A1, A2, \.\.\., B12 \(4 columns\) are named like wells.*wide='value'"):
+        Trials.from_frame(PLATE)
+    assert len(Trials.from_frame(PLATE, states=list(WELLS))) == 1
+    assert Trials.from_frame(PLATE, wide=True).schema.states == ("value",)
+
+
+@pytest.mark.parametrize(
+    ("names", "hinted"),
+    [
+        (["s 1", "s 2", "s 3", "s 4"], True),
+        (["x1", "x2", "x3"], False),
+        (["x", "y", "z", "w"], False),
+        (list("abcdefgh"), True),
+    ],
+)
+def test_columns_that_may_be_objects_are_hinted_at(names, hinted):
+    frame = pd.DataFrame({"t": HOURS, **{name: HOURS + i for i, name in enumerate(names)}})
+    trials = Trials.from_frame(frame)
+    assert trials.schema.states == tuple(names)
+    assert any("if each is an object of its own, read them with wide=" in note for note in trials.notes) == hinted
+
+
+def test_rows_ahead_of_the_times_are_properties(tmp_path):
+    path = plate(tmp_path, "glucose,1,2,1,2\nstrain,wt,wt,mut,mut\n")
+    trials = Trials.read(path, wide="OD")
+    assert trials.properties["A2"] == {"glucose": 2.0, "strain": "wt"}
+    assert trials.properties["B1"] == {"glucose": 1.0, "strain": "mut"}
+    assert trials[3].states[:, 0] == pytest.approx(WELLS["B12"])
+
+
+def test_other_columns_are_the_same_for_all_objects():
+    frame = PLATE.assign(temperature=37 + 0.1 * HOURS, plate="P")
+    trials = Trials.from_frame(frame, wide="OD", inputs="temperature")
+    assert trials.schema.inputs == ("temperature",)
+    assert all(each.inputs[:, 0].tolist() == frame["temperature"].tolist() for each in trials)
+    assert trials.properties["A1"] == {"plate": "P"}
+
+
+def test_units_of_the_columns_are_those_of_the_state():
+    frame = PLATE.rename(columns={name: f"{name} [mg/L]" for name in WELLS})
+    assert Trials.from_frame(frame, wide="mass").schema.units["mass"] == "mg/L"
+    with pytest.raises(CommonlawError, match=r"several units \(g/L, mg/L\)"):
+        Trials.from_frame(frame.rename(columns={"A1 [mg/L]": "A1 [g/L]"}), wide="mass")
+
+
+def test_gaps_and_errors_are_told_by_row_and_column(tmp_path):
+    text = PLATE.to_csv(index=False)
+    cell = text.splitlines()[3].split(",")[2]
+    notes = Trials.read(plate(tmp_path, text=text.replace(cell, "")), wide="OD").notes
+    assert notes == ("rows without a measured state left out: A2, trial 1: 1 (row 3 (line 4), column 'A2')",)
+    with pytest.raises(CommonlawError, match=r"column 'A2', row 3 \(line 4\): 'lost' is not a number"):
+        Trials.read(plate(tmp_path, text=text.replace(cell, "lost")), wide="OD")
+
+
+@pytest.mark.parametrize(
+    ("frame", "roles", "message"),
+    [
+        (PLATE.assign(object="P"), {"wide": "OD"}, "column 'object' names objects, too"),
+        (PLATE, {"wide": "time"}, "'time' is the name of a column"),
+        (PLATE, {"wide": 5}, "wide is 5: give the name of what was measured"),
+        (PLATE[["time [h]"]].assign(word="a"), {"wide": "OD"}, "no column of numbers is left"),
+    ],
+)
+def test_what_cannot_be_read_so_is_refused(frame, roles, message):
+    with pytest.raises(CommonlawError, match=message):
+        Trials.from_frame(frame, **roles)
+
+
+def test_the_command_line_hints_at_the_option_and_has_it(tmp_path):
+    path = str(plate(tmp_path))
+    refused = CliRunner().invoke(commonlaw, ["data", "check", path])
+    assert "--wide 'value'" in str(refused.exception)
+    done = CliRunner().invoke(commonlaw, ["data", "check", path, "--wide", "OD [OD]"])
+    assert done.stdout.startswith(f"{path}: 4 trials of 4 objects, states OD")
