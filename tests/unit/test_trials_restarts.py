@@ -23,7 +23,7 @@ def test_times_that_start_again_are_refused_with_the_rows_and_what_to_do():
     )
 
 
-@pytest.mark.parametrize("samples", [3, 4, 10])
+@pytest.mark.parametrize("samples", [3, 4, 10, 40])
 @pytest.mark.parametrize("runs", [2, 3, 7])
 def test_runs_below_each_other_are_never_interleaved(samples, runs):
     times = np.concatenate([np.arange(samples) + shift / runs for shift in range(runs)])
@@ -62,6 +62,12 @@ def test_rows_of_a_shuffled_table_are_sorted(seed):
     frame = pd.concat([RUNS[:10].assign(object=name) for name in "abcdefgh"])
     trials = Trials.from_frame(frame.sample(frac=1, random_state=seed))
     assert all(each.times.tolist() == T.tolist() for each in trials)
+
+
+@pytest.mark.parametrize("order", [[0, 1, 8, 3, 4, 5, 6, 7, 2, 9], [1, 0, 2, 3, 4, 5, 6, 7, 9, 8], [0, 2, 3, 4, 5, 1]])
+def test_single_rows_out_of_place_are_sorted(order):
+    (trial,) = Trials.from_frame(RUNS.iloc[order])
+    assert trial.times.tolist() == sorted(order)
 
 
 def test_rows_in_reverse_order_are_sorted():

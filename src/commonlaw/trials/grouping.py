@@ -20,6 +20,9 @@ Cells = tuple[Floats, Floats, Floats, Floats]
 _RANDOM = 1.5
 """Standard deviations from the number of times that rows in random order go back, beyond which they are in no such."""
 
+_FEW = 0.1
+"""Of the rows of a trial, those that may stand out of place without being asked about."""
+
 
 @dataclass(frozen=True)
 class Group:
@@ -71,9 +74,9 @@ def trials_of(
 ) -> Grouped:
     """Return the trials of groups of rows.
 
-    Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order,
-    and refused otherwise. Rows before a measured state that have none are left out. New trials are counted from 1, in
-    their labels beside the one of the group if it was `named`.
+    Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order or
+    a few single ones out of place, and refused otherwise. Rows before a measured state that have none are left out.
+    New trials are counted from 1, in their labels beside the one of the group if it was `named`.
     """
     notes = []
     if restarts == "trials":
@@ -119,12 +122,12 @@ def _parts(times: Floats, group: Group, named: bool) -> list[Group]:
 
 
 def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> None:
-    """Refuse a table in which times start again: they go back, in neither reverse nor random order.
+    """Refuse a table in which times start again: they go back, and not as in reverse or random order or by single rows.
 
     Of n rows in random order, (n - 1) / 2 have a time before the one above, with a variance of (n + 1) / 12: the
     Eulerian numbers. All groups that are not in order count together, as a table is shuffled as a whole.
     """
-    wild = [(group, back) for group in groups if 0 < len(back := _back(times, group)) < len(group.rows) - 1]
+    wild = [(group, back) for group in groups if _is_out_of_order(times[group.rows], back := _back(times, group))]
     if not wild:
         return
     sizes = np.array([len(group.rows) for group, _ in wild])
@@ -139,6 +142,20 @@ def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> No
         f"{times[there]:g} in {table.locate(there)}{often}; {_remedy(table, times, groups)}, "
         "restarts='sort' if all rows are of one trial"
     )
+
+
+def _is_out_of_order(times: Floats, back: Codes) -> bool:
+    """Say whether times go back, at these indices, not as in reverse nor by a few rows of which no two are adjacent."""
+    if not 0 < len(back) < len(times) - 1:
+        return False
+    if len(back) > max(2, _FEW * len(times)):
+        return True
+    # Whether times can increase up to the last row but one, and to the last, if single rows are left out
+    before, here = True, True
+    for i in range(1, len(times)):
+        ahead = (here and times[i] > times[i - 1]) or (before and (i == 1 or times[i] > times[i - 2]))
+        before, here = here, bool(ahead)
+    return not (before or here)
 
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:

@@ -73,7 +73,8 @@ class Reading(Roles, total=False):
         numbers without another role. Rows ahead of the first time, with a name in place of the time, are properties.
     restarts
         What it means where times go back within a trial: ``"trials"``, that a new trial begins there; ``"sort"``, that
-        rows of one trial are out of order. Default: rows in reverse or random order are sorted, others refused.
+        rows of one trial are out of order. Default: rows in reverse or random order, and a few single ones
+        out of place, are sorted; all else is refused.
     """
 
     wide: bool | str | None
