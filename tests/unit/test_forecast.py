@@ -38,6 +38,7 @@ def test_a_diverged_forecast_has_infinite_error_and_score(forecast):
     lost = integrate(VectorField(terms, np.array([[0.0, 0.0, 1.0]])), np.array([1.0]), np.array([0.0, 0.9, 2.0, 3.0]))
     bad = Forecast(forecast.trials, (forecast.trajectories[0], lost))
     assert bad.score() == -np.inf
+    assert bad.bounded_score() == pytest.approx((1 - 0.25 / 5 - 1) / 2)
     assert bad.errors()["diverged after"].tolist()[1] == 1.0
     assert bad.errors()["last error"].tolist() == [0.5, np.inf]
     assert bad.outcomes == (lost.outcome,)

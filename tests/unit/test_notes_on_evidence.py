@@ -28,8 +28,10 @@ def test_a_law_of_copied_trials_says_so(method):
     found = cl.discover(COPIED, order=2, library="poly:1", method=method)
     said = [str(each) for each in found.outcomes if each.kind == "copies"]
     assert said == [
-        "copies: trials that are exact copies of others were counted like new ones, 2 (Ball 1, trial again of Ball 1, "
-        "trial 1, Ball 1, trial other of Ball 2, trial 2); leave them out, or the law looks more certain than it is"
+        "copies: trials that are exact copies were counted once, 1 (Ball 1, trial again of Ball 1, trial 1); nothing "
+        "needs to be done, but a measurement may be missing",
+        "copies: trials that are exact copies were of other objects and counted like new ones, 1 (Ball 1, trial other "
+        "of Ball 2, trial 2); leave them out, or give them their own measurements",
     ]
     assert not [each for each in cl.discover(DROPS, order=2, method=method).outcomes if each.kind == "copies"]
 

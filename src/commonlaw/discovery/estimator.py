@@ -20,7 +20,7 @@ from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
 from commonlaw.trials.trial import shown
 
@@ -115,23 +115,37 @@ class LawDiscovery:
             library, known = with_base(library, known, self.order, trials)
         structure = ModelStructure(self.order, library, known, self.universal)
         method, instead = (self.method, ()) if self.method else _default(trials, structure)
-        trials = trials.with_trials([each.measured() for each in trials]) if isinstance(trials, Trials) else trials
+        trials, copies = _once(trials) if isinstance(trials, Trials) else (trials, ())
         with one_blas_thread():
-            law = _with_copies(method.find(trials, structure, self.progress or on_terminal()), trials)
+            law = method.find(trials, structure, self.progress or on_terminal())
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
-        outcomes = (*law.outcomes, *instead)
+        outcomes = (*law.outcomes, *copies, *instead)
         self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
         return self
 
-    def predict(self, trials: Trials) -> "Forecast":
-        """Forecast each trial from its own initial state, see `Law.predict`."""
-        return self._fitted().predict(trials)
+    def predict(self, trials: Trials, start: int | None = None) -> "Forecast":
+        """Forecast each trial from its own initial state, fitted to its first samples, see `Law.predict`."""
+        return self._fitted().predict(trials, start=start)
 
-    def score(self, trials: Trials, y: None = None) -> float:
-        """Return the R^2 of the forecasts of these trials, see `Law.score`."""
-        return self._fitted().score(trials)
+    def score(self, trials: Trials, y: None = None, start: int | None = None) -> float:
+        """Return how well these trials are forecast, a finite number from -1 to 1, see `Forecast.bounded_score`.
+
+        It is the mean of R^2 over trials and states, each of which counts as -1 if it is below that or the forecast
+        diverged: one trial that is lost does not decide a comparison, as it would by `Law.score`.
+
+        Parameters
+        ----------
+        trials
+            What was measured.
+        y
+            Nothing, for scikit-learn.
+        start
+            How many first samples tell where each forecast starts, see `Law.predict`. A search over parameters takes it
+            as ``GridSearchCV(..., scoring=lambda model, trials, _: model.score(trials, start=15))``.
+        """
+        return self._fitted().predict(trials, start=start).bounded_score()
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters by name; if `deep` those of the method too, ``method__solver__threshold``."""
@@ -205,15 +219,34 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
 
 
-def _with_copies(law: Law, trials: Trials | TrialStream) -> Law:
-    """Return the law with a word on trials that are no new evidence."""
-    copies = exact_copies(trials) if isinstance(trials, Trials) else ()
-    if not copies:
-        return law
-    named = shown([f"{trial.label} of {before.label}" for trial, before in copies])
-    text = f"trials that are exact copies of others were counted like new ones, {named}"
-    outcome = Outcome(OutcomeKind.COPIES, "", text, "leave them out, or the law looks more certain than it is")
-    return replace(law, provenance=replace(law.provenance, outcomes=(*law.outcomes, outcome)))
+def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
+    """Return the trials, each without empty samples and once, and a word on those that are no new evidence.
+
+    What copies an object's own trial is left out; what copies another object's is all that is known of this one.
+    """
+    copies = exact_copies(trials)
+    own = [trial for name in trials.objects for trial, _ in exact_copies(trials.of_object(name))]
+    kept = [each for each in trials if not any(each is copy for copy in own)]
+    return trials.with_trials([each.measured() for each in kept]), _said_of(copies, own)
+
+
+def _said_of(copies: Sequence[tuple[Trial, Trial]], own: Sequence[Trial]) -> tuple[Outcome, ...]:
+    """Return what is said of trials that are copies, and of those among them that were left out."""
+    left_out = [(trial, before) for trial, before in copies if any(trial is each for each in own)]
+    counted = [pair for pair in copies if pair not in left_out]
+    said = (
+        (left_out, "counted once", "nothing needs to be done, but a measurement may be missing"),
+        (counted, "of other objects and counted like new ones", "leave them out, or give them their own measurements"),
+    )
+    return tuple(
+        Outcome(OutcomeKind.COPIES, "", f"trials that are exact copies were {how}, {_named(pairs)}", remedy)
+        for pairs, how, remedy in said
+        if pairs
+    )
+
+
+def _named(pairs: Sequence[tuple[Trial, Trial]]) -> str:
+    return shown([f"{trial.label} of {before.label}" for trial, before in pairs])
 
 
 def _with_parameters_of(

@@ -64,7 +64,8 @@ class AbstractRegression(AbstractMethod):
     ----------
     solver
         How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without a value of its hyperparameter,
-        ``STLSQ()``, offers its whole path, from which `rule` chooses. Default: the paths of ``STLSQ()`` and
+        ``STLSQ()``, offers its whole path, from which `rule` chooses; that of thresholds in the coefficients' own
+        units depends on units, which the law says. Default: the paths of ``STLSQ(normalize=True)`` and
         ``BestSubset()``, or of stepwise selection where there are more than 60 terms.
     rule
         How an equation is chosen from the candidates when the solver has no value, see `commonlaw.selection.choose`.
@@ -173,7 +174,7 @@ def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
     are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
     """
     if terms <= _MANY_TERMS:
-        return STLSQ(), BestSubset()
+        return STLSQ(normalize=True), BestSubset()
     return StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
 
 

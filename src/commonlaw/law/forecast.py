@@ -246,6 +246,16 @@ class Forecast(ShownInNotebooks):
         varied = _sum_of_squares([states - _means(states) for states, _ in compared])
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
+    def bounded_score(self) -> float:
+        """Return the mean of R^2 over trials and states, each at least -1, which a forecast that diverged counts.
+
+        It is finite, and one forecast that goes astray does not outweigh many that are good. Samples in which a state
+        was not measured do not count, nor does a state that did not vary in a trial; NaN if none did.
+        """
+        scores = [_bounded(forecast - states, states - _means(states)) for states, forecast in self._compared()]
+        known = np.concatenate(scores)
+        return float(np.mean(known)) if len(known) else np.nan
+
     @property
     def ahead(self) -> tuple[Bools, ...]:
         """Which samples of each trial are forecast, each of shape (n,); the others told the initial state."""
@@ -270,6 +280,13 @@ def _between(times: Floats, points: int) -> Floats:
 
 def _sum_of_squares(parts: Sequence[Floats]) -> Floats:
     return np.asarray(sum(np.nansum(part**2, axis=0) for part in parts))
+
+
+def _bounded(errors: Floats, variation: Floats) -> Floats:
+    """Return R^2 of the states that vary in a trial, each at least -1, from errors that are NaN where it diverged."""
+    errors = np.where(np.isnan(variation), 0.0, np.nan_to_num(errors, nan=np.inf))
+    missed, varied = np.sum(errors**2, axis=0), np.nansum(variation**2, axis=0)
+    return np.asarray(np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0))
 
 
 def _means(states: Floats) -> Floats:

@@ -344,9 +344,9 @@ class AbstractPredictions(AbstractEquations):
         found: Residuals = resolve_name("commonlaw.discrepancy:residuals")(self, trials)
         return found
 
-    def score(self, trials: Trials) -> float:
-        """Return the R^2 of the forecasts of these trials, see `Forecast.score`."""
-        return self.predict(trials).score()
+    def score(self, trials: Trials, start: int | None = None) -> float:
+        """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
+        return self.predict(trials, start=start).score()
 
     def verdict(self, trials: Trials, learned: Trials | None = None) -> LawVerdict:
         """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.

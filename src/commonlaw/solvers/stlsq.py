@@ -24,7 +24,8 @@ class STLSQ(AbstractSolver):
     Parameters
     ----------
     threshold
-        Smallest importance of a term that stays, in the coefficients' own units; None to have it chosen.
+        Smallest importance of a term that stays, in the coefficients' own units; None to have it chosen. What is kept,
+        and what the path lists, then depends on the units of the measurements and on where variables are counted from.
     shared
         Whether all objects have the same terms, or each object its own.
     importance
@@ -36,7 +37,7 @@ class STLSQ(AbstractSolver):
     max_iterations
         At most so many sweeps; a support that still changes then is an outcome of the fit.
     normalize
-        Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
+        Compare coefficients of columns that are scaled to unit norm, so that nothing depends on units.
 
     Raises
     ------
