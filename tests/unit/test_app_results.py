@@ -98,6 +98,38 @@ def test_columns_are_recognised_and_can_be_named():
     assert (seen["roles"]["states"], seen["roles"]["inputs"], seen["objects"]) == (("a",), ("b",), ("p",))
 
 
+SAMPLES = b"Sample;Run;Time (h);OD600;Note\n" + b"".join(
+    b"%s;%d;%d;0,%d;\n" % (sample, run, hour, 100 + 10 * hour * run)
+    for sample in (b"a", b"b")
+    for run in (1, 2)
+    for hour in range(5)
+)
+
+
+def test_roles_that_are_clear_are_shown_with_the_problem_and_stay_when_others_are_chosen():
+    table = Table("plate.csv", SAMPLES)
+    seen = preview(table, Columns())
+    assert "the time 0 is there twice" in seen["problem"]
+    assert (seen["roles"]["time"], seen["roles"]["states"]) == ("Time", ("Run", "OD600"))
+    seen = preview(table, Columns(trial="Run", time="Time", states=("OD600",)))
+    assert "(column 'Sample' would do)" in seen["problem"]
+    assert (seen["roles"]["trial"], seen["roles"]["time"], seen["roles"]["states"]) == ("Run", "Time", ("OD600",))
+    seen = preview(table, Columns(object="Sample", trial="Run", time="Time", states=("OD600",)))
+    assert (seen["problem"], seen["objects"], seen["count"]) == ("", ("a", "b"), 4)
+
+
+def test_a_plate_is_read_long_where_this_is_asked_and_so_does_the_program():
+    rows = "".join(f"{i},{0.1 * 1.2**i},{0.1 * 1.3**i},{0.1 * 1.4**i},{0.1 * 1.5**i}\n" for i in range(9))
+    table = Table("plate.csv", f"time [h],A1,A2,B1,B2\n{rows}".encode())
+    seen = preview(table, Columns())
+    assert "named like wells" in seen["problem"]
+    assert seen["roles"]["states"] == ("A1", "A2", "B1", "B2")
+    columns = Columns(wide="OD [OD]", states=("A1", "B2"))
+    assert preview(table, columns)["objects"] == ("A1", "B2")
+    source = Question("plate", columns).source(table)
+    assert source.reading == {"wide": "OD [OD]", "restarts": None, "object": None, "states": ["A1", "B2"]}
+
+
 def test_what_is_odd_comes_with_the_rows_of_the_file_and_the_cell_that_is_meant():
     rows = [
         f"b{each},{i},{(each + 1) * i * i if (each, i) != (2, 6) else 999},{i}" for each in range(8) for i in range(9)

@@ -83,7 +83,7 @@ def test_what_restarts_mean_is_one_of_two():
 def test_a_stream_which_sees_a_part_of_the_rows_takes_no_restarts(tmp_path):
     RUNS.assign(object="a", trial="1").to_parquet(tmp_path / "a.parquet")
     with pytest.raises(CommonlawError, match="unknown keyword 'restarts'"):
-        TrialStream.from_parquet(tmp_path / "a.parquet", states="x", restarts="trials")
+        TrialStream.from_parquet(tmp_path / "a.parquet", **{"states": "x", "restarts": "trials"})
 
 
 def test_the_command_line_says_what_to_do_and_does_it(tmp_path):

@@ -54,7 +54,7 @@ def sample_table(name: str) -> Table:
 def preview(table: Table, columns: Columns) -> dict[str, Any]:
     """Return the columns of a table, its first rows, its trials by these columns, and what data checks find.
 
-    Where columns do not make trials, the reason stands in place of these.
+    Where columns do not make trials, the reason stands in place of these, beside the roles that are clear.
     """
     held = table.cells()
     shown = [[cell_text(each) for each in column[:_ROWS]] for column in held.columns.values()]
@@ -67,7 +67,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     try:
         rows = columns.rows(held)
     except CommonlawError as error:
-        return found | {"problem": in_page(str(error))}
+        return found | {"roles": columns.recognised(held), "problem": in_page(str(error))}
     trials = Trials(*rows.data)
     check = trials.check()
     checks = {"odd": finding_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}

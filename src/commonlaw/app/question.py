@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import msgspec
 
@@ -11,6 +11,7 @@ from commonlaw.law.script import Source
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.grouping import Restarts
+from commonlaw.trials.roles import Reading, recognised_roles
 from commonlaw.trials.sources import table_in
 from commonlaw.trials.tables import Rows, rows_of
 
@@ -29,8 +30,16 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     def rows(self, cells: Cells) -> Rows:
         """Return what the rows of a table make."""
-        said: dict[str, Any] = {name: each for name, each in msgspec.structs.asdict(self).items() if each}
-        return rows_of(cells, Path(cells.source).stem, **said)
+        return rows_of(cells, Path(cells.source).stem, **self._said)
+
+    def recognised(self, cells: Cells) -> dict[str, Any]:
+        """Return the roles of columns that are clear, also where the rows make no trials."""
+        return recognised_roles(cells, self._said)
+
+    @property
+    def _said(self) -> Reading:
+        said: Any = {name: each for name, each in msgspec.structs.asdict(self).items() if each}
+        return cast(Reading, said)
 
 
 class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -76,7 +85,11 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     def source(self, table: "Table") -> Source:
         """Return where a program finds the trials of its law in a table."""
         learned = self.hold_out if self.law is None else HoldOut()
-        return Source(table.name, table.dataset, self.columns.properties, learned.written)
+        columns = self.columns
+        reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
+        if columns.wide:
+            reading |= {"object": None, "states": list(columns.states) or None}
+        return Source(table.name, table.dataset, columns.properties, learned.written, reading)
 
 
 class Table(msgspec.Struct, frozen=True):

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -28,12 +28,16 @@ class Source:
         Columns that are properties; those that the table says itself by default.
     training
         The trials that are learned from, as Python, of those ``measured``: ``"measured.until(2.0)"``; all by default.
+    reading
+        How rows are read, by keywords of `Trials.read`, which take precedence over what the law says; None leaves one
+        out.
     """
 
     table: str = "trials.csv"
     dataset: str = ""
     properties: tuple[str, ...] = ()
     training: str = ""
+    reading: Mapping[str, Any] = field(default_factory=dict)
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
@@ -92,6 +96,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
         "properties": list(source.properties) or None,
         "noise_columns": dict(schema.noise_columns) or None,
         "units": {name: schema.units[name] for name in _columns(schema) if name in schema.units} or None,
+        **source.reading,
     }
     said = ", ".join(f"{name}={each!r}" for name, each in roles.items() if each is not None)
     reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"

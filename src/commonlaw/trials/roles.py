@@ -2,16 +2,19 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypedDict
+
+import numpy as np
 
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.properties import constant_columns
+from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.trial import PropertyTable
 from commonlaw.trials.wide import check_wide
 
@@ -121,6 +124,37 @@ def identity_columns(table: Table, roles: Roles) -> Identity:
     return Identity(_role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",)), time)
 
 
+def recognised_roles(table: Table, roles: Reading) -> dict[str, Any]:
+    """Return the columns by role as far as they are clear, also where others are not or the rows make no trials."""
+    finders: dict[str, Callable[[], Any]] = {
+        "object": lambda: _role(table, roles, "object", ("object",)),
+        "trial": lambda: _role(table, roles, "trial", ("trial",)),
+        "time": lambda: _time(table, roles),
+        "states": lambda: _found(table, roles.get("states", ())),
+        "inputs": lambda: _found(table, roles.get("inputs", ())),
+        "properties": lambda: _found(table, roles.get("properties", ())),
+    }
+    found: dict[str, Any] = {}
+    for role, find in finders.items():
+        with suppress(CommonlawError):
+            found[role] = find()
+    if found.get("time") and not found["states"]:
+        with suppress(CommonlawError):
+            found |= _values_of(table, roles)
+    return found
+
+
+def _values_of(table: Table, roles: Reading) -> dict[str, Any]:
+    """Return the columns of states, inputs and properties, by role."""
+    identity = identity_columns(table, roles)
+    owners = (
+        np.zeros(len(table), dtype=np.int64) if identity.object is None else object_codes(table, identity.object)[0]
+    )
+    # As if it was wide, so that columns of wells are shown as what they would be
+    columns = value_columns(table, {**roles, "wide": True}, identity, owners)
+    return {"states": columns.states, "inputs": columns.inputs, "properties": columns.properties or ()}
+
+
 def _time(table: Table, roles: Roles) -> str | None:
     clocks = [name for name in table.columns if name.casefold() in _CLOCKS]
     return _role(table, roles, "time", ("t", "time")) or (clocks[0] if len(clocks) == 1 else None)
@@ -149,7 +183,7 @@ class ValueColumns:
     notes: tuple[str, ...]
 
 
-def value_columns(table: Table, roles: Roles, identity: Identity, owners: Codes) -> ValueColumns:
+def value_columns(table: Table, roles: Reading, identity: Identity, owners: Codes) -> ValueColumns:
     """Give the columns that are not taken their roles: as named; else properties where constant, and states."""
     inputs = _found(table, roles.get("inputs", ()))
     states = _found(table, roles.get("states", ()))
