@@ -22,7 +22,11 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
+<<<<<<< HEAD
 .PHONY: help demo study layers docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost release-check clean
+=======
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
+>>>>>>> 5d02f84 (Lead with a law that runs offline, give every public name a page, add tutorials by field, in a current theme)
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -49,6 +53,9 @@ layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
+
+pictures: $(STAMP) ## Draw the pictures of the README and the documentation again
+	$(BIN)/python docs/pictures.py
 
 docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: a minute
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs build/docs

@@ -1,9 +1,13 @@
 """How Sphinx builds the site: `make docs`. Nothing in it is fetched from elsewhere when it is read."""
 
+import inspect
 import re
+from functools import cached_property
 from html import unescape
+from importlib import metadata
 from pathlib import Path
 from pkgutil import resolve_name
+from types import FunctionType
 from typing import Any
 from urllib.parse import unquote
 
@@ -19,33 +23,36 @@ from commonlaw.report.markup import formula
 
 project = "commonlaw"
 author = "the maintainers of commonlaw"
-version = release = "0.1"
+version = release = metadata.version("commonlaw")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 exclude_patterns = ["_build"]
 default_role = "code"
 language = "en"
 
-html_theme = "alabaster"
+html_theme = "furo"
+html_title = "commonlaw"
 html_theme_options = {
-    "description": "Find the law that repeated measurements have in common",
-    "fixed_sidebar": True,
-    "page_width": "74rem",
-    "github_button": False,
+    "light_css_variables": {"color-brand-primary": "#005a9c", "color-brand-content": "#005a9c"},
+    "dark_css_variables": {"color-brand-primary": "#6cb6ff", "color-brand-content": "#6cb6ff"},
+    "top_of_page_buttons": [],
 }
+html_css_files = ["custom.css"]
+html_show_sourcelink = False
 html_static_path = ["_static"]
 html_math_renderer = "mathml"
 html_copy_source = html_show_sphinx = html_show_copyright = False
 
-myst_enable_extensions = ["dollarmath", "deflist"]
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 nb_execution_mode = "auto"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-# The measured drops are not part of the project; without them, and without a network, this page has no outputs
+# The measured drops are not part of the project; without them, and without a network, their page has no outputs and says so
 try:
     commonlaw.datasets.ball_drops()
+    tags.add("measured_drops")  # noqa: F821
 except commonlaw.CommonlawError:
     nb_execution_excludepatterns = ["tutorials/drops.md"]
 
@@ -58,26 +65,60 @@ nitpicky = False
 
 
 class PublicNames(SphinxDirective):
-    """Describes public names by their docstrings: its argument is a module, and the names in it."""
+    """Lists public names with the first lines of their docstrings: its argument is a module, and the names in it."""
 
     required_arguments = 1
     final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
-        """Return the descriptions."""
-        lines, (module, *names) = [], self.arguments[0].split()
-        for name in names:
-            found = resolve_name(f"{module}:{name}")
-            if isinstance(found, type):
-                inherited = ["   :inherited-members:"] if found is commonlaw.Law else []
-                lines += [f".. autoclass:: {module}.{name}", "   :members:", *inherited, ""]
-            else:
-                lines += [f".. autofunction:: {module}.{name}", ""]
-        return self.parse_text_to_nodes("\n".join(lines))
+        """Return the list, and the hidden table of contents of their pages."""
+        module, *names = self.arguments[0].split()
+        rows = [(f":doc:`{name} <api/{name}>`", resolve_name(f"{module}:{name}")) for name in names]
+        pages = [".. toctree::", "   :hidden:", "", *(f"   api/{name}" for name in names), ""]
+        return self.parse_text_to_nodes("\n".join(_table(rows) + pages))
+
+
+def _table(rows: list[tuple[str, object]]) -> list[str]:
+    """Return a table of names and the first lines of their docstrings, as lines of reStructuredText."""
+    cells = [(name, (inspect.getdoc(found) or "").partition("\n")[0]) for name, found in rows]
+    return [".. list-table::", "   :widths: auto", "", *(f"   * - {name}\n     - {text}" for name, text in cells), ""]
+
+
+def _members(found: type) -> list[tuple[str, object]]:
+    """Return the documented methods and properties of a class, in the order in which they are written."""
+    classes = [each for each in reversed(found.__mro__) if each.__module__.startswith("commonlaw")]
+    own = {name: value for each in classes if found is commonlaw.Law or each is found for name, value in vars(each).items()}
+    kinds = property | cached_property | classmethod | staticmethod | FunctionType
+    return [(name, each) for name, each in own.items() if name[0] != "_" and isinstance(each, kinds) and each.__doc__]
+
+
+def _page(module: str, name: str) -> str:
+    """Return the page of a public name."""
+    found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
+    lines = [name, "=" * len(name), ""]
+    if not isinstance(found, type):
+        return "\n".join([*lines, f".. autofunction:: {full}", ""])
+    if len(members := _members(found)) > 3:
+        lines += _table([(f":py:obj:`{each} <{full}.{each}>`", value) for each, value in members])
+    inherited = ["   :inherited-members:"] if found is commonlaw.Law else []
+    return "\n".join([*lines, f".. autoclass:: {full}", "   :members:", *inherited, ""])
+
+
+def _write_pages(app: Sphinx) -> None:
+    """Write the pages of all public names, and touch only those that change."""
+    folder = Path(app.srcdir, "api")
+    folder.mkdir(exist_ok=True)
+    blocks = re.findall(r"public-names:: (\S+)\n((?: +\S.*\n)+)", Path(app.srcdir, "api.rst").read_text())
+    pages = {folder / f"{name}.rst": _page(module, name) for module, names in blocks for name in names.split()}
+    for old in {*folder.glob("*.rst")} - {*pages}:
+        old.unlink()
+    for file, text in pages.items():
+        if not file.exists() or file.read_text() != text:
+            file.write_text(text)
 
 
 def _check_names(app: Sphinx) -> None:
-    """Fail if the page of the reference leaves out a public function or class."""
+    """Fail if the list of the reference leaves out a public function or class."""
     listed = set(Path(app.srcdir, "api.rst").read_text().split())
     modules = commonlaw, commonlaw.plots, commonlaw.datasets
     public = {name: getattr(module, name) for module in modules for name in module.__all__}
@@ -113,7 +154,7 @@ def _inline_math(translator: Any, node: nodes.math) -> None:
 
 
 def _displayed_math(translator: Any, node: nodes.math_block) -> None:
-    translator.body.append(f"<p>{formula(node.astext(), 'block')}</p>")
+    translator.body.append(f"<p class='formula'>{formula(node.astext(), 'block')}</p>")
     raise nodes.SkipNode
 
 
@@ -141,5 +182,6 @@ def setup(app: Sphinx) -> None:
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
     app.connect("builder-inited", _check_names)
+    app.connect("builder-inited", _write_pages)
     app.connect("build-finished", _check_links)
     app.add_html_math_renderer("mathml", (_inline_math, None), (_displayed_math, None))
