@@ -49,7 +49,7 @@ nb_execution_mode = "auto"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-# The measured drops are not part of the project; without them, and without a network, their page has no outputs and says so
+# The measured drops are not part of the project; where they cannot be had their page has no outputs, and says so
 try:
     commonlaw.datasets.ball_drops()
     tags.add("measured_drops")  # noqa: F821
@@ -86,8 +86,8 @@ def _table(rows: list[tuple[str, object]]) -> list[str]:
 
 def _members(found: type) -> list[tuple[str, object]]:
     """Return the documented methods and properties of a class, in the order in which they are written."""
-    classes = [each for each in reversed(found.__mro__) if each.__module__.startswith("commonlaw")]
-    own = {name: value for each in classes if found is commonlaw.Law or each is found for name, value in vars(each).items()}
+    classes = reversed(found.__mro__) if found is commonlaw.Law else [found]
+    own = {name: each for base in classes if base is not object for name, each in vars(base).items()}
     kinds = property | cached_property | classmethod | staticmethod | FunctionType
     return [(name, each) for name, each in own.items() if name[0] != "_" and isinstance(each, kinds) and each.__doc__]
 
