@@ -15,9 +15,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 from uuid import uuid4
 
+from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
 
 AnyPath = str | os.PathLike[str]
@@ -49,7 +51,7 @@ def write_all(contents: Mapping[P, bytes]) -> None:
         If a target cannot be written to, see `check_targets`, or the disk is full; no file is touched then.
     """
     targets = check_targets(contents)
-    with ExitStack() as stack:
+    with put_away_first(), ExitStack() as stack:
         anchors: dict[Path, Path] = {}
         staged: list[tuple[_Target, Path]] = []
         for number, (target, content) in enumerate(zip(targets, contents.values(), strict=True)):
@@ -117,6 +119,22 @@ def make_folder(folder: AnyPath) -> None:
         raise CommonlawError(
             f"cannot make the folder {str(folder)!r}: {_reason(error)}; choose one that you may write to"
         ) from error
+
+
+@contextmanager
+def private_file(name: str, content: bytes) -> Iterator[Path | None]:
+    """Keep a file that nobody else can read, in a folder of its own, as long as what is within goes on.
+
+    Yields its path; None where there is no place for temporary files.
+    """
+    with ExitStack() as stack:
+        file = None
+        with suppress(OSError):
+            file = Path(stack.enter_context(TemporaryDirectory(prefix="commonlaw-"))) / name
+            opened = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(opened, "wb") as writing:
+                writing.write(content)
+        yield file
 
 
 @dataclass(frozen=True)

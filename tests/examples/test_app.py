@@ -3,21 +3,17 @@
 import json
 import os
 import re
-import signal
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
 from itertools import combinations
-from urllib.parse import urlsplit
 
 import pytest
 from axe_core_python.selenium import Axe
 from selenium.webdriver import ActionChains
 
 import commonlaw as cl
+from tests.served import served
 
 MOVES = """
 const slider = document.getElementById("slider"), times = [];
@@ -39,18 +35,6 @@ def table(tmp_path_factory):
     return path
 
 
-@contextmanager
-def served(*arguments):
-    """The address of an app that runs."""
-    command = [sys.executable, "-m", "commonlaw", "app", "--no-browser", *map(str, arguments)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process.stdout.readline().split()[-1]
-        finally:
-            process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 0
-
-
 @pytest.fixture
 def page(browser):
     """A browser with an empty log, and what waits for something in its page."""
@@ -58,6 +42,12 @@ def page(browser):
     browser.get_log("browser")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     return browser
+
+
+def open_page(page, app):
+    """Open the app by the address that people are told, which goes on to its page."""
+    page.get(app.address)
+    wait(page, "$('file') && document.readyState === 'complete'")
 
 
 def text(page, name):
@@ -89,8 +79,8 @@ def serious(page):
 
 
 def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
-    with served(table) as address:
-        page.get(address)
+    with served(table) as app:
+        open_page(page, app)
         wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
         assert "x" in text(page, "counts")
         assert serious(page) == []
@@ -105,7 +95,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
 
         trials = cl.Trials.read(table)
         taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
-        taken = {name: urllib.request.urlopen(link).read().decode() for name, link in taken.items()}
+        taken = {name: app.say("GET", link.partition(app.host)[2])[1].decode() for name, link in taken.items()}
         law = cl.Law.from_json(taken["law.json"])
         assert law.structure() == ("x'' = a + b v",)
         assert law.verdict(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
@@ -157,7 +147,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         page.refresh()  # and all is there again
         wait(page, "!$('result').hidden")
         assert [each for each in page.get_log("browser") if each["level"] == "SEVERE"] == []
-        check_others_are_refused(address)
+        check_others_are_refused(app)
 
 
 def pressed(page):
@@ -197,28 +187,28 @@ def click_term(page, name):
     page.find_element("css selector", f'#terms button[data-term="{name}"]').click()
 
 
-def check_others_are_refused(address):
+def check_others_are_refused(app):
     """Check that no other site may ask, and that no path of the machine can be named."""
-    parts = urlsplit(address)
-    root = f"{parts.scheme}://{parts.netloc}"
     asked = [
-        (f"{root}/", {}, 404),
-        (f"{address}../../etc/passwd", {}, 404),
-        (f"{address}%2e%2e/routes.py", {}, 404),
-        (address, {"Host": "evil.example"}, 403),
-        (f"{address}datasets", {"Origin": "http://evil.example"}, 403),
+        ("", {}, 401),
+        ("guess/", {}, 404),
+        (f"{app.room[1:]}../../etc/passwd", {}, 404),
+        (f"{app.room[1:]}%2e%2e/routes.py", {}, 404),
+        (app.room[1:], {"Host": "evil.example"}, 403),
+        (f"{app.room[1:]}datasets", {"Origin": "http://evil.example"}, 403),
     ]
-    for link, headers, status in asked:
+    for path, headers, status in asked:
         data = json.dumps({"name": "lorenz"}).encode() if "Origin" in headers else None
+        request = urllib.request.Request(f"http://{app.host}/{path}", data, {"Cookie": app.cookie} | headers)
         with pytest.raises(urllib.error.HTTPError, match=str(status)):
-            urllib.request.urlopen(urllib.request.Request(link, data, headers))
+            urllib.request.urlopen(request)
 
 
 def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_not_meet(page, table, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("object,length\na,1\na,2\n")
-    with served() as address:
-        page.get(address)
+    with served() as app:
+        open_page(page, app)
         page.find_element("id", "file").send_keys(os.fspath(bad))
         assert "which column holds the time" in wait(page, "$('problem').textContent")
         assert not page.find_element("id", "ask").is_displayed()
@@ -232,7 +222,8 @@ def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_
         wait(page, "!$('going').hidden && $('going_stage').textContent")
         first = page.current_window_handle
         page.switch_to.new_window("tab")
-        page.get(address)
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('lorenz')")  # A new tab goes on where the last one is
         page.find_element("id", "file").send_keys(os.fspath(table))
         wait(page, "$('counts').textContent.includes('drops.csv')")
         assert page.execute_script("return document.getElementById('going').hidden")

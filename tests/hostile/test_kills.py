@@ -1,4 +1,4 @@
-"""Every command that writes is killed at random moments: its files are the old ones or whole, and nothing is left."""
+"""Every command that writes is ended at random moments: its files are the old ones or whole, and nothing is left."""
 
 import os
 import random
@@ -8,13 +8,18 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import commonlaw as cl
 from commonlaw.files import write_whole
+from tests.served import PATIENCE, gone
 
 KILLS = int(os.environ.get("KILLS", "1"))
-"""How often each command is killed in each way."""
+"""How often each command is ended in each way."""
+
+TOLD, KILLED = (signal.SIGTERM, signal.SIGINT), signal.SIGKILL
+"""What a command is told to end by, and what it cannot hear."""
 
 COMMAND = (sys.executable, "-c", "from commonlaw.cli import main; main()")
 COMMANDS = {
@@ -24,7 +29,11 @@ COMMANDS = {
     "refine": ("refine", "in/law.json", "in/drops.csv", "--save", "law.json"),
     "fit": ("fit", "x'' = -g - c v", "in/drops.csv", "--save", "law.json"),
     "discover": ("discover", "in/drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--save", "law.json"),
-}
+    "discover in processes": (
+        "discover", "in/drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--jobs", "2", "--save", "law.json"
+    ),
+    "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
+}  # fmt: skip
 OLD = b"what was there before"
 
 
@@ -33,24 +42,33 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a table and its law."""
     folder = tmp_path_factory.mktemp("in")
     cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.01).to_csv(folder / "drops.csv")
+    pd.read_csv(folder / "drops.csv").to_excel(folder / "drops.xlsx", index=False)
     law = cl.datasets.truth_of("linear-drag").select(["Ball 1", "Ball 2"])
     law.save(folder / "law.json")
     return folder
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_that_is_killed_leaves_old_files_or_whole_ones(tmp_path: Path, inputs: Path, command: str) -> None:
+def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
+    tmp_path: Path, inputs: Path, command: str
+) -> None:
     whole, seconds = run_to_the_end(tmp_path, inputs, COMMANDS[command])
+    longest = 0.0
     for seed in range(KILLS):
         # Once at any moment, and once in the midst of writing
-        for how, delay in ((signal.SIGTERM, random.Random(seed).uniform(0.2, 1.1) * seconds), (signal.SIGKILL, None)):
+        r = random.Random(f"{command} {seed}")
+        for how, delay in ((r.choice(TOLD), r.uniform(0.05, 1.1) * seconds), (r.choice([*TOLD, KILLED]), None)):
             for name in whole:
                 (tmp_path / name).write_bytes(OLD)
-            kill(start(tmp_path, COMMANDS[command]), how, delay, tmp_path)
+            process = start(tmp_path, COMMANDS[command])
+            longest = max(longest, end(process, how, delay, tmp_path))
+            assert gone(process.pid), (how, delay)
             for name, content in whole.items():
                 assert (tmp_path / name).read_bytes() in (OLD, content), (name, how, delay)
-            write_whole(tmp_path / "next", b"")
-            assert {each.name for each in tmp_path.iterdir()} == {"in", "next", *whole}
+            if how == KILLED:
+                write_whole(tmp_path / "next", b"")
+            assert {each.name for each in tmp_path.iterdir()} - {"next"} == {"in", *whole}, (how, delay)
+    print(f"{command}, {2 * KILLS} times: ended within {longest:.2f} s")
 
 
 def run_to_the_end(folder: Path, inputs: Path, arguments: tuple[str, ...]) -> tuple[dict[str, bytes], float]:
@@ -63,14 +81,19 @@ def run_to_the_end(folder: Path, inputs: Path, arguments: tuple[str, ...]) -> tu
 
 
 def start(folder: Path, arguments: tuple[str, ...]) -> "subprocess.Popen[bytes]":
-    return subprocess.Popen([*COMMAND, *arguments], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        [*COMMAND, *arguments], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
 
 
-def kill(process: "subprocess.Popen[bytes]", how: signal.Signals, delay: float | None, folder: Path) -> None:
-    """End a process after some seconds, or as soon as it has begun to write."""
-    began = time.monotonic()
+def end(process: "subprocess.Popen[bytes]", how: signal.Signals, delay: float | None, folder: Path) -> float:
+    """End a process after some seconds, or as soon as it has begun to write; return the seconds that it then took."""
+    began, told = time.monotonic(), 0.0
     while process.poll() is None:
         if time.monotonic() > began + delay if delay else any(folder.glob(".commonlaw-*")):
             process.send_signal(how)
-            process.wait()
+            told = time.monotonic()
+            assert process.wait(PATIENCE) in (-how, 0)  # it may have come to its end
+            return time.monotonic() - told
         time.sleep(0.001)
+    return 0.0

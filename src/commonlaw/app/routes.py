@@ -1,7 +1,9 @@
 """What the page may ask of the server."""
 
+import asyncio
 import re
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, nullcontext
 from functools import wraps
 from pkgutil import get_data
 from threading import Lock
@@ -10,11 +12,11 @@ from typing import Any
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from commonlaw.app.guard import TooLargeError
+from commonlaw.app.guard import TooLargeError, TooSlowError
 from commonlaw.app.preview import Sample, preview, sample_table, simulated
 from commonlaw.app.question import Columns, Question, named
 from commonlaw.app.result import Found
@@ -38,6 +40,9 @@ ASSETS = {
 }
 """All files that are served, by their address: no other can be named."""
 
+_AT_ONCE = 4
+"""Requests that take time and memory, tables that are sent among them; others wait for their turn."""
+
 _one_draws = Lock()
 """Matplotlib draws in one thread at a time."""
 
@@ -60,15 +65,12 @@ class _OtherTerms(msgspec.Struct, forbid_unknown_fields=True):
     """Names of terms, for each equation."""
 
 
-def application(sessions: Sessions, first: str | None) -> Starlette:
-    """Return what answers; `first` is the name of a table that the page opens with."""
-
-    async def opened(_: Request) -> Response:
-        return _json({"table": first})
-
+def application(sessions: Sessions) -> Starlette:
+    """Return what answers."""
     routes = [Route(f"/{name}", _asset(*each)) for name, each in ASSETS.items()]
-    routes.append(Route("/first", opened))
+    few = asyncio.Semaphore(_AT_ONCE)
     for path, method, answer in (
+        ("/first", "GET", _first),
         ("/tables", "POST", _add_table),
         ("/datasets", "POST", _add_data_set),
         ("/previews", "POST", _preview),
@@ -82,7 +84,7 @@ def application(sessions: Sessions, first: str | None) -> Starlette:
         ("/searches/{name}/forecasts", "POST", _forecast),
         ("/searches/{name}/{file}", "GET", _file),
     ):
-        routes.append(Route(path, _mended(answer), methods=[method]))
+        routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
     made = Starlette(routes=routes)
     made.state.sessions = sessions
     return made
@@ -97,30 +99,42 @@ def _asset(name: str, kind: str) -> Endpoint:
     return answer
 
 
-def _mended(answer: Callable[[Sessions, Request], Awaitable[Response]]) -> Endpoint:
-    """Return an endpoint that says what a user can mend."""
+def _mended(
+    answer: Callable[[Sessions, Request], Awaitable[Response]], turn: AbstractAsyncContextManager[None]
+) -> Endpoint:
+    """Return an endpoint that says what a user can mend, and answers when it is its turn."""
 
     @wraps(answer)
     async def answering(request: Request) -> Response:
         try:
-            return await answer(request.app.state.sessions, request)
+            async with turn:
+                return await answer(request.app.state.sessions, request)
         except CommonlawError as error:
             return _json({"error": in_page(str(error))}, 422)
         except TooLargeError:
             return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
+        except TooSlowError:
+            return _json({"error": "the file came to a stop on its way: open it again"}, 408)
+        except ClientDisconnect:  # nobody hears this
+            return Response(status_code=408)
 
     return answering
+
+
+async def _first(sessions: Sessions, _: Request) -> Response:
+    """Tell where a new page goes on: with the table and the search of the last one."""
+    return _json({"table": None, "search": None} | sessions.latest)
 
 
 async def _add_table(sessions: Sessions, request: Request) -> Response:
     table = named(request.query_params.get("name", "table"), await request.body())
     await run_in_threadpool(table.cells)
-    return _json({"table": sessions.tables.add(table)})
+    return _json({"table": sessions.open_table(table)})
 
 
 async def _add_data_set(sessions: Sessions, request: Request) -> Response:
     asked = read_json(await request.body(), _DataSet)
-    return _json({"table": sessions.tables.add(await run_in_threadpool(sample_table, asked.name))})
+    return _json({"table": sessions.open_table(await run_in_threadpool(sample_table, asked.name))})
 
 
 async def _preview(sessions: Sessions, request: Request) -> Response:
@@ -225,6 +239,9 @@ def _forecast_of(found: Found) -> Forecast:
         raise CommonlawError("; ".join(found.lacking))
     return found.checked
 
+
+_LIGHT = (_first, _state, _found, _cancel, _fit_state, _cancel_fit)
+"""What is answered at once, whatever else goes on."""
 
 _MAKERS: dict[str, Callable[[Found, Source | None], str]] = {
     "law.json": lambda found, _: found.law.to_json(),

@@ -11,7 +11,7 @@ from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
 
 
-@dataclass
+@dataclass(eq=False)
 class Search:
     """A search that runs or has ended.
 
@@ -51,7 +51,6 @@ class Search:
         CommonlawError
             If there is no law yet.
         """
-        self._work.state()  # Takes in what was made
         if self._work.made is None:
             raise CommonlawError("the search has found no law yet: wait for it")
         return self._work.made.with_laws(each.made for each in self.fits if not each.is_running and each.made)
@@ -69,6 +68,12 @@ class Search:
         """End all that goes on."""
         self._work.cancel()
         self.cancel_fit()
+
+    def close(self) -> None:
+        """End all that goes on, and wait until its processes are gone."""
+        self._work.close()
+        for each in self.fits:
+            each.close()
 
     def cancel_fit(self) -> None:
         """End the fit of a law of other terms, if one goes on."""

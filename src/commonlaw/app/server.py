@@ -1,19 +1,24 @@
-"""The server: on this machine alone, at an address that nobody can guess."""
+"""The server: on this machine alone, for those who have a key."""
 
 import os
 import socket
+import sys
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from secrets import token_urlsafe
+from threading import Thread
 
 from commonlaw.app.question import named
 from commonlaw.app.sessions import Sessions
+from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
+from commonlaw.files import private_file
 from commonlaw.foreign import read_file
 
 _HERE = "127.0.0.1"
+_TURN = 0.2
+"""Seconds between looks at whether the server has ended."""
 
 
 def serve(
@@ -22,7 +27,7 @@ def serve(
     tell: Callable[[str], None] = lambda _: None,
     open_browser: bool = True,
 ) -> None:
-    """Serve the app until it is interrupted.
+    """Serve the app until it is interrupted; then nothing of it goes on, whatever it was in.
 
     Parameters
     ----------
@@ -31,9 +36,9 @@ def serve(
     port
         Where to listen; any that is free by default.
     tell
-        Takes the address.
+        Takes the address. Whoever has it can open the app as long as it runs.
     open_browser
-        Whether a browser opens it.
+        Whether a browser opens it. The browser is told by a file that nobody else can read, not by its arguments.
 
     Raises
     ------
@@ -45,30 +50,59 @@ def serve(
     import uvicorn
 
     from commonlaw.app.guard import Guard
+    from commonlaw.app.keys import Keys
+    from commonlaw.app.lobby import BACKLOG, Lobby, protocol
     from commonlaw.app.routes import application
 
-    sessions = Sessions()
-    first = None if path is None else sessions.tables.add(named(Path(path).name, read_file(path)))
-    listening = _listening(port)
-    host = f"{_HERE}:{listening.getsockname()[1]}"
-    token = token_urlsafe(24)
-    guard = Guard(application(sessions, first), token, frozenset({host, host.replace(_HERE, "localhost")}))
-    config = uvicorn.Config(guard, log_level="error", access_log=False, lifespan="off", server_header=False)
-    address = f"http://{host}/{token}/"
-    tell(address)
-    if open_browser:
-        webbrowser.open_new_tab(address)
-    try:
-        uvicorn.Server(config).run(sockets=[listening])
-    except KeyboardInterrupt:
-        pass
-    finally:
-        sessions.close()
-        listening.close()
+    sessions, lobby = Sessions(), Lobby()
+    if path is not None:
+        sessions.open_table(named(Path(path).name, read_file(path)))
+    with _listening(port) as listening:
+        port = listening.getsockname()[1]
+        keys = Keys(f"commonlaw-{port}")
+        guard = Guard(application(sessions), keys, hosts_at(port), lobby)
+        config = uvicorn.Config(
+            guard, loop="asyncio", http=protocol(lobby), ws="none", backlog=BACKLOG, log_level="error",
+            access_log=False, lifespan="off", server_header=False,
+        )  # fmt: skip
+        server = uvicorn.Server(config)
+        # In a thread it leaves signals alone, by which it would wait for all that goes on
+        serving = Thread(target=server.run, args=([listening],), daemon=True)
+        address = f"http://{_HERE}:{port}"
+        with put_away_first(), private_file("open.html", _page(f"{address}/{keys.once}")) as page:
+            try:
+                serving.start()
+                tell(f"{address}/{keys.printed}")
+                if open_browser and page is not None:
+                    # A browser of a terminal returns when it is closed
+                    Thread(target=webbrowser.open_new_tab, args=(page.as_uri(),), daemon=True).start()
+                while serving.is_alive():
+                    serving.join(_TURN)
+            except KeyboardInterrupt:
+                server.should_exit = server.force_exit = True
+            finally:
+                sessions.close()
+
+
+def hosts_at(port: int) -> frozenset[str]:
+    """Return the names by which browsers call a server of this machine; the port of HTTP they leave out."""
+    names = (_HERE, "localhost")
+    return frozenset([*(f"{each}:{port}" for each in names), *(names if port == 80 else ())])
+
+
+def _page(address: str) -> bytes:
+    """Return a page that goes on to an address."""
+    link = f'<a href="{address}">Open commonlaw</a>'
+    return (
+        f'<!DOCTYPE html><title>commonlaw</title><meta http-equiv="refresh" content="0; url={address}">{link}'.encode()
+    )
 
 
 def _listening(port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # What was served at this port before may still be on its way; on Windows this would share the port
+    if sys.platform != "win32":
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         opened.bind((_HERE, port))
         opened.listen()

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from secrets import token_hex
+from threading import Lock
 from typing import Generic, TypeVar
 
 from commonlaw.app.question import Question, Table
@@ -47,10 +48,21 @@ class Kept(Generic[T]):
 
 @dataclass
 class Sessions:
-    """All that the pages of a server have."""
+    """All that the pages of a server have; what begins is counted and begun in one step, also when many ask at once."""
 
     tables: Kept[Table] = field(default_factory=lambda: Kept("table", _TABLES, lambda _: None))
     searches: Kept[Search] = field(default_factory=lambda: Kept("search", _SEARCHES, Search.cancel))
+    latest: dict[str, str] = field(default_factory=dict)
+    """Names of the table and the search that were begun last, where a new page goes on."""
+    _beginning: Lock = field(default_factory=Lock)
+    _is_open: bool = True
+
+    def open_table(self, table: Table) -> str:
+        """Keep a table, and return its name."""
+        with self._beginning:
+            name = self.tables.add(table)
+            self.latest = {"table": name}
+        return name
 
     def search(self, question: Question) -> str:
         """Begin a search, and return its name.
@@ -60,9 +72,12 @@ class Sessions:
         CommonlawError
             If its table is not there, or too many searches run.
         """
-        table = self.tables.get(question.table)
-        self._check_room(())
-        return self.searches.add(Search(question, table))
+        with self._beginning:
+            table = self.tables.get(question.table)
+            self._check_room(())
+            name = self.searches.add(Search(question, table))
+            self.latest = {"table": question.table, "search": name}
+        return name
 
     def fit_terms(self, name: str, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit a law of other terms to what a search was asked of.
@@ -72,16 +87,24 @@ class Sessions:
         CommonlawError
             If the search is not there or has no law, there are no such terms, or too many searches run.
         """
-        search = self.searches.get(name)
-        self._check_room((search,))
-        search.fit_terms(terms)
+        with self._beginning:
+            search = self.searches.get(name)
+            self._check_room((search,))
+            search.fit_terms(terms)
 
     def _check_room(self, but: Sequence[Search]) -> None:
         running = [each for each in self.searches.values.values() if each not in but and each.is_running]
         if len(running) >= _AT_ONCE:
             raise CommonlawError(f"{_AT_ONCE} searches run already: wait for one of them, or cancel it")
+        if not self._is_open:
+            raise CommonlawError("the app is ending: start it again")
 
     def close(self) -> None:
-        """End all that goes on."""
-        for each in self.searches.values.values():
+        """End all that goes on, and begin nothing more."""
+        with self._beginning:
+            self._is_open = False
+            searches = [*self.searches.values.values()]
+        for each in searches:
             each.cancel()
+        for each in searches:
+            each.close()

@@ -1,16 +1,20 @@
 """Work in processes of its own: the page stays alive, and what is cancelled ends at once."""
 
 import pickle
+import signal
+import sys
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
-from threading import Lock
+from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
 from commonlaw.app.words import in_page
+from commonlaw.ending import SIGNALS, end_with_parent
 from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
@@ -21,10 +25,13 @@ Task = Callable[[Callable[[str], None]], Iterator[T]]
 _CONTEXT = get_context("spawn")
 """A forked process would have the threads' locks of this one, and none of its threads."""
 
+_TO_LEAVE = 1.0
+"""Seconds that a process has to end by itself once it has said its last."""
 
-@dataclass
+
+@dataclass(eq=False)
 class Work(Generic[T]):
-    """Work that goes on or has ended.
+    """Work that goes on or has ended; a thread takes in what its process says, and sees the process off.
 
     Parameters
     ----------
@@ -39,75 +46,100 @@ class Work(Generic[T]):
     made: T | None = None
     """What it has made so far."""
     times_made: int = 0
+    is_running: bool = True
 
     def __post_init__(self) -> None:
-        self._take("stage", ("starting", time()))
+        self.stages.append(("starting", time()))
         self._lock = Lock()
-        self._connection, other = _CONTEXT.Pipe(duplex=False)
-        self._process = _CONTEXT.Process(target=_work, args=(other, self.task), daemon=True)
-        self._process.start()
+        self._connection, other = _CONTEXT.Pipe()
+        self._process = _CONTEXT.Process(target=_work, args=(other,), daemon=True)
+        with _deaf_to_signals():
+            self._process.start()
         other.close()
-
-    @property
-    def is_running(self) -> bool:
-        """Whether it goes on; takes in what the process has said."""
-        with self._lock:
-            while self._is_open and self._connection.poll():
-                self._take(*self._said())
-            return self._is_open
+        self._listener = Thread(target=self._listen, daemon=True)
+        self._listener.start()
 
     def cancel(self) -> None:
         """End it now, if it goes on."""
-        if self.is_running:
-            with self._lock:
-                self._process.kill()
-                self._take("end", "cancelled")
+        self._take("end", "cancelled")
+        self._process.kill()
+
+    def close(self) -> None:
+        """End it now, and wait until its process is gone."""
+        self.cancel()
+        self._listener.join(_TO_LEAVE)
 
     def state(self) -> dict[str, Any]:
         """Return what the page is told: whether it goes on, its stages with the seconds that they took, what failed.
 
         And how often it has made something.
         """
-        running = self.is_running
-        begun = [when for _, when in self.stages]
-        ends = [*begun[1:], time()]
-        stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
-        return {"running": running, "stages": stages, "failure": self.failure, "made": self.times_made}
+        with self._lock:
+            begun = [when for _, when in self.stages]
+            ends = [*begun[1:], time()]
+            stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
+            return {"running": self.is_running, "stages": stages, "failure": self.failure, "made": self.times_made}
 
-    @property
-    def _is_open(self) -> bool:
-        return not self._connection.closed
+    def _listen(self) -> None:
+        with self._connection:
+            with suppress(OSError):  # what has ended already takes no task
+                self._connection.send(self.task)
+            while self.is_running:
+                self._take(*self._said())
+        self._process.join(_TO_LEAVE)
+        self._process.kill()
+        self._process.join()
 
     def _said(self) -> tuple[str, Any]:
         try:
             kind, value = self._connection.recv()
-        except (EOFError, pickle.UnpicklingError):
-            self._process.join(1)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self._process.join(_TO_LEAVE)
             code = self._process.exitcode
             return "end", f"the work ended by itself, with code {code}: there may be too little memory"
         return kind, value
 
     def _take(self, kind: str, value: Any) -> None:
-        if kind == "stage":
-            self.stages.append(value)
-        elif kind == "made":
-            self.made, self.times_made = value, self.times_made + 1
-        else:
-            self.failure = value
-            self._connection.close()
+        with self._lock:
+            if not self.is_running:
+                return
+            if kind == "stage":
+                self.stages.append(value)
+            elif kind == "made":
+                self.made, self.times_made = value, self.times_made + 1
+            else:
+                self.failure, self.is_running = value, False
 
 
-def _work(connection: Connection, task: Task[Any]) -> None:
-    """Work, and say how far it has come; the main function of the process."""
+@contextmanager
+def _deaf_to_signals() -> Iterator[None]:
+    """Let processes that this thread starts hear no Ctrl-C: they are ended by the one that started them."""
+    if sys.platform == "win32":
+        yield
+        return
+    resource_tracker.ensure_running()  # which would undo this
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(connection: Connection) -> None:
+    """Take a task, work, and say how far it has come; the main function of the process."""
+
+    end_with_parent()
 
     def show(stage: str) -> None:
         connection.send(("stage", (stage, time())))
 
     warnings.showwarning = lambda message, *_, **__: show(in_page(str(message)))
     try:
-        for made in task(show):
+        for made in connection.recv()(show):
             connection.send(("made", made))
         connection.send(("end", ""))
+    except (EOFError, BrokenPipeError):  # nobody waits for it any more
+        pass
     except CommonlawError as error:
         connection.send(("end", in_page(str(error))))
     except MemoryError:

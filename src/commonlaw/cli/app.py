@@ -14,7 +14,8 @@ from commonlaw.cli.paths import ReadFile
 def app(path: str | None, port: int, open_browser: bool) -> None:
     """Find laws in a browser, without code: open a table, choose, look, take away.
 
-    The page is served to this machine alone, at an address that nobody can guess, and needs no network. Ctrl-C ends it.
+    The page is served to you alone, on this machine, and needs no network. The address that is printed opens it in any
+    browser of yours as long as it runs. Ctrl-C ends it, and all that it does.
 
     \b
     Example:
@@ -22,4 +23,5 @@ def app(path: str | None, port: int, open_browser: bool) -> None:
     """
     from commonlaw.app import serve
 
-    serve(path, port, lambda address: say(f"The app is at {address}\nCtrl-C ends it."), open_browser)
+    opens = "The app opens" if open_browser else "Open the app"
+    serve(path, port, lambda to: say(f"{opens} in your browser; Ctrl-C ends it. For you alone: {to}"), open_browser)

@@ -12,6 +12,7 @@ from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
+from commonlaw.ending import end_at_once
 from commonlaw.errors import CommonlawError
 
 _COMMANDS = (
@@ -77,7 +78,8 @@ def commonlaw() -> None:
 
 
 def main() -> None:
-    """Run the command line; errors that a user can mend are one line on stderr."""
+    """Run the command line; errors that a user can mend are one line on stderr, and Ctrl-C ends it at once."""
+    end_at_once()
     try:
         with standard_streams(), warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(f"commonlaw: {in_options(str(message))}", err=True)
@@ -93,7 +95,4 @@ def main() -> None:
         error.show(shown)
         say(shown.getvalue().rstrip(), err=True)
         code = error.exit_code
-    except click.Abort:
-        say("Aborted!", err=True)
-        code = 1
     sys.exit(code or 0)

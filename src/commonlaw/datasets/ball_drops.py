@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
+from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_file
 from commonlaw.trials import Schema, Trial, Trials
@@ -123,7 +124,8 @@ def _downloaded(name: str) -> Path:
 
     cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=_PATIENCE)
     try:
-        return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
+        with put_away_first():
+            return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
         raise CommonlawError(
             f"cannot download {_SOURCE}{name} to {str(cache)!r}: {_cause(error)}; download {_HEIGHTS} and {_BALLS} "

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.ending import end_with_parent
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
@@ -105,7 +106,7 @@ def _with_problems(
         return map(work, trials)
     from joblib import Parallel, cpu_count, delayed
 
-    parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator")
+    parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator", initializer=end_with_parent)
     return iter(parallel(delayed(work)(trial) for trial in trials))
 
 

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
 from commonlaw.foreign import check_size
@@ -40,7 +41,8 @@ def _sheets(source: str, content: bytes) -> dict[str, Rows]:
     # With -P Python does not import what lies in the working folder
     command = [sys.executable, "-P", str(Path(workbook_process.__file__))]
     try:
-        done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
+        with put_away_first():
+            done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
     except subprocess.TimeoutExpired:
         raise CommonlawError(f"{source} was not read within {_SECONDS} s: save it as CSV") from None
     if done.returncode == workbook_process.NO_WORKBOOK:

@@ -1,0 +1,90 @@
+"""How a process ends that is told to: at once, but for what has to be put away first."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from threading import Thread, current_thread, main_thread
+from time import sleep
+from types import FrameType
+
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""What people and systems tell processes to end by: Ctrl-C, `kill`, a terminal that is closed."""
+
+
+_TURN = 0.1
+"""Seconds between looks at whether a parent has ended."""
+
+
+class EndedError(BaseException):
+    """This process was told to end."""
+
+
+@contextmanager
+def put_away_first() -> Iterator[None]:
+    """Let what is within be unwound before a signal ends this process, which it else does at once.
+
+    So no half-written file and no other process is left. Signals that somebody handles, as Python does Ctrl-C outside
+    of the command line, are left to them, and so are all in other threads than the main one.
+    """
+    if current_thread() is not main_thread():
+        yield
+        return
+    caught, is_over = list[int](), False
+
+    def unwind(number: int, _: FrameType | None) -> None:
+        if not caught:
+            caught.append(number)
+            _kill_children()
+            if not is_over:
+                raise EndedError
+
+    own = [each for each in SIGNALS if signal.getsignal(each) is signal.SIG_DFL]
+    try:
+        try:
+            for each in own:
+                signal.signal(each, unwind)
+            yield
+        finally:
+            is_over = True
+    except EndedError:
+        pass
+    finally:
+        for each in own:
+            signal.signal(each, signal.SIG_DFL)
+        if caught:
+            signal.raise_signal(caught[0])
+
+
+def end_at_once() -> None:
+    """Let Ctrl-C end this process as other signals do: at once, whatever it is in, and without a traceback.
+
+    Where it is ignored, as in a job in the background, it stays so.
+    """
+    if current_thread() is main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@cache
+def end_with_parent() -> None:
+    """Let this process end when the one that started it has ended, however that came."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        # Where a process keeps the number of a parent that has ended (Windows), it notices when it has to answer
+        while os.getppid() == parent:
+            sleep(_TURN)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+def _kill_children() -> None:
+    """End the processes that Python's pools have started; nothing is lost in them, and waiting for them is long."""
+    if "multiprocessing" in sys.modules:
+        from multiprocessing import active_children
+
+        for each in active_children():
+            each.kill()
