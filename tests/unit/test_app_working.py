@@ -1,12 +1,14 @@
 """Work goes on in a process of its own: what it makes and says is taken in, and its end is told, however it comes."""
 
 import os
+import sys
 import time
 
 import pytest
 
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
+from commonlaw.progress import Stage
 
 
 def fails(show):
@@ -16,15 +18,20 @@ def fails(show):
 
 
 def dies(show):
-    show("counting")
+    show(Stage("counting", 0.5))
+    show("counting again")
     yield 1
     os._exit(3)
 
 
 @pytest.mark.parametrize(
-    ("task", "failure"), [(fails, "name it with 'time' under Columns"), (dies, "ended by itself, with code 3")]
+    ("task", "failure", "done", "stages"),
+    [
+        (fails, "name it with 'time' under Columns", None, ["starting", "counting"]),
+        (dies, "ended by itself, with code 3", 0.5, ["starting", "counting", "counting again"]),
+    ],
 )
-def test_what_was_made_stays_when_work_fails(task, failure):
+def test_what_was_made_stays_when_work_fails(task, failure, done, stages):
     work = Work(task)
     until = time.monotonic() + 60
     while work.is_running and time.monotonic() < until:
@@ -32,6 +39,25 @@ def test_what_was_made_stays_when_work_fails(task, failure):
     told = work.state()
     assert failure in told["failure"]
     assert (work.made, told["made"], told["running"]) == (1, 1, False)
-    assert [what for what, _ in told["stages"]] == ["starting", "counting"]
+    assert ([what for what, _ in told["stages"]], told["done"]) == (stages, done)
     work.cancel()  # changes nothing any more
     assert work.state()["failure"] == told["failure"]
+
+
+def waits(_):
+    yield 1
+    time.sleep(1000)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="looks at processes")
+def test_work_that_is_closed_is_gone_without_a_trace():
+    work = Work(waits)
+    until = time.monotonic() + 60
+    while not work.times_made and time.monotonic() < until:
+        time.sleep(0.05)
+    assert work.is_running
+    process = work._process.pid
+    work.close()
+    assert work.state()["failure"] == "cancelled"
+    with pytest.raises(ProcessLookupError):  # nor is it a zombie
+        os.kill(process, 0)

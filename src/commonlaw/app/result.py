@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import with_error
+from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, law_latex
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
@@ -24,6 +25,9 @@ from commonlaw.wording import counted
 
 _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
 """Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""
+
+SEARCHED = 0.5
+"""Share of the whole that is done once there is a law, as in reports; the rest is its rivals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ class Found:
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
-    show("judging the law")
+    show(Stage("judging the law", SEARCHED))
     verdict = law.verdict(trials, training)
     show("forecasting")
     forecast, lacking = checked_forecast(law, trials, training, bands=True)
@@ -113,7 +117,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
     }
     made = Found(law, trials, training, forecast, lacking, about)
-    for each in candidates_in_turn(law, training, _CANDIDATES, show):
+    for each in candidates_in_turn(law, training, _CANDIDATES, part(show, SEARCHED, 1.0)):
         made = made.with_laws([_shown(each, made)])
         yield made
 

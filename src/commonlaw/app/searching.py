@@ -6,9 +6,10 @@ from functools import partial
 from typing import Any
 
 from commonlaw.app.question import Question, Table
-from commonlaw.app.result import Found, ShownLaw, of_terms, results, support_of
+from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
+from commonlaw.progress import part
 
 
 @dataclass(eq=False)
@@ -107,7 +108,7 @@ def answer(question: Question, table: Table, show: Callable[[str], None]) -> Ite
             order=question.order,
             library=question.library,
             known=dict(question.known.items()),
-            progress=show,
+            progress=part(show, 0.0, SEARCHED),
         )
         if question.explain:
             show("explaining coefficients")

@@ -47,6 +47,8 @@ class Work(Generic[T]):
     """What it has made so far."""
     times_made: int = 0
     is_running: bool = True
+    done: float | None = None
+    """The largest share of the whole that was done when a stage began; None until one says it."""
 
     def __post_init__(self) -> None:
         self.stages.append(("starting", time()))
@@ -72,13 +74,14 @@ class Work(Generic[T]):
     def state(self) -> dict[str, Any]:
         """Return what the page is told: whether it goes on, its stages with the seconds that they took, what failed.
 
-        And how often it has made something.
+        And how often it has made something, and the share of the whole that is done, null where it is not known.
         """
         with self._lock:
             begun = [when for _, when in self.stages]
             ends = [*begun[1:], time()]
             stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
-            return {"running": self.is_running, "stages": stages, "failure": self.failure, "made": self.times_made}
+            told = {"stages": stages, "done": self.done, "made": self.times_made}
+            return {"running": self.is_running, "failure": self.failure} | told
 
     def _listen(self) -> None:
         with self._connection:
@@ -104,7 +107,9 @@ class Work(Generic[T]):
             if not self.is_running:
                 return
             if kind == "stage":
-                self.stages.append(value)
+                text, when, done = value
+                self.stages.append((text, when))
+                self.done = done if self.done is None else max(self.done, done or 0.0)
             elif kind == "made":
                 self.made, self.times_made = value, self.times_made + 1
             else:
@@ -131,7 +136,7 @@ def _work(connection: Connection) -> None:
     end_with_parent()
 
     def show(stage: str) -> None:
-        connection.send(("stage", (stage, time())))
+        connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
 
     warnings.showwarning = lambda message, *_, **__: show(in_page(str(message)))
     try:

@@ -30,8 +30,14 @@ def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> 
 
 
 def in_options(text: str) -> str:
-    """Return a message of the library in the words of the command that runs: ``time=...`` becomes ``--time ...``."""
-    params = click.get_current_context().command.params
+    """Return a message of the library in the words of the command that runs: ``time=...`` becomes ``--time ...``.
+
+    In threads of its own a command is not known, and a message stays as it is.
+    """
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return text
+    params = context.command.params
     words = {f"{each.name}=": f"{max(each.opts, key=len)} " for each in params} | {"clip_irregular()": "--clip"}
     text = re.sub(rf"(?<![\w:'-])({'|'.join(map(re.escape, words))})", lambda found: words[found[1]], text)
     text = re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", re.sub(r"(--\S+ )\[(.*?)\]", r"\1\2", text))

@@ -102,7 +102,9 @@ def changing_line(words: Callable[[], str]) -> Iterator[None]:
         def __rich__(self) -> Text:
             return Text(words())
 
-    with Console(stderr=True).status(Words()):
+    console = Console(stderr=True)
+    with console.status(Words()):
+        console.show_cursor()  # which would stay hidden if a signal ended the process
         yield
 
 

@@ -13,6 +13,7 @@ from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
+from commonlaw.progress import Stage
 from commonlaw.trials import Trials
 from commonlaw.wording import counted
 
@@ -82,8 +83,9 @@ def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[
     yield CandidateLaw(law, _evidence(law, law.support), True)
     if law.order == 0 or not law.shared:
         return
-    for support in _supports(law, most - 1):
-        progress(f"fitting the candidate with {counted(int(support.sum()), 'term')}")
+    supports = _supports(law, most - 1)
+    for k, support in enumerate(supports):
+        progress(Stage(f"fitting the candidate with {counted(int(support.sum()), 'term')}", k / len(supports)))
         with suppress(CommonlawError):  # What cannot be fitted is no rival
             yield candidate_law(law, trials, support)
 
