@@ -5,9 +5,8 @@ import click
 from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
-from commonlaw.cli.paths import WrittenFile
+from commonlaw.cli.paths import WrittenTable
 from commonlaw.cli.source import Source, with_source
-from commonlaw.errors import CommonlawError
 from commonlaw.names import in_line
 from commonlaw.wording import counted
 
@@ -58,7 +57,7 @@ def list_() -> None:
 
 @data.command(works=False)
 @with_source
-@click.option("--save", required=True, metavar="FILE", type=WrittenFile(), help="The table to write: .csv or .parquet.")
+@click.option("--save", required=True, metavar="FILE", type=WrittenTable(), help="The table: .csv or .parquet.")
 def export(source: Source, save: str) -> None:
     """Write trials as a table that commonlaw and others read without loss.
 
@@ -66,8 +65,6 @@ def export(source: Source, save: str) -> None:
     Example:
       commonlaw data export --dataset linear-drag:noise=0.05 --save drops.csv
     """
-    if not save.endswith((".csv", ".parquet")):
-        raise CommonlawError(f"cannot tell the format of {save!r}: name it .csv or .parquet")
     trials = source.select(source.load())
     write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
     write(save)

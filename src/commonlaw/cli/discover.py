@@ -1,5 +1,6 @@
 """`commonlaw discover`: from a table to a law."""
 
+from commonlaw.cli.batch import Batch, with_batch
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
@@ -13,7 +14,8 @@ from commonlaw.progress import part
 @with_training_source
 @with_question
 @with_outputs
-def discover(source: Source, question: Question, outputs: Outputs) -> None:
+@with_batch
+def discover(source: Source, question: Question, outputs: Outputs, batch: Batch) -> None:
     """Find the law that the objects in FILE share.
 
     FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
@@ -25,8 +27,15 @@ def discover(source: Source, question: Question, outputs: Outputs) -> None:
           --save law.json --plot law.png
       commonlaw discover drops.csv --order 2 --exclude trial=3 --learn-until 1.5
       commonlaw discover drops.csv --order 2 --property diameter --property mass --explain
+      commonlaw discover monday.csv tuesday.csv --each --order 2 --out results.csv
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
+    batch.check(source, outputs.named)
+    if batch.each:
+        with working("Discovering ...") as show:
+            results = batch.run(source, question, show)
+        results.give(batch.out, LaterSteps())
+        return
     with working("Discovering ...") as show:
         show("reading the table")
         trials, later = source.load(), LaterSteps()

@@ -50,6 +50,12 @@ class Outputs:
     history: bool
     as_json: bool
 
+    @property
+    def named(self) -> list[str]:
+        """The options that are given."""
+        values = {"--save": self.save, "--plot": self.plot, "--history": self.history, "--json": self.as_json}
+        return [name for name, value in values.items() if value]
+
     def keep(self, law: "Law", later: LaterSteps) -> None:
         """Write the law as it is so far."""
         later.write(self.save, lambda: law.to_json().encode())

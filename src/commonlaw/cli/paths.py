@@ -8,6 +8,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
 from commonlaw.files import check_targets
 
 
@@ -49,9 +51,29 @@ class ReadDataset(ReadFile):
 class WrittenFile(_File):
     """A file that is written."""
 
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format."""
+
 
 class WrittenFigure(WrittenFile):
     """A figure that is written, in a format that is told by its name."""
+
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format of figures."""
+        from commonlaw.plots import figure_format
+
+        figure_format(path)
+
+
+class WrittenTable(WrittenFile):
+    """A table that is written, as text or as Parquet."""
+
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format of tables."""
+        if not path.endswith((".csv", ".parquet")):
+            raise CommonlawError(f"cannot tell the format of {path!r}: name it .csv or .parquet")
+        if path.endswith(".parquet"):
+            optional_import("pyarrow.parquet", "writing Parquet files", "parquet")
 
 
 def is_law_file(value: str) -> bool:
@@ -65,7 +87,7 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
     Raises
     ------
     CommonlawError
-        See `check_targets`; or if the name of a figure says no format.
+        See `check_targets`; or if the name of a figure or table says no format.
     """
     inputs: list[str] = []
     outputs: list[str] = []
@@ -78,10 +100,8 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
             outputs += texts
     check_targets(outputs, inputs)
     for each in params:
-        if isinstance(each.type, WrittenFigure) and values.get(str(each.name)) is not None:
-            from commonlaw.plots import figure_format
-
-            figure_format(values[str(each.name)])
+        if isinstance(each.type, WrittenFile) and values.get(str(each.name)) is not None:
+            each.type.check(values[str(each.name)])
 
 
 def _listed(folder: Path) -> list[Path]:

@@ -1,0 +1,187 @@
+"""Several files, each with a law of its own, and one table of all: `commonlaw discover --each`."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, fields, replace
+from functools import partial, wraps
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.options import in_options, option, with_options
+from commonlaw.cli.output import print_notes, print_table, say
+from commonlaw.cli.paths import ReadFile, WrittenTable
+from commonlaw.cli.question import Question
+from commonlaw.cli.source import Source
+from commonlaw.cli.workers import in_processes
+from commonlaw.progress import ProgressCallback, Stage
+from commonlaw.wording import counted
+
+if TYPE_CHECKING:
+    from commonlaw.law import Law
+
+_LEVEL = 0.95
+"""Probability that an interval holds a coefficient."""
+
+COLUMNS = (
+    "file", "object", "equation", "term", "value", "standard error", "low", "high", "unit", "verdict", "error",
+)  # fmt: skip
+"""Of the table of all files, which has a row for each coefficient, or for a file without a law."""
+
+_several = partial(option, "Several files")
+
+_OPTIONS = (
+    click.argument("more", nargs=-1, metavar="[MORE FILES]...", type=ReadFile()),
+    _several("--each", is_flag=True, help="Find a law in each FILE by itself, instead of one in a single FILE."),
+    _several(
+        "--out",
+        type=WrittenTable(),
+        metavar="RESULTS.csv",
+        help="With --each: write one table (.csv or .parquet) with a row for each coefficient of each file: its value, "
+        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file.",
+    ),
+    _several(
+        "--workers",
+        type=click.IntRange(1),
+        help="With --each: how many files are worked on at the same time.  [default: one for each core]",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found in a file: the form of the law, whether it can be used, and the rows of the table."""
+
+    law: str
+    usable: bool | None
+    rows: list[dict[str, object]]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is said of several files."""
+
+    more: tuple[str, ...]
+    each: bool
+    out: str | None
+    workers: int | None
+
+    def check(self, source: Source, given: Sequence[str]) -> None:
+        """Refuse what does not go together; `given` are options that are for a single file."""
+        if not self.each:
+            if self.more:
+                raise click.UsageError(
+                    "several files: say --each to find a law in each of them, or put them into one table with a column "
+                    "that names the object (and one for the trial) to find the law that they share"
+                )
+            if self.out or self.workers:
+                raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
+        elif not source.path or source.dataset:
+            raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --out results.csv")
+        elif given:
+            raise click.UsageError(f"{' and '.join(given)} for a single file: with --each, results go to --out")
+
+    def run(self, source: Source, question: Question, show: ProgressCallback) -> "Results":
+        """Find the laws of all files."""
+        from joblib import cpu_count
+
+        paths = [path for path in (source.path, *self.more) if path]
+        pieces = [(replace(source, path=path), question) for path in paths]
+        results: list[tuple[Found | None, str]] = [(None, "")] * len(paths)
+        at_once = min(self.workers or cpu_count(), len(paths))
+        with closing(in_processes(_found, pieces, at_once)) as ended:
+            for done, (number, found, failure) in enumerate(ended, start=1):
+                results[number] = found, in_options(failure)
+                show(Stage(f"{done} of {len(paths)} files", done / len(paths)))
+        return Results(paths, results)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What was found in each file, or why nothing was."""
+
+    paths: Sequence[str]
+    found: Sequence[tuple[Found | None, str]]
+
+    def give(self, out: str | None, later: LaterSteps) -> None:
+        """Write the table, print a line for each file, and say in how many there is a law."""
+        later.write(out, lambda: self._table(str(out)))
+        words = {True: "can be used", False: "cannot be used", None: "could not be judged"}
+        print_table(
+            ["file", "law", "forecasts by it, or what is wrong"],
+            [
+                [path, each.law, words[each.usable]] if each else [path, "", failure]
+                for path, (each, failure) in zip(self.paths, self.found, strict=True)
+            ],
+        )
+        laws = sum(each is not None for each, _ in self.found)
+        say(f"\n{counted(laws, 'law')} in {counted(len(self.paths), 'file')}")
+        for path in later.written:
+            say(f"Wrote {path}")
+        print_notes(later.failures)
+        later.end(*(() if laws else ("no file has a law",)))
+
+    def _table(self, path: str) -> bytes:
+        import pandas as pd
+
+        rows: list[dict[str, object]] = []
+        for name, (each, failure) in zip(self.paths, self.found, strict=True):
+            rows += [{"file": name, **row} for row in each.rows] if each else [{"file": name, "error": failure}]
+        frame = pd.DataFrame(rows, columns=COLUMNS)
+        if path.endswith(".csv"):
+            return frame.to_csv(index=False).encode()
+        content = BytesIO()
+        frame.to_parquet(content, index=False)
+        return content.getvalue()
+
+
+def with_batch(command: Callable[..., None]) -> Callable[..., None]:
+    """Add further files and the options for them to a command; it receives them as `batch`."""
+
+    @wraps(command)
+    def wrapped(**values: Any) -> None:
+        command(batch=Batch(**{field.name: values.pop(field.name) for field in fields(Batch)}), **values)
+
+    return with_options(wrapped, _OPTIONS)
+
+
+def _found(piece: tuple[Source, Question]) -> Found:
+    """Return what is found in a file."""
+    source, question = piece
+    trials, later = source.load(), LaterSteps()
+    training = source.select(trials)
+    law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
+    verdict = later.take("the law was not judged", lambda: law.verdict(trials, training), None)
+    said = {"verdict": verdict.sentences[0] if verdict else None, "error": "; ".join(later.failures) or None}
+    rows = [{**row, **said} for row in _rows(law)]
+    return Found("; ".join(law.structure()), verdict.usable if verdict else None, rows)
+
+
+def _rows(law: "Law") -> list[dict[str, object]]:
+    """Return a row for each coefficient; a law without any has one for each object and equation."""
+    from commonlaw.law.uncertainty import normal_quantile
+
+    half, units = normal_quantile(_LEVEL) * law.standard_errors, law.coefficient_units()
+    rows: list[dict[str, object]] = []
+    for i, name in enumerate(law.objects):
+        for j, equation in enumerate(law.left_hand_sides):
+            terms = np.flatnonzero(law.support[j] & (law.coefficients[i, j] != 0)).tolist()
+            rows += [{"object": name, "equation": equation}] if not terms else []
+            for k in terms:
+                value, error = float(law.coefficients[i, j, k]), float(law.standard_errors[i, j, k])
+                rows.append(
+                    {
+                        "object": name,
+                        "equation": equation,
+                        "term": law.terms.names[k],
+                        "value": value,
+                        "standard error": error,
+                        "low": value - half[i, j, k],
+                        "high": value + half[i, j, k],
+                        "unit": units.get((equation, law.terms.names[k])),
+                    }
+                )
+    return rows
