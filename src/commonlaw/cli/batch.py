@@ -92,6 +92,7 @@ class Batch:
         pieces = [(replace(source, path=path), question) for path in paths]
         results: list[tuple[Found | None, str]] = [(None, "")] * len(paths)
         at_once = min(self.workers or cpu_count(), len(paths))
+        show(Stage(f"{at_once} processes for {len(paths)} files", 0.0))
         with closing(in_processes(_found, pieces, at_once)) as ended:
             for done, (number, found, failure) in enumerate(ended, start=1):
                 results[number] = found, in_options(failure)

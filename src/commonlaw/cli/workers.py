@@ -2,8 +2,10 @@
 
 import os
 import signal
+import sys
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread
@@ -24,7 +26,8 @@ class _Worker:
     def __init__(self, work: Callable[[Any], object]) -> None:
         self.connection, other = _CONTEXT.Pipe()
         self._process = _CONTEXT.Process(target=_serve, args=(other, work), daemon=True)
-        self._process.start()
+        with _uninterrupted():
+            self._process.start()
         other.close()
         self.number = -1
 
@@ -92,9 +95,22 @@ def in_processes(
             worker.end()
 
 
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Have a process that is started here deaf to Ctrl-C, which is for this one, from its first moment."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
     """Do pieces of work as they come; the main function of a process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that all of this is for
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
     warnings.simplefilter("ignore")
     while True:

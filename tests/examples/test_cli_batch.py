@@ -1,0 +1,142 @@
+"""Many files in one call: a law for each, one table of all."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from shutil import which
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.cli.batch import COLUMNS
+from commonlaw.cli.workers import in_processes
+
+QUICK = ["--order", "2", "--library", "poly:1", "--state", "x"]
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """Two tables of a ball each, and one that cannot be read."""
+    for i, drag in enumerate((-0.2, -0.6)):
+        cl.datasets.linear_drag(drag=(drag,), noise=0.01, trials=2, seed=i).to_csv(tmp_path / f"{i}.csv")
+    (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
+
+
+@pytest.mark.usefixtures("tables")
+def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
+    code, out, _ = run("discover", "0.csv", "bad.csv", "1.csv", "--each", *QUICK, "--workers", "1", "--out", "r.csv")
+    assert (code, out.splitlines()[-2:]) == (0, ["2 laws in 3 files", "Wrote r.csv"])
+    found = pd.read_csv(tmp_path / "r.csv")
+    assert tuple(found.columns) == COLUMNS
+    assert found["file"].tolist() == ["0.csv"] * 2 + ["bad.csv"] + ["1.csv"] * 2
+    for name in ("0.csv", "1.csv"):
+        trials = cl.Trials.read(tmp_path / name, states=["x"])
+        law = cl.discover(trials, order=2, library="poly:1")
+        rows, expected = found[found["file"] == name], law.intervals()
+        for column, of_law in (("value", "coefficient"), *((each,) * 2 for each in ("standard error", "low", "high"))):
+            np.testing.assert_allclose(rows[column], expected[of_law], rtol=1e-9)
+        assert rows["term"].tolist() == ["1", "v"]
+        assert rows["unit"].tolist() == ["m/s²", "1/s"]
+        assert set(rows["verdict"]) == {law.verdict(trials).sentences[0]}
+        assert rows["error"].isna().all()
+    bad = found[found["file"] == "bad.csv"].iloc[0]
+    assert "'two' is not a number" in bad["error"]
+    assert bad.drop(["file", "error"]).isna().all()
+
+
+@pytest.mark.usefixtures("tables")
+def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, tmp_path):
+    pytest.importorskip("pyarrow")
+    code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--out", "r.parquet")
+    assert (code, err) == (1, "commonlaw: no file has a law\n")
+    errors = pd.read_parquet(tmp_path / "r.parquet")["error"].tolist()
+    assert "--state ..." in errors[0]  # in the words of the command line
+    assert "there is no file 'none.csv'" in errors[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.csv", "b.csv"], "several files: say --each"),
+        (["a.csv", "--out", "r.csv"], "--out and --workers go with --each"),
+        (["a.csv", "--each", "--plot", "p.svg", "--json"], "--plot and --json for a single file"),
+        (["--dataset", "lorenz", "--each"], "--each takes files"),
+        (["a.csv", "b.csv", "--each", "--workers", "0"], "0 is not in the range"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(run, words, said):
+    code, _, err = run("discover", *words)
+    assert (code, said in " ".join(err.split())) == (2, True)
+
+
+def test_a_table_of_another_format_is_refused_before_anything_is_done(run):
+    code, _, err = run("discover", "a.csv", "--each", "--out", "r.xlsx")
+    assert (code, err) == (1, "commonlaw: cannot tell the format of 'r.xlsx': name it .csv or .parquet\n")
+
+
+def _piece(number):
+    if number == 1:
+        os._exit(3)
+    if number == 2:
+        raise ZeroDivisionError("two")
+    return number
+
+
+def test_a_process_that_ends_by_itself_costs_its_own_piece_alone():
+    found = sorted(in_processes(_piece, [0, 1, 2, 3], at_once=1))
+    assert found == [
+        (0, 0, ""),
+        (1, None, "its process ended by itself, with code 3: is there enough memory?"),
+        (2, None, "ZeroDivisionError: two"),
+        (3, 3, ""),
+    ]
+
+
+def _quick_or_endless(number):
+    while number:
+        time.sleep(1)
+    return os.getpid()
+
+
+def test_processes_end_when_nobody_waits_for_them():
+    with closing(in_processes(_quick_or_endless, [0, 1], at_once=1)) as answers:
+        process = next(answers)[1]
+        os.kill(process, 0)
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
+
+
+def _of_group(group):
+    """Return the command lines of the processes of a group that have not ended."""
+    listed = subprocess.run(["ps", "-A", "-o", "pgid=,stat=,args="], capture_output=True, text=True, check=True).stdout
+    rows = (line.split(maxsplit=2) for line in listed.splitlines())
+    return [row[2] for row in rows if int(row[0]) == group and not row[1].startswith("Z")]
+
+
+@pytest.mark.skipif(not which("ps"), reason="nothing lists processes here")
+def test_an_interrupt_ends_all_processes_and_writes_nothing(tmp_path):
+    for i in range(6):
+        cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")
+    program = "import sys; sys.argv[0] = 'commonlaw'; from commonlaw.cli import main; main()"
+    words = ["discover", *(f"{i}.csv" for i in range(6)), "--each", "--order", "2", "--out", "r.csv", "--workers", "2"]
+    command = subprocess.Popen(
+        [sys.executable, "-c", program, *words, "-v"],
+        cwd=tmp_path,
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+    )
+    assert command.stderr is not None
+    for _ in ("the processes are started", "one file is done"):
+        command.stderr.readline()
+    os.killpg(command.pid, signal.SIGINT)
+    _, said = command.communicate(timeout=120)
+    assert command.returncode != 0
+    assert b"Traceback" not in said
+    assert not (tmp_path / "r.csv").exists()
+    assert [each for each in _of_group(command.pid) if "resource_tracker" not in each] == []
