@@ -81,5 +81,5 @@ def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
     walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
     with pytest.raises(cl.CommonlawError, match="has errors beside white noise"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).adapt(drops)
-    with pytest.raises(cl.CommonlawError, match="the law has x, the trials have y"):
+    with pytest.raises(cl.CommonlawError, match="the law has the states x, the trials have y"):
         law.adapt(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))

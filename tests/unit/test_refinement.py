@@ -143,7 +143,7 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
     ):
         with pytest.raises(CommonlawError, match=message):
             cl.refine(by_rates, prey, **setting)
-    with pytest.raises(CommonlawError, match="the law has x, y, the trials have x; name"):
+    with pytest.raises(CommonlawError, match="the law has the states x, y, the trials have x; name"):
         cl.refine(by_rates, datasets.linear_drag())
     own = by_rates.coefficients.copy()
     own[1, 0, by_rates.terms.index("x")] = 0

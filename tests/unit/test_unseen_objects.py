@@ -51,7 +51,7 @@ def test_properties_in_another_unit_are_converted_and_others_refused(drops, law)
     )
     np.testing.assert_allclose(law_of(law, grams)[0].coefficients, law_of(law, unseen)[0].coefficients)
     metres = replace(grams, schema=replace(grams.schema, units={**grams.schema.units, "mass": "m"}))
-    with pytest.raises(cl.CommonlawError, match="property 'mass' is in m, and in kg in the law"):
+    with pytest.raises(cl.CommonlawError, match="mass is in m in the trials and in kg in the law"):
         law.predict(metres)
     none = replace(unseen, properties={"Ball 6": {"mass": -1.0}})
     with pytest.raises(cl.CommonlawError, match="property 'mass' of Ball 6 is -1, and the law takes a power of it"):

@@ -15,6 +15,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
+from commonlaw.law.meeting import matched
 from commonlaw.law.numbers import with_error
 from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, law_latex
@@ -92,6 +93,7 @@ class Found:
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
+    trials, training = matched(law, trials), matched(law, training)
     show(Stage("judging the law", SEARCHED))
     verdict = law.verdict(trials, training)
     show("forecasting")

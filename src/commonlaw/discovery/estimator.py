@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import can_be_carried
 from commonlaw.law import Law
 from commonlaw.law.domain import Domain
+from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -112,6 +113,8 @@ class LawDiscovery:
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
+            if isinstance(known, Law) and known.states == trials.schema.states:
+                trials = matched(known, trials, inputs="any")
             library, known = with_base(library, known, self.order, trials)
         structure = ModelStructure(self.order, library, known, self.universal)
         method, instead = (self.method, ()) if self.method else _default(trials, structure)

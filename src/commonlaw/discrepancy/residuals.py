@@ -9,6 +9,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
+from commonlaw.law.meeting import matched
 from commonlaw.law.residuals import Residuals
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
@@ -19,7 +20,7 @@ def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     if law.order == 0:
         raise CommonlawError("a law in discrete time has no trajectories that are fitted: score its forecasts instead")
-    trials = trials.with_trials([each.measured() for each in trials])
+    trials = matched(law, trials.with_trials([each.measured() for each in trials]))
     noise = _noise(trials) if law.noise is None else law.noise
     known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
     longest = max(map(len, trials))

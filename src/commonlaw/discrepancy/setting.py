@@ -15,6 +15,7 @@ from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.refinement import known_coefficients, of_objects
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
+from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.library import Terms
 from commonlaw.trials import Trials
@@ -34,7 +35,8 @@ class Setting:
         cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
     ) -> "Setting":
         """Return the setting for functions of some texts."""
-        trials = trials.with_trials([each.measured() for each in trials])
+        noise = matched_noise(law, trials, noise)
+        trials = matched(law, trials.with_trials([each.measured() for each in trials]))
         law, trials = with_properties_in(texts, law, trials)
         law = of_objects(law, trials)
         trials = on_course(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)

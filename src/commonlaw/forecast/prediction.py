@@ -14,6 +14,7 @@ from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
+from commonlaw.law.meeting import matched, matched_times
 from commonlaw.law.population import law_of
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms
@@ -36,7 +37,10 @@ def predict(
     discrepancy: bool = False,
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
-    _check_variables(law, trials)
+    times = matched_times(law, trials, times)
+    if from_time is not None:
+        from_time = float(np.asarray(matched_times(law, trials, from_time)))
+    trials = matched(law, trials)
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
     law, trials = _with_object(law, trials)
@@ -180,15 +184,3 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
         )
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
     return replace(law, objects=(name,)), trials.with_trials(trials.trials, note)
-
-
-def _check_variables(law: Law, trials: Trials) -> None:
-    for kind, wanted, given in (
-        ("states", law.schema.states, trials.schema.states),
-        ("inputs", law.schema.inputs, trials.schema.inputs),
-    ):
-        if wanted != given:
-            raise CommonlawError(
-                f"the law has the {kind} {', '.join(wanted) or 'none'}, "
-                f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
-            )

@@ -11,6 +11,7 @@ from commonlaw.inference.refinement import of_objects
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE
 from commonlaw.inference.search_problem import prepare
 from commonlaw.law import Law, Step
+from commonlaw.law.meeting import matched
 from commonlaw.law.population import law_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
@@ -29,6 +30,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     if law.noise is None or law.uncertainty.error_model:
         lacks = "has errors beside white noise" if law.noise is not None else "does not know its noise"
         raise CommonlawError(f"this law {lacks}, by which it would weigh new trials: refine it with all trials instead")
+    trials = matched(law, trials)
     before = of_objects(law_of(law, trials)[0], trials)
     trials = with_logarithms(trials.with_trials([each.measured() for each in trials]), law.schema.logarithmic)
     trials = on_course(trials, law.schema.input_between)

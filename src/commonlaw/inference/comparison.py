@@ -16,6 +16,7 @@ from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law, Provenance
+from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Schema, Trials
@@ -74,7 +75,9 @@ def compare(
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
     check_one_scale(list(laws.values()))
-    same = [of_objects(written_alike(law, trials.schema), trials) for law in laws.values()]
+    same = [written_alike(law, trials.schema) for law in laws.values()]
+    noise, trials = matched_noise(same[0], trials, noise), _in_one_unit(same, trials)
+    same = [of_objects(law, trials) for law in same]
     fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
     white = [_on_mesh(problem, state, finest) for problem, state in fitted]
@@ -113,6 +116,15 @@ def written_alike(law: Law, schema: Schema) -> Law:
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None),
         provenance=Provenance(),
     )
+
+
+def _in_one_unit(laws: Sequence[Law], trials: Trials) -> Trials:
+    """Return trials in the units of laws, which have to be the same: evidence is that of one set of numbers."""
+    found = matched(laws[0], trials)
+    for law in laws[1:]:
+        if matched(law, found) is not found:
+            raise CommonlawError("the laws are in different units: compare laws that were found in the same units")
+    return found
 
 
 def _fitted(

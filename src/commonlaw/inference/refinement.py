@@ -22,6 +22,7 @@ from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
 from commonlaw.law.log_scale import on_log_scale
+from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.law.script import call
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -102,8 +103,10 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
-    law, trials = of_objects(law, trials), trials.with_trials([each.measured() for each in trials])
+    given, trials = trials, matched(law, trials.with_trials([each.measured() for each in trials]))
+    law = of_objects(law, trials)
     law = law if positive is None else on_log_scale(law, positive)
+    noise = matched_noise(law, given, noise)
     trials = with_logarithms(trials, law.schema.logarithmic)
     kinds = error_kinds(errors, trials.schema)
     known = known_coefficients(law)
@@ -153,14 +156,9 @@ def known_coefficients(law: Law) -> Floats:
 
 
 def of_objects(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials, which it fits."""
+    """Return the law of the objects of these trials, which it can be fitted to."""
     if law.order == 0:
         raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")
-    wanted, given = ((*each.schema.states, *each.schema.inputs) for each in (law, trials))
-    if wanted != given:
-        raise CommonlawError(
-            f"the law has {', '.join(wanted)}, the trials have {', '.join(given)}; name the columns as in the law"
-        )
     law = law.select(trials.objects)
     if not law.shared:
         raise CommonlawError(

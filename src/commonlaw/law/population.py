@@ -11,8 +11,8 @@ from commonlaw.hierarchy import Relation
 from commonlaw.law.law import Law
 from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.trials import Schema, Trials
+from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import Property
-from commonlaw.trials.units import parse_unit, registry
 
 
 class Population(NamedTuple):
@@ -135,9 +135,5 @@ def _typical(law: Law, note: str) -> Population:
 
 def _in_unit(name: str, value: Property, given: Schema, wanted: Schema) -> float:
     """Return a property in the unit of the law."""
-    one, other = given.units.get(name), wanted.units.get(name)
-    if one is None or other is None or one == other:
-        return float(value)
-    if not parse_unit(one).is_compatible_with(parse_unit(other)):
-        raise CommonlawError(f"property {name!r} is in {one}, and in {other} in the law: give it in that unit")
-    return float(registry().Quantity(float(value), parse_unit(one)).to(parse_unit(other)).magnitude)
+    turn = Conversion.between(f"property {name!r}", given.units.get(name), wanted.units.get(name))
+    return float(turn.scale * float(value) + turn.offset)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
+from commonlaw.law.meeting import matched
 from commonlaw.law.page import Page
 from commonlaw.law.script import Source
 from commonlaw.report import law_sections, leftovers, making
@@ -52,6 +53,7 @@ def law_report(
         Candidates that were fitted before, the law among them; fitted for the report if there are none.
     """
     check_packages()
+    trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
     case = LawCase(law, trials, learned or trials, words, tuple(rivals))
     progress("judging the law")
     first, *others = map(literal, case.verdict.sentences)

@@ -8,6 +8,7 @@ from commonlaw.array_types import Floats
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
+from commonlaw.law.meeting import matched
 from commonlaw.law.population import is_typical, law_of
 from commonlaw.law.verdict import LawVerdict, StateError, listed
 from commonlaw.outcomes import OutcomeKind
@@ -26,6 +27,7 @@ _POOR = 0.5
 
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.verdict`."""
+    trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
     kinds, judged, found, unjudged = [], [], [], []
     parts = segments(trials, learned)
     for segment in announced(parts, f"judging the law by forecasts of {len(parts)} trials", "take fewer trials"):

@@ -1,0 +1,70 @@
+"""Where a law and trials meet: the same variables, in the units of the law."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from numpy.typing import ArrayLike
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law.law import Law
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.conversion import Conversion, in_units
+from commonlaw.trials.headers import find_name
+from commonlaw.trials.trial import as_numbers
+
+
+def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same") -> Trials:
+    """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
+
+    Parameters
+    ----------
+    law
+        The law.
+    trials
+        What was measured. What has no unit there or in the law is taken as it is.
+    inputs
+        Whether the trials may have other inputs than the law.
+
+    Raises
+    ------
+    CommonlawError
+        If the variables are not those of the law, or a unit cannot be converted into that of the law.
+    """
+    kinds = [("states", law.schema.states, trials.schema.states)]
+    kinds += [("inputs", law.schema.inputs, trials.schema.inputs)] if inputs == "same" else []
+    for kind, wanted, given in kinds:
+        if wanted != given:
+            raise CommonlawError(
+                f"the law has the {kind} {', '.join(wanted) or 'none'}, "
+                f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
+            )
+    return in_units(trials, _units(law, trials.schema))
+
+
+def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
+    """Return times that were given beside trials, in the unit of their time, in that of the law."""
+    own, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)
+    turn = Conversion.between(trials.schema.time, own, time)
+    return times if times is None or not turn else turn.of(as_numbers(times))
+
+
+def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -> dict[str, float] | None:
+    """Return standard deviations by state, given in the units of the trials, in those of the law."""
+    if noise is None:
+        return None
+    given, wanted, found = trials.schema, law.schema.units, {}
+    for key, level in noise.items():
+        name = find_name(key, given.states, "state")
+        is_share = name in law.schema.logarithmic or name in given.logarithmic
+        turn = Conversion() if is_share else Conversion.between(name, given.units.get(name), wanted.get(name))
+        found[name] = abs(turn.scale) * level
+    return found
+
+
+def _units(law: Law, given: Schema) -> dict[str, str]:
+    """Return the units of what a law takes, properties among them, by the names that trials have for it."""
+    own, wider = law.schema, law.with_discrepancy
+    used = {*own.states, *own.inputs, *(law.explanation.properties if law.explanation else ())}
+    used |= {*wider.schema.inputs} if wider else set()
+    units = {name: unit for name, unit in own.units.items() if name in used}
+    return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
