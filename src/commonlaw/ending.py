@@ -22,40 +22,61 @@ class EndedError(BaseException):
     """This process was told to end."""
 
 
-@contextmanager
-def put_away_first() -> Iterator[None]:
-    """Let what is within be unwound before a signal ends this process, which it else does at once.
+class Ending:
+    """Whether this process was told to end while something has to be put away first."""
 
-    So no half-written file and no other process is left. Signals that somebody handles, as Python does Ctrl-C outside
-    of the command line, are left to them, and so are all in other threads than the main one.
-    """
-    if current_thread() is not main_thread():
-        yield
-        return
-    caught, is_over = list[int](), False
+    def __init__(self) -> None:
+        self.told_by = 0
+        """The signal; 0 if there was none."""
+        self._is_waiting = False
 
-    def unwind(number: int, _: FrameType | None) -> None:
-        if not caught:
-            caught.append(number)
-            _kill_children()
-            if not is_over:
-                raise EndedError
-
-    own = [each for each in SIGNALS if signal.getsignal(each) is signal.SIG_DFL]
-    try:
+    @contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Let a signal break off what is within: for what takes long, and can be broken off at any point."""
+        self._is_waiting = True
         try:
-            for each in own:
-                signal.signal(each, unwind)
+            self.check()
             yield
         finally:
-            is_over = True
+            self._is_waiting = False
+
+    def check(self) -> None:
+        """Break off here if this process was told to end."""
+        if self.told_by:
+            raise EndedError
+
+    def tell(self, number: int, _: FrameType | None) -> None:
+        """Take a signal."""
+        if not self.told_by:
+            self.told_by = number
+            _kill_children()
+            if self._is_waiting:
+                raise EndedError
+
+
+@contextmanager
+def put_away_first() -> Iterator[Ending]:
+    """Let what is within put away what it has before a signal ends this process, which it else does at once.
+
+    So no half-written file and no other process is left. A signal is heard at the end of what is within, or where it
+    waits or checks. Signals that somebody handles, as Python does Ctrl-C outside of the command line, are left to them,
+    and so are all in other threads than the main one.
+    """
+    ending = Ending()
+    is_main = current_thread() is main_thread()
+    own = [each for each in SIGNALS if is_main and signal.getsignal(each) is signal.SIG_DFL]
+    try:
+        for each in own:
+            signal.signal(each, ending.tell)
+        yield ending
     except EndedError:
-        pass
+        if not ending.told_by:  # an outer one was
+            raise
     finally:
         for each in own:
             signal.signal(each, signal.SIG_DFL)
-        if caught:
-            signal.raise_signal(caught[0])
+        if ending.told_by:
+            signal.raise_signal(ending.told_by)
 
 
 def end_at_once() -> None:

@@ -51,12 +51,13 @@ def write_all(contents: Mapping[P, bytes]) -> None:
         If a target cannot be written to, see `check_targets`, or the disk is full; no file is touched then.
     """
     targets = check_targets(contents)
-    with put_away_first(), ExitStack() as stack:
+    with put_away_first() as ending, ExitStack() as stack:
         anchors: dict[Path, Path] = {}
         staged: list[tuple[_Target, Path]] = []
         for number, (target, content) in enumerate(zip(targets, contents.values(), strict=True)):
             if target.is_stream:
                 continue
+            ending.check()
             with _refused(target.path):
                 folder = target.file.parent
                 if folder not in anchors:
@@ -67,7 +68,7 @@ def write_all(contents: Mapping[P, bytes]) -> None:
             staged.append((target, part))
         for target, content in zip(targets, contents.values(), strict=True):
             if target.is_stream:
-                with _refused(target.path):
+                with _refused(target.path), ending.waiting():
                     _pour(target.path, content)
         for target, part in staged:
             with _refused(target.path):

@@ -106,8 +106,12 @@ def test_a_key_gives_the_cookie_and_sends_the_browser_on_from_whatever_page(path
 
 def test_the_key_of_the_page_works_once_and_that_which_is_printed_again():
     keys = Keys(**KEYS)
-    asked = [answer(path, method="GET", keys=keys)[0] for path in ("/once", "/once", "/printed", "/printed")]
-    assert asked == [200, 404, 200, 200]
+    asked = [
+        answer(path, method="GET", keys=keys, sec_fetch_mode="navigate")
+        for path in ("/once", "/once", "/printed", "/printed")
+    ]
+    assert [status for status, _, _ in asked] == [200, 404, 200, 200]
+    assert b"Open the address that commonlaw app has printed" in asked[1][2]
 
 
 def test_browsers_leave_out_the_port_of_http():

@@ -31,7 +31,9 @@ HEADERS = (
     (b"x-content-type-options", b"nosniff"),
 )  # fmt: skip
 
-_STRANGER = "Open the address that commonlaw app has printed in the terminal: this browser is not known yet."
+_STRANGER = (
+    "Open the address that commonlaw app has printed in the terminal: what led here works once, or in another browser."
+)
 
 
 class TooLargeError(Exception):
@@ -81,8 +83,8 @@ class Guard:
             await _answer(200, send, f'<meta http-equiv="refresh" content="0; url=/{self.keys.room}/">{to}', self.keys)
         elif status := self._refusal(scope, headers, room):
             is_seen = headers.get("sec-fetch-mode") == "navigate"
-            text = _STRANGER if is_seen else json.dumps({"error": _STRANGER})
-            await _answer(status, send, text if status == 401 else "")
+            hint = _STRANGER if is_seen else json.dumps({"error": _STRANGER})
+            await _answer(status, send, hint if is_seen or status == 401 else "")
         elif scope["path"] == f"/{room}":
             await _answer(308, send, to=f"/{room}/")
         else:

@@ -69,15 +69,16 @@ def serve(
         # In a thread it leaves signals alone, by which it would wait for all that goes on
         serving = Thread(target=server.run, args=([listening],), daemon=True)
         address = f"http://{_HERE}:{port}"
-        with put_away_first(), private_file("open.html", _page(f"{address}/{keys.once}")) as page:
+        with put_away_first() as ending, private_file("open.html", _page(f"{address}/{keys.once}")) as page:
             try:
                 serving.start()
                 tell(f"{address}/{keys.printed}")
                 if open_browser and page is not None:
                     # A browser of a terminal returns when it is closed
                     Thread(target=webbrowser.open_new_tab, args=(page.as_uri(),), daemon=True).start()
-                while serving.is_alive():
-                    serving.join(_TURN)
+                with ending.waiting():
+                    while serving.is_alive():
+                        serving.join(_TURN)
             except KeyboardInterrupt:
                 server.should_exit = server.force_exit = True
             finally:

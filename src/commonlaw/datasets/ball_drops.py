@@ -124,7 +124,7 @@ def _downloaded(name: str) -> Path:
 
     cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=_PATIENCE)
     try:
-        with put_away_first():
+        with put_away_first() as ending, ending.waiting():
             return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
         raise CommonlawError(

@@ -41,7 +41,7 @@ def _sheets(source: str, content: bytes) -> dict[str, Rows]:
     # With -P Python does not import what lies in the working folder
     command = [sys.executable, "-P", str(Path(workbook_process.__file__))]
     try:
-        with put_away_first():
+        with put_away_first() as ending, ending.waiting():
             done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
     except subprocess.TimeoutExpired:
         raise CommonlawError(f"{source} was not read within {_SECONDS} s: save it as CSV") from None
