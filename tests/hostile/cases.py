@@ -6,7 +6,6 @@ import os
 import random
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,8 @@ import pyarrow.parquet as pq
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-
-SECRET = "xyzzy-of-another-file"
-"""What stands in a file that no command of a case names."""
+from tests.hostile import table_cases
+from tests.hostile.case import Case
 
 EXECUTED = "executed"
 """A file that is there after a case if something in it was run."""
@@ -63,19 +61,6 @@ ODD_JSON: tuple[Any, ...] = (
     "\x1b[2J", [], {}, [[]], [None], ["v", "v"], {"x": 1}, [[[[]]]], "savgol:999999999999:3", "exp(exp(x))",
     "x" * 2000, "`", [1e308] * 3,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Case:
-    """A command in a folder of files, what it may write, and how many samples it must find, if that is known."""
-
-    arguments: tuple[str, ...]
-    files: Mapping[str, bytes]
-    targets: frozenset[str] = frozenset()
-    samples: int | None = None
-    others: Mapping[str, bytes] = field(
-        default_factory=lambda: {"secret.csv": f"ball,password\ngolf,{SECRET}\n".encode()}
-    )
 
 
 def make(kind: str, seed: int) -> Case:
@@ -214,6 +199,10 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
     "expression": expression,
     "option": option,
     "name": name,
+    "restarts": table_cases.restarts,
+    "indices": table_cases.indices,
+    "dates": table_cases.dates,
+    "wide": table_cases.wide,
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")

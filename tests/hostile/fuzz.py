@@ -18,8 +18,10 @@ from collections import Counter
 from dataclasses import dataclass
 from io import FileIO, TextIOWrapper
 from pathlib import Path
+from typing import Any
 
-from tests.hostile.cases import EXECUTED, KINDS, SECRET, Case, folder, make, shown
+from tests.hostile.case import SECRET, Case
+from tests.hostile.cases import EXECUTED, KINDS, folder, make, shown
 
 SECONDS, BYTES = 60.0, 4 * 2**30
 """What a case may take."""
@@ -98,7 +100,8 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
     # What a command writes and does not read may be replaced
     named = Counter(os.path.normpath(each) for each in case.arguments)
     same = {*kept} - {each for each in allowed if named[each] == 1}
-    answer = json.loads(ending.output)["trials"] if case.samples is not None and ending.code == 0 else None
+    known = case.samples is not None or case.truth
+    answer = json.loads(ending.output)["trials"] if known and ending.code == 0 else None
     faults = {
         "hang": ending.seconds > SECONDS,
         "memory": ending.memory > BYTES,
@@ -111,10 +114,21 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
         "leaked": SECRET in ending.output + ending.message + "".join(_texts(there[each]) for each in made),
         "files lost": any(not there[each].is_file() or there[each].read_bytes() != kept[each] for each in same),
         "files left": not made <= allowed,
-        "wrong": case.samples is not None
-        and (answer is None or sum(each["samples"] for each in answer) != case.samples),
+        "wrong": case.samples is not None and (answer is None or _found(answer)["samples"] != case.samples),
+        "silently wrong": answer is not None and any(_found(answer)[each] != case.truth[each] for each in case.truth),
     }
     return ", ".join(name for name, is_so in faults.items() if is_so)
+
+
+def _found(trials: list[dict[str, Any]]) -> dict[str, object]:
+    """Return what a check of data found: samples, objects, trials, states, and all durations."""
+    return {
+        "samples": sum(each["samples"] for each in trials),
+        "objects": sorted({each["object"] for each in trials}),
+        "trials": len(trials),
+        "states": sorted(trials[0]["first"]),
+        "durations": [round(each["duration"], 6) for each in trials],
+    }
 
 
 def _texts(file: Path) -> str:

@@ -97,6 +97,22 @@ def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
         Trials.from_frame(frame.assign(x=np.nan, y=np.nan), states=["x", "y"])
 
 
+def test_a_state_may_be_missing_throughout_a_trial_if_another_has_it(tmp_path):
+    x = np.arange(8.0) ** 2
+    frame = pd.concat([pd.DataFrame({"object": name, "t": range(8), "x": x, "y": x + 1}) for name in "ab"])
+    half = frame.assign(y=frame["y"].where(frame["object"] == "a"))
+    half.to_csv(tmp_path / "half.csv", index=False)
+    for trials in (
+        Trials.from_frame(half),
+        Trials.read(tmp_path / "half.csv"),
+        Trials.from_arrays([range(8)] * 2, [frame[["x", "y"]][:8], half[["x", "y"]][8:]], object=["a", "b"]),
+    ):
+        assert [np.isnan(each.states).sum(axis=0).tolist() for each in trials] == [[0, 0], [0, 8]]
+        assert trials.notes == ()
+    with pytest.raises(cl.CommonlawError, match="a, trial 1: y was measured in 0 of 8"):
+        Trials.from_frame(frame.assign(y=np.nan), states=["x", "y"])
+
+
 def test_missing_values_are_empty_cells_outside(tmp_path):
     trials = collection()
     trials.to_csv(tmp_path / "a.csv")

@@ -25,8 +25,9 @@ def test_times_that_start_again_are_refused_with_the_rows_and_what_to_do():
 
 @pytest.mark.parametrize("samples", [3, 4, 10, 40])
 @pytest.mark.parametrize("runs", [2, 3, 7])
-def test_runs_below_each_other_are_never_interleaved(samples, runs):
-    times = np.concatenate([np.arange(samples) + shift / runs for shift in range(runs)])
+@pytest.mark.parametrize("end", [0.1, 0.5, 0.9])
+def test_runs_below_each_other_are_never_interleaved(samples, runs, end):
+    times = np.concatenate([np.arange(samples) + end * (samples - 1) * shift / runs for shift in range(runs)])
     with pytest.raises(CommonlawError, match="the time goes back"):
         Trials.from_frame(pd.DataFrame({"t": times, "x": times}))
 

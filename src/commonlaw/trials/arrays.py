@@ -41,8 +41,7 @@ def trials_from_arrays(
     empty = [_empty(at, values) for _, _, at, values, *_ in parts]
     made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
     columns = _columns(made[0], names)
-    for each in made:
-        check_measured(each, columns[0])
+    check_measured(made, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
     noisy = {} if noise is None else {name: f"{name} noise" for name in columns[0]}

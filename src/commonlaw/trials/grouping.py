@@ -22,6 +22,8 @@ _RANDOM = 1.5
 
 _FEW = 0.1
 """Of the rows of a trial, those that may stand out of place without being asked about."""
+_HOLE = 1.5
+"""Median steps that times are apart between which a row is missing: more than one step, less than two."""
 
 
 @dataclass(frozen=True)
@@ -145,17 +147,32 @@ def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> No
 
 
 def _is_out_of_order(times: Floats, back: Codes) -> bool:
-    """Say whether times go back, at these indices, not as in reverse nor by a few rows of which no two are adjacent."""
+    """Say whether times go back, at these indices, not as in reverse nor by a few single rows that are out of place."""
     if not 0 < len(back) < len(times) - 1:
         return False
-    if len(back) > max(2, _FEW * len(times)):
+    late = _single_rows_late(times) if len(back) <= max(2, _FEW * len(times)) else None
+    if late is None:
         return True
-    # Whether times can increase up to the last row but one, and to the last, if single rows are left out
-    before, here = True, True
-    for i in range(1, len(times)):
-        ahead = (here and times[i] > times[i - 1]) or (before and (i == 1 or times[i] > times[i - 2]))
-        before, here = here, bool(ahead)
-    return not (before or here)
+    rest = np.delete(times, late)
+    steps = np.diff(rest, prepend=-np.inf, append=np.inf)
+    # Where a row is out of place, one is missing in another
+    return bool(np.any(steps[np.searchsorted(rest, times[late])] < _HOLE * np.median(np.diff(rest))))
+
+
+def _single_rows_late(times: Floats) -> Codes | None:
+    """Return the indices of rows, no two adjacent, without which times increase; None if there are no such."""
+    # Whether times can increase up to a row, if single rows before it are left out
+    can = [True, True]
+    for i in range(2, len(times)):
+        can.append(bool((can[i - 1] and times[i] > times[i - 1]) or (can[i - 2] and times[i] > times[i - 2])))
+    if not (can[-1] or can[-2]):
+        return None
+    i = len(times) - (1 if can[-1] else 2)
+    kept = [i]
+    while i > 1 or (i == 1 and times[1] > times[0]):
+        i -= 1 if can[i - 1] and times[i] > times[i - 1] else 2
+        kept.append(i)
+    return np.setdiff1d(np.arange(len(times)), kept)
 
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:

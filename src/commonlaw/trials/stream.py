@@ -86,7 +86,7 @@ def _trials(path: Path, roles: Reading) -> Iterator[Trial]:
         done.add(key)
         arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
         trial = Trial(*key, *map(np.concatenate, arrays))
-        check_measured(trial, states[0])
+        check_measured([trial], states[0])
         yield trial
 
 

@@ -56,8 +56,7 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
     rows = _read_wide(table, default_object, said) if said.get("wide") else read_rows(table, default_object, said)
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
-    for trial in rows.data.trials:
-        check_measured(trial, rows.data.schema.states)
+    check_measured(rows.data.trials, rows.data.schema.states)
     return rows
 
 

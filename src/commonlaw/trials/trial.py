@@ -262,16 +262,20 @@ def _property(what: str, value: object) -> Property:
     return plain(value)
 
 
-def check_measured(trial: Trial, states: Sequence[str]) -> None:
-    """Refuse a trial in which a state with gaps has too few measured values; one will do if rows are to be forecast."""
-    least = 1 if np.isnan(trial.states[-1]).all() else _LEAST
-    for name, column in zip(states, trial.states.T, strict=True):
-        count = int(np.sum(~np.isnan(column)))
-        if count < min(least, len(trial)):
-            raise CommonlawError(
-                f"{trial.label}: {name} was measured in {count} of {len(trial)} samples, and a state with gaps needs "
-                f"{least}; leave the trial or the column out"
-            )
+def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
+    """Refuse trials in which a state with gaps has too few measured values; one will do if rows are to be forecast.
+
+    A state may be missing throughout a trial if it was measured in another.
+    """
+    counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
+    least = [min(1 if np.isnan(trial.states[-1]).all() else _LEAST, len(trial)) for trial in trials]
+    few = (counts < np.array(least)[:, np.newaxis]) & ((counts > 0) | (counts.max(axis=0) == 0))
+    if few.any():
+        i, j = np.argwhere(few)[0].tolist()
+        raise CommonlawError(
+            f"{trials[i].label}: {states[j]} was measured in {counts[i, j]} of {len(trials[i])} samples, and a state "
+            f"with gaps needs {least[i]}; leave the trial or the column out"
+        )
 
 
 def check_noise_columns(trial: Trial, schema: Schema) -> None:

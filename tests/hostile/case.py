@@ -1,0 +1,23 @@
+"""What a hostile case is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+SECRET = "xyzzy-of-another-file"
+"""What stands in a file that no command of a case names."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command in a folder of files, what it may write, and what it must find, if that is known."""
+
+    arguments: tuple[str, ...]
+    files: Mapping[str, bytes]
+    targets: frozenset[str] = frozenset()
+    samples: int | None = None
+    """How many samples it must find."""
+    truth: Mapping[str, object] = field(default_factory=dict)
+    """What it must find unless it refuses, by `found`."""
+    others: Mapping[str, bytes] = field(
+        default_factory=lambda: {"secret.csv": f"ball,password\ngolf,{SECRET}\n".encode()}
+    )
