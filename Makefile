@@ -54,11 +54,13 @@ layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 contracts: $(STAMP) ## Which room may import which
 	$(BIN)/lint-imports
 
-pictures: $(STAMP) ## Draw the pictures of the README and the documentation again
+pictures: $(STAMP) ## Draw the pictures of the README and the documentation again: those of the app need Chromium
 	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/app_pictures.py
 
 docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: a minute
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs build/docs
+	$(BIN)/pytest -q tests/examples/test_built_docs.py
 
 fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
 	$(BIN)/python -m tests.hostile.fuzz $(ARGS)

@@ -43,7 +43,7 @@ html_static_path = ["_static"]
 html_math_renderer = "mathml"
 html_copy_source = html_show_sphinx = html_show_copyright = False
 
-myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 nb_execution_mode = "auto"
 nb_execution_timeout = 300
