@@ -51,8 +51,8 @@ def wait(page: Chrome, what: str, seconds: float = 120) -> None:
 
 def choose(page: Chrome, name: str, value: str) -> None:
     """Choose a value as somebody does."""
-    script = "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('change'))"
-    page.execute_script(script, name, value)
+    set_value = "const each = document.getElementById(arguments[0]); each.value = arguments[1];"
+    page.execute_script(set_value + "each.dispatchEvent(new Event('change'))", name, value)
 
 
 def take(page: Chrome, name: str, at: str, size: tuple[int, int]) -> None:
