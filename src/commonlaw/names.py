@@ -1,6 +1,7 @@
 """How names of strangers are shown: with nothing in them that a terminal, LaTeX or a page would obey."""
 
 import json
+import os
 from unicodedata import category
 
 _LETS_BE = frozenset("\n\t\u200c\u200d")
@@ -30,6 +31,15 @@ def in_line(text: str) -> str:
     a\nNote: b
     """
     return "".join(escaped(each) if each in "\n\t" else each for each in visible(text))
+
+
+def as_text(name: str) -> str:
+    r"""Return the name of a file with bytes that are no text in UTF-8 written out, so that it can be saved anywhere.
+
+    >>> print(as_text("\udcb5m"))
+    \xb5m
+    """
+    return os.fsencode(name).decode(errors="backslashreplace")
 
 
 def in_latex(name: str) -> str:

@@ -79,3 +79,10 @@ def test_known_noise_and_history_are_taken_as_by_discover(run):
     assert code == 0
     assert "as given" in out
     assert "true g" in out
+
+
+def test_a_threshold_that_leaves_no_likelihood_is_refused_in_words(run):
+    code, _, err = run("fit", "x'' = -9.8 - c v", "--dataset", "linear-drag:trials=1", "--huber-threshold", "1e-100")
+    assert (code, err.count("\n")) == (1, 1)
+    assert "the likelihood of this law cannot be computed" in err
+    assert "--huber-threshold ..." in err

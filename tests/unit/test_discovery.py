@@ -184,7 +184,7 @@ def test_terms_that_depend_on_each_other_are_an_outcome(drops):
     [
         ({"differentiation": "savgol:51:3"}, "Ball 1, trial 1: .*49 samples.*51"),
         ({"trim": 30}, "Ball 1, trial 1: no row is left of 49 samples after trimming 30"),
-        ({"trim": -1}, "trim -1 is negative"),
+        ({"trim": -1}, "trim is -1: give the number of rows"),
         ({"solver": "laso"}, "unknown solver 'laso': did you mean 'lasso'"),
         ({"differentiation": "savgoal"}, "unknown differentiation 'savgoal': did you mean 'savgol'"),
         ({"library_states": "raw"}, "library states 'raw' are not known"),
@@ -201,6 +201,7 @@ def test_settings_of_a_method_that_do_not_fit_are_refused_with_place_and_remedy(
     ("settings", "message"),
     [
         ({"order": 3}, "order 3 is not supported"),
+        ({"order": "2"}, "order '2' is not supported: give the number"),
         ({"order": 0}, r"order=0 does not go with DerivativeRegression: use method=DiscreteTimeRegression\(\)"),
         ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
         ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),

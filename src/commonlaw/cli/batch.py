@@ -17,6 +17,7 @@ from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
 from commonlaw.cli.source import Source
 from commonlaw.cli.workers import in_processes
+from commonlaw.names import as_text
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.wording import counted
 
@@ -130,7 +131,8 @@ class Results:
 
         rows: list[dict[str, object]] = []
         for name, (each, failure) in zip(self.paths, self.found, strict=True):
-            rows += [{"file": name, **row} for row in each.rows] if each else [{"file": name, "error": failure}]
+            file: dict[str, object] = {"file": as_text(name)}
+            rows += [file | row for row in each.rows] if each else [file | {"error": failure}]
         frame = pd.DataFrame(rows, columns=COLUMNS)
         if path.endswith(".csv"):
             return frame.to_csv(index=False).encode()

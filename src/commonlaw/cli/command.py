@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from commonlaw.cli.paths import check_files
+from commonlaw.cli.paths import check_files, check_text
 from commonlaw.cli.working import verbose_option
 
 _OTHERS = "Options"
@@ -16,9 +16,9 @@ _OTHERS = "Options"
 class Command(click.Command):
     """A command that neither drops what it is given nor writes over what it reads.
 
-    An option counts each time that it is given, or is refused where it has one value. Files that are to be written and
-    cannot be, or are read too, are refused before anything is done. The help lists options by their headings; those
-    without one come last. A command that works can be asked to say at what.
+    An option counts each time that it is given, or is refused where it has one value; so is what is no text. Files
+    that are to be written and cannot be, or are read too, are refused before anything is done. The help lists options
+    by their headings; those without one come last. A command that works can be asked to say at what.
     """
 
     def __init__(self, *args: Any, works: bool = True, **settings: Any) -> None:
@@ -32,7 +32,9 @@ class Command(click.Command):
             if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
                 names = " or ".join(each.opts + each.secondary_opts)
                 raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
-        return super().parse_args(ctx, args)
+        rest = super().parse_args(ctx, args)
+        check_text(self.params, ctx.params)
+        return rest
 
     def invoke(self, ctx: click.Context) -> Any:
         """Do what the command does once its files are found to be right."""

@@ -87,9 +87,9 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def print_notes(notes: Iterable[object]) -> None:
-    """Print remarks on stderr, so that they do not mix with results."""
-    for note in notes:
-        say(in_line(f"Note: {in_options(str(note))}"), err=True)
+    """Print remarks on stderr, each once, so that they do not mix with results."""
+    for note in dict.fromkeys(map(str, notes)):
+        say(in_line(f"Note: {in_options(note)}"), err=True)
 
 
 @contextmanager

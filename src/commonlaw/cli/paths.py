@@ -11,6 +11,7 @@ from click.shell_completion import CompletionItem
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.files import check_targets
+from commonlaw.names import as_text, in_line
 
 
 class _File(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions only
@@ -81,6 +82,15 @@ def is_law_file(value: str) -> bool:
     return value.endswith(".json")
 
 
+def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
+    """Refuse words that are no text in UTF-8; names of files may be any bytes."""
+    for each in params:
+        for text in (given for given in _texts(values.get(str(each.name))) if isinstance(given, str)):
+            is_read = isinstance(each.type, ReadFile) and text in each.type.files(text)
+            if as_text(text) != text and not is_read and not isinstance(each.type, WrittenFile):
+                raise click.UsageError(f"{each.opts[0]}: '{in_line(text)}' is not text in UTF-8: write it so")
+
+
 def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
     """Refuse files that are to be written and cannot, or must not, as they are read.
 
@@ -92,8 +102,7 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
     inputs: list[str] = []
     outputs: list[str] = []
     for each in params:
-        given = values.get(str(each.name))
-        texts = [] if given is None else list(given) if isinstance(given, tuple) else [given]
+        texts = _texts(values.get(str(each.name)))
         if isinstance(each.type, ReadFile):
             inputs += (file for text in texts for file in each.type.files(text))
         elif isinstance(each.type, WrittenFile):
@@ -102,6 +111,10 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
     for each in params:
         if isinstance(each.type, WrittenFile) and values.get(str(each.name)) is not None:
             each.type.check(values[str(each.name)])
+
+
+def _texts(given: Any) -> list[Any]:
+    return [] if given is None else list(given) if isinstance(given, tuple) else [given]
 
 
 def _listed(folder: Path) -> list[Path]:

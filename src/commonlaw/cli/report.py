@@ -13,6 +13,7 @@ from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
+from commonlaw.names import as_text
 from commonlaw.progress import part
 
 
@@ -58,7 +59,7 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
             later.write(save, law.to_json().encode)
             law = question.explained(law, show, later)
             later.write(save, law.to_json().encode)
-        command = shlex.join(["commonlaw", *sys.argv[1:]])
+        command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
 
         def page() -> bytes:
             made = law_report(law, trials, training, command, source.path or "", in_options, show)

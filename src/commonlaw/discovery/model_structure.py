@@ -47,8 +47,8 @@ class ModelStructure:
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2):
             raise CommonlawError(
-                f"order {self.order} is not supported: a law is of order 1 (x' = ...), of order 2 (x'' = ...), or of "
-                "order 0 in discrete time (x[k+1] = ...)"
+                f"order {self.order!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law "
+                "in discrete time (x[k+1] = ...)"
             )
 
     def terms(self, schema: Schema) -> Terms:

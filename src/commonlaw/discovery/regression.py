@@ -90,6 +90,7 @@ class AbstractRegression(AbstractMethod):
     def __post_init__(self) -> None:
         check_choice("rule", self.rule, RULES)
         check_choice("scoring", self.scoring, ("residuals", "forecasts"))
+        check_whole_number("seed", self.seed, 0)
         check_whole_number("n_resamples", self.n_resamples, 0, 10_000)
         if isinstance(self.n_jobs, bool) or not isinstance(self.n_jobs, int) or self.n_jobs < -1 or not self.n_jobs:
             raise CommonlawError(f"n_jobs={self.n_jobs!r}: give the number of processes, or -1 for one for each core")

@@ -109,6 +109,7 @@ class TrajectoryLikelihood(AbstractMethod):
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_whole_number("seed", self.seed, 0)
         check_whole_number("max_samples", self.max_samples, 100, 10**9)
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
         check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))

@@ -54,8 +54,8 @@ class StrongForm(AbstractSampledForm):
             raise CommonlawError(
                 f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'"
             )
-        if self.trim < 0:
-            raise CommonlawError(f"trim {self.trim} is negative: give the number of rows to leave out at each end")
+        if not isinstance(self.trim, int | np.integer) or self.trim < 0:
+            raise CommonlawError(f"trim is {self.trim!r}: give the number of rows to leave out at each end")
 
     @property
     def takes_missing(self) -> bool:

@@ -22,4 +22,4 @@ def law_variables(schema: Schema, order: int) -> Variables:
 def check_order(order: int) -> None:
     """Refuse an order of a law that is neither 1 nor 2."""
     if order not in (1, 2):
-        raise CommonlawError(f"order {order} is not supported: a law is of order 1 (x' = ...) or 2 (x'' = ...)")
+        raise CommonlawError(f"order {order!r} is not supported: give the number 1 (x' = ...) or 2 (x'' = ...)")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.likelihood.collocation import Jacobians
 
 _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
@@ -20,8 +21,14 @@ _COLUMNS = 512
 """Columns of an inverse that are computed together; more would fill memory."""
 
 
-class NotPositiveError(ArithmeticError):
+class NotPositiveError(CommonlawError, ArithmeticError):
     """Numbers overflowed, or were too far apart for the factorisation."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the likelihood of this law cannot be computed: numbers are too large, too small or too far apart; check "
+            "the units of the columns and the settings huber_threshold=... and noise=..., or try other terms"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,10 +33,10 @@ class ObservationModel:
     huber_threshold: float = np.inf
 
     def __post_init__(self) -> None:
-        if not self.huber_threshold > 0:
+        if not isinstance(self.huber_threshold, int | float | np.number) or not self.huber_threshold > 0:
             raise CommonlawError(
-                f"huber_threshold is {self.huber_threshold}: give how many standard deviations of noise a measurement "
-                "must be off to be an outlier, above zero"
+                f"huber_threshold is {self.huber_threshold!r}: give how many standard deviations of noise a "
+                "measurement must be off to be an outlier, above zero"
             )
 
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:

@@ -15,9 +15,6 @@ from commonlaw.report.markup import code
 from commonlaw.wording import counted
 
 _SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
-_ROUNDING = 1e-9
-"""Share of a step."""
-
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "heyoka")
 
 
@@ -32,8 +29,6 @@ def data_checks(case: LawCase) -> Section:
     learned, some = sum(map(len, case.training)), counted(len(case.training), "trial")
     held_out = "" if case.training is trials else f" Learned from {learned} samples of {some}."
     frame = found.to_frame().drop(columns="clipped")
-    rounding = frame["largest_deviation"] < _ROUNDING * frame["median_step"]
-    frame["largest_deviation"] = frame["largest_deviation"].mask(rounding, 0.0)
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
     return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))

@@ -21,6 +21,7 @@ _REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
 _FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
 _ROUNDED = 1e-4  # of the median step
+_EVEN = 1e-9  # of the median step; what steps differ by less is rounding
 _MANY = 4  # cases that are summed up as one
 _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
 
@@ -38,7 +39,8 @@ class TrialCheck:
     duration
         From the first sample to the last, in the unit of the times.
     median_step, largest_deviation
-        The median step between samples, and how far a step is from it at most; None for a single sample.
+        The median step between samples, and how far a step is from it at most, zero if that is rounding; None for a
+        single sample.
     clipped
         The number of samples at the end that `clip_irregular` would take away.
     first, last
@@ -167,12 +169,17 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
         len(trial),
         float(trial.times[-1] - trial.times[0]),
         median,
-        None if median is None else float(np.abs(steps - median).max()),
+        None if median is None else _deviation(steps, median),
         len(trial) - regular_length(trial.times, tolerance),
         {name: float(values[0]) if len(values) else None for name, values in measured.items()},
         {name: float(values[-1]) if len(values) else None for name, values in measured.items()},
         {name: len(trial) - len(values) for name, values in measured.items()},
     )
+
+
+def _deviation(steps: Floats, median: float) -> float:
+    largest = float(np.abs(steps - median).max())
+    return largest if largest > _EVEN * median else 0.0
 
 
 def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Finding]:

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.names import as_text
 from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.dates import with_dates_as_times
 from commonlaw.trials.grouping import groups_of, read_cells, trials_of
@@ -32,7 +33,7 @@ from commonlaw.trials.wide import long_table
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> TrialData:
     """Return the trials in a file, see `Trials.read`."""
-    return rows_of(read_table(path, sheet), Path(path).stem, **roles).data
+    return rows_of(read_table(path, sheet), as_text(Path(path).stem), **roles).data
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Reading]) -> TrialData:
