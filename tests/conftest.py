@@ -107,6 +107,15 @@ def ball_drops_folder(pytestconfig: pytest.Config) -> Path:
     return Path(folder)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items) -> None:
+    """Keep tests that share a fixture of their module in one worker, as each worker would make it for itself."""
+    for item in items:
+        definitions = item._fixtureinfo.name2fixturedefs.values()
+        if any(each.scope == "module" for each, *_ in definitions) and not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
 def pytest_terminal_summary(terminalreporter) -> None:
     """Have all tests without the measured drops summed up in one line, as of one place."""
     for report in terminalreporter.stats.get("skipped", ()):
