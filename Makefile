@@ -22,11 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-<<<<<<< HEAD
-.PHONY: help demo study layers docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost release-check clean
-=======
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost clean
->>>>>>> 5d02f84 (Lead with a law that runs offline, give every public name a page, add tutorials by field, in a current theme)
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost release-check clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
