@@ -11,7 +11,7 @@ from commonlaw.notebooks import ProgressBar, in_notebook
 PATIENCE = 2.0
 """Seconds after which people want to know."""
 
-_TOLD = 0.02
+_TOLD = 0.1
 """Share of the whole from which the time that was taken tells what is left."""
 
 ProgressCallback = Callable[[str], None]

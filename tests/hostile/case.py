@@ -18,6 +18,8 @@ class Case:
     """How many samples it must find."""
     truth: Mapping[str, object] = field(default_factory=dict)
     """What it must find unless it refuses, by `found`."""
+    refused: bool = False
+    """Whether it must be refused."""
     others: Mapping[str, bytes] = field(
         default_factory=lambda: {"secret.csv": f"ball,password\ngolf,{SECRET}\n".encode()}
     )

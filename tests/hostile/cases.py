@@ -18,7 +18,8 @@ import pyarrow.parquet as pq
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-from tests.hostile import table_cases
+from commonlaw.cli.paths import WrittenFile
+from tests.hostile import command_cases, table_cases
 from tests.hostile.case import Case
 
 EXECUTED = "executed"
@@ -153,12 +154,13 @@ def option(r: random.Random) -> Case:
     for parameter in found.params:
         if isinstance(parameter, click.Argument):
             usual = {"law_path": "law.json", "path": "drops.csv", "equations": "height' = a + b height"}
-            given.append(r.choice(WORDS) if r.random() < 0.1 else usual[str(parameter.name)])
+            if parameter.name in usual or r.random() < 0.1:
+                given.append(r.choice(WORDS) if r.random() < 0.1 else usual.get(str(parameter.name), "drops.csv"))
     given += [] if command in ("show", "list") else COLUMNS
     options = [each for each in found.params if isinstance(each, click.Option)]
     for each in r.sample(options, min(len(options), r.randrange(4))):
         given.append(r.choice([*each.opts, *each.secondary_opts]))
-        if each.name in ("save", "plot"):
+        if isinstance(each.type, WrittenFile):
             given.append(r.choice(TARGETS))
             targets.add(given[-1])
         elif not each.is_flag:
@@ -170,7 +172,7 @@ def values(option: click.Option) -> Sequence[str]:
     """Return values of the kind that an option takes, which need not be allowed."""
     if isinstance(option.type, click.Choice):
         return option.type.choices
-    return WORDS if option.type.name == "text" else WORDS[:NUMBERS]
+    return WORDS if option.type.name in ("text", "file") else WORDS[:NUMBERS]
 
 
 def name(r: random.Random) -> Case:
@@ -203,6 +205,8 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
     "indices": table_cases.indices,
     "dates": table_cases.dates,
     "wide": table_cases.wide,
+    "repeated": command_cases.repeated,
+    "inputs": command_cases.inputs,
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")

@@ -96,7 +96,9 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
     there = {str(each.relative_to(at)): each for each in at.rglob("*")}
     kept = {**case.files, **case.others}
     made = {*there} - {*kept, "pipe", "link.csv"}
-    allowed = {os.path.normpath(each) for each in case.targets} if ending.code == 0 else set()
+    # A table of many files says of each what was wrong, also where none has a law
+    done = ending.code == 0 or "--each" in case.arguments
+    allowed = {os.path.normpath(each) for each in case.targets} if done else set()
     # What a command writes and does not read may be replaced
     named = Counter(os.path.normpath(each) for each in case.arguments)
     same = {*kept} - {each for each in allowed if named[each] == 1}
@@ -113,6 +115,7 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
         "executed": EXECUTED in there,
         "leaked": SECRET in ending.output + ending.message + "".join(_texts(there[each]) for each in made),
         "files lost": any(not there[each].is_file() or there[each].read_bytes() != kept[each] for each in same),
+        "accepted": case.refused and ending.code == 0,
         "files left": not made <= allowed,
         "wrong": case.samples is not None and (answer is None or _found(answer)["samples"] != case.samples),
         "silently wrong": answer is not None and any(_found(answer)[each] != case.truth[each] for each in case.truth),

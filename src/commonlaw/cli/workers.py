@@ -1,16 +1,15 @@
 """Many pieces of work at the same time, in processes of their own: what one of them does harms no other."""
 
-import os
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
-from threading import Thread
 from typing import Any, TypeVar
 
+from commonlaw.ending import end_with_parent
 from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
@@ -111,7 +110,7 @@ def _uninterrupted() -> Iterator[None]:
 def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
     """Do pieces of work as they come; the main function of a process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     warnings.simplefilter("ignore")
     while True:
         try:
@@ -129,10 +128,3 @@ def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:
         return None, "there is not enough memory for this: take fewer trials or a smaller library"
     except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
         return None, f"{type(error).__name__}: {error}"
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
