@@ -30,7 +30,7 @@ def test_an_equation_is_read_as_people_write_it(text, order, terms, known, coeff
     found = read_equations(text, X)
     assert (found.order, found.terms.names) == (order, terms)
     np.testing.assert_allclose(found.known[0], known, rtol=1e-15)
-    assert {each.name: each.factor for each in found.coefficients} == pytest.approx(coefficients)
+    assert {each.coefficients[0][0]: each.factor for each in found.products} == pytest.approx(coefficients)
 
 
 def test_equations_share_terms_and_come_in_the_order_of_the_states():
@@ -55,7 +55,7 @@ def test_names_that_are_no_words_stand_between_backticks():
         ("x' = a + b q", "character 12, 'q': b and q are both no variables.* correct the name; variables: x, t"),
         (
             "x' = a + b sin(q)",
-            "character 16, 'q': unknown variable 'q': Known: x, t; .*multiply parentheses out",
+            "character 16, 'q': unknown variable 'q': Known: x, t; .*a sum is not fitted",
         ),
         ("x' = exp(k x)", "character 10, 'k': unknown variable 'k'"),
         ("x' = a^2 x", "character 6, 'a': unknown variable 'a'"),

@@ -65,7 +65,7 @@ def test_print_shows_each_object_when_they_share_no_form(drag):
 def test_letters_for_coefficients_avoid_the_names_of_variables():
     terms = PolynomialLibrary(1).bind(Variables(("a", "c")))
     law = Law(terms, Schema(("a", "c")), 1, ("one", "two"), np.ones((2, 2, 3)))
-    assert law.structure() == ("a' = b + d a + e c", "c' = f + g a + h c")
+    assert law.structure() == ("a' = b + d a + f c", "c' = g + h a + i c")
 
 
 def test_the_frame_has_a_row_for_each_object_and_a_column_for_each_term(drag, predators):

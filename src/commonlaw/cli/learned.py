@@ -212,9 +212,13 @@ class Learned:
             pairs = zip(own.tolist(), deviations.tolist(), strict=True)
             columns[head] = [(value, error) if error else value for value, error in pairs]
             if truth is not None:
-                term = law.terms.names[each.term]
-                true = [_true_value(truth, name, each.equation, term) for name in law.objects]
-                columns[f"true {each.name}"] = each.value(np.array(true)).tolist()
+                true = [
+                    np.array(
+                        [_true_value(truth, name, part.equation, law.terms.names[part.term]) for name in law.objects]
+                    )
+                    for part in each.parts
+                ]
+                columns[f"true {each.name}"] = each.value(true).tolist()
         if self.forecast is None:
             return columns
         missed = self.forecast.errors().pivot_table(

@@ -7,8 +7,10 @@ from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
+from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine
@@ -20,6 +22,7 @@ from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
 
 P = ParamSpec("P")
 
@@ -49,7 +52,12 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     ----------
     equations
         One for each state, in one text between semicolons or in several, see `Law.from_text`. Coefficients are found,
-        numbers are known and stay: ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``.
+        numbers are known and stay, and so do pi, and properties of the objects by their names:
+        ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``; t is time, whatever its column is called.
+
+        Parentheses with coefficients are multiplied out: ``"T' = -k (T - a)"`` is fitted as ``-k T + k a``, and k and a
+        follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
+        determine them one by one; coefficients inside of functions, powers and sums below a line are refused.
     trials
         What was measured. Each object has its own coefficients.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, progress
@@ -71,7 +79,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     with v = x', g = 9.80000 ± 0.00096, c = 0.380000 ± 0.000086
     """
     given = read_equations(equations, trials.schema)
-    history = (Step("equations", "; ".join(given.texts), "as given"),)
+    history = (Step("equations", "; ".join(given.texts), "as given"), *_properties_in(given, trials))
     calls = (call(refine, settings, "cl.fit", repr("; ".join(given.texts)), "trials"),)
     if given.order == 0:
         law = _next_samples(given, trials, settings)
@@ -84,16 +92,42 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     return replace(law, provenance=replace(law.provenance, calls=calls))
 
 
+def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
+    """Return a step for each name in equations that is a property of the objects."""
+    names = [name for name in property_names(trials.properties) if name in {each.name for each in given.coefficients}]
+    return [Step("property", name, "as it is known of each object, and not fitted") for name in names]
+
+
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
     """Return the law of given equations; coefficients that are to be found are 1, and only they have an error."""
-    free = np.isnan(given.known)
-    first = np.where(free, 1.0, given.known)
-    errors = np.diag(free[first != 0].astype(np.float64))
-    objects = trials.objects
-    coefficients, covariance = (np.tile(each, (len(objects), 1, 1)) for each in (first, errors))
+    objects, known = trials.objects, _known(given, trials)
+    coefficients = np.where(np.isnan(known), 1.0, known)
+    free = np.isnan(known)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
+    covariance = free[:, :, np.newaxis] * np.eye(free.shape[1])
     return Law(
         given.terms, trials.schema, given.order, objects, coefficients, Uncertainty(covariance), provenance=provenance
     )
+
+
+def _known(given: GivenEquations, trials: Trials) -> Floats:
+    """Return coefficients that are known, shape (objects, equations, terms), NaN where one is to be found.
+
+    They are numbers, or the objects' properties.
+    """
+    found, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
+    for product in given.products:
+        names = [name for name, _ in product.coefficients]
+        taken = [name for name in names if name in properties]
+        others = [name for name in names if name not in properties]
+        if taken and others:
+            raise CommonlawError(
+                f"{taken[0]} is a property of the objects and stands beside {others[0]}, a coefficient to be found: "
+                f"fit one coefficient for both and explain it by the property, law.explain(['{taken[0]}']), or give "
+                f"the coefficient {taken[0]} another name"
+            )
+        if taken:
+            found[:, product.equation, product.term] = [product_of(product, trials, name) for name in trials.objects]
+    return found
 
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
@@ -102,11 +136,13 @@ def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any
         raise CommonlawError(
             f"a law in discrete time is fitted to the next samples, which takes no {', '.join(settings)}: leave it out"
         )
-    names, terms = given.terms.variables.names, given.terms.terms
+    names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
     library = ExpressionLibrary(*(each.expression(names) for each in terms))
     known: Known = {
-        (trials.schema.states[j], given.terms.names[k]): float(given.known[j, k])
-        for j, k in np.argwhere(~np.isnan(given.known)).tolist()
+        (trials.schema.states[j], given.terms.names[k]): dict(
+            zip(trials.objects, values[:, j, k].tolist(), strict=True)
+        )
+        for j, k in np.argwhere(~np.isnan(values).any(axis=0)).tolist()
     }
     progress = settings.get("progress") or on_terminal()
     return DiscreteTimeRegression(solver=STLSQ(0.0)).find(trials, ModelStructure(0, library, known), progress)

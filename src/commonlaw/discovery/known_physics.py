@@ -4,11 +4,13 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from commonlaw.discovery.model_structure import Known
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.from_text import Product, read_equations
 from commonlaw.law.population import law_of
 from commonlaw.library import AbstractLibrary, ExpressionLibrary
 from commonlaw.library.tracing import summands, traced
@@ -77,16 +79,21 @@ def _of_text(text: str, order: int, trials: Trials) -> Numbers:
         raise CommonlawError(f"the known equations are of order {given.order}, and a law of order {order} is sought")
     names, found = given.terms.variables.names, Numbers()
     texts = [each.expression(names) for each in given.terms.terms]
-    letters = {(each.equation, each.term): each for each in given.coefficients}
+    products = {(each.equation, each.term): each for each in given.products}
     for j, state in enumerate(schema.states):
         for k, term in enumerate(texts):
-            letter = letters.get((j, k))
-            if letter is None and given.known[j, k]:
+            product = products.get((j, k))
+            if product is None and given.known[j, k]:
                 found[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
-            elif letter is not None:
-                values = {name: _property(trials, name, letter.name) for name in trials.objects}
-                found[state, term] = {name: letter.factor * each**letter.power for name, each in values.items()}
+            elif product is not None:
+                found[state, term] = {name: product_of(product, trials, name) for name in trials.objects}
     return found
+
+
+def product_of(product: Product, trials: Trials, owner: str) -> float:
+    """Return what stands before a term by the properties of an object."""
+    values = {name: np.float64(property_of(trials, owner, name)) for name, _ in product.coefficients}
+    return float(product.value({name: np.asarray(value) for name, value in values.items()}))
 
 
 def _of_function(function: Callable[..., Any], order: int, trials: Trials) -> Numbers:
@@ -94,7 +101,7 @@ def _of_function(function: Callable[..., Any], order: int, trials: Trials) -> Nu
     found = Numbers()
     for owner in trials.objects:
         wanted = inspect.signature(function).parameters
-        values = {name: None if name in names else _property(trials, owner, name) for name in wanted}
+        values = {name: None if name in names else property_of(trials, owner, name) for name in wanted}
         for state, result in zip(schema.states, _by_state(traced(function, values), schema.states), strict=True):
             for number, term in summands(result, names):
                 own = found.setdefault((state, term), {})
@@ -110,7 +117,7 @@ def _by_state(result: Any, states: Sequence[str]) -> Iterable[Any]:
     return result
 
 
-def _property(trials: Trials, owner: str, name: str) -> float:
+def property_of(trials: Trials, owner: str, name: str) -> float:
     value = trials.properties.get(owner, {}).get(name)
     if isinstance(value, float):
         return value

@@ -7,7 +7,7 @@ from commonlaw.formulation.irls import reweight
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, leave_one_out, merge
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
-from commonlaw.formulation.variables import law_variables
+from commonlaw.formulation.variables import law_variables, plain_rates
 from commonlaw.formulation.weak import WeakForm
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "law_variables",
     "leave_one_out",
     "merge",
+    "plain_rates",
     "refuse_constant_states",
     "reweight",
 ]

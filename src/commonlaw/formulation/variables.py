@@ -12,11 +12,15 @@ def law_variables(schema: Schema, order: int) -> Variables:
     """
     if order < 2:
         return Variables(schema.states, schema.inputs, schema.time, schema.logarithmic)
-    plain = ["v"] if len(schema.states) == 1 else [f"v_{state}" for state in schema.states]
     taken = {*schema.states, *schema.inputs, schema.time}
-    pairs = zip(plain, schema.states, strict=True)
+    pairs = zip(plain_rates(schema), schema.states, strict=True)
     rates = [f"{state}_rate" if name in taken else name for name, state in pairs]
     return Variables((*schema.states, *rates), schema.inputs, schema.time)
+
+
+def plain_rates(schema: Schema) -> tuple[str, ...]:
+    """Return the usual names of the rates of states."""
+    return ("v",) if len(schema.states) == 1 else tuple(f"v_{state}" for state in schema.states)
 
 
 def check_order(order: int) -> None:

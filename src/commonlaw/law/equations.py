@@ -2,7 +2,8 @@
 
 from abc import ABC
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import mul
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from commonlaw.hierarchy import RelationKind
 from commonlaw.law import text
 from commonlaw.law.dimensions import quotient_unit
 from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remarks
-from commonlaw.law.from_text import Coefficient, read_equations
+from commonlaw.law.from_text import Coefficient, GivenEquations, Part, Product, read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, term_unit
@@ -286,29 +287,50 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def named_coefficients(self) -> tuple[Coefficient, ...]:
         """Where each letter of `structure` stands."""
         if self.provenance.equations:
-            return read_equations(self.provenance.equations, self.schema, self.terms.variables).coefficients
+            return self._given.coefficients
         letters = text.free_letters(int(self.support.sum()), self.terms.variables.names)
         pairs = zip(letters, np.argwhere(self.support).tolist(), strict=True)
-        return tuple(Coefficient(letter, j, k) for letter, (j, k) in pairs)
+        return tuple(Coefficient(letter, (Part(j, k),)) for letter, (j, k) in pairs)
+
+    @cached_property
+    def named_products(self) -> tuple[Product, ...]:
+        """What stands before each term, by the letters of `structure`."""
+        if self.provenance.equations:
+            return self._given.products
+        return tuple(Product(each.equation, each.term, 1.0, ((each.name, 1),)) for each in self.named_coefficients)
+
+    @cached_property
+    def _given(self) -> GivenEquations:
+        return read_equations(self.provenance.equations, self.schema, self.terms.variables)
 
     def letter_values(self) -> tuple[Floats, Floats]:
         """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
         values, errors = np.empty((2, len(self.objects), len(self.named_coefficients)))
         for i, each in enumerate(self.named_coefficients):
-            whole = self.coefficients[:, each.equation, each.term]
-            values[:, i] = each.value(whole)
-            errors[:, i] = each.error(whole, self.standard_errors[:, each.equation, each.term])
+            values[:, i] = each.of(self.coefficients)
+            errors[:, i] = self._error(each)
         return values, errors
+
+    def _error(self, coefficient: Coefficient) -> Floats:
+        """Return the standard error of a named coefficient to first order, shape (objects,)."""
+        covariance = self.uncertainty.covariance
+        if covariance is None or not all(self.support[each.equation, each.term] for each in coefficient.parts):
+            return np.full(len(self.objects), np.nan)
+        places = {place: i for i, place in enumerate(zip(*np.nonzero(self.support), strict=True))}
+        own = [places[each.equation, each.term] for each in coefficient.parts]
+        slopes, inner = coefficient.gradient(self.coefficients), covariance[:, own][:, :, own]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0)))
 
     def letter_units(self) -> "tuple[str | None, ...]":
         """Return the unit of each letter of `structure`, as far as the units of the variables tell it."""
-        units = self._units()
-        found = [
-            units.get((self.left_hand_sides[each.equation], self.terms.names[each.term]))
-            for each in self.named_coefficients
-        ]
-        pairs = zip(found, self.named_coefficients, strict=True)
-        return tuple(None if unit is None else f"{unit**each.power:~P}" for unit, each in pairs)
+        units, found = self._units(), list[str | None]()
+        for each in self.named_coefficients:
+            own = [units.get((self.left_hand_sides[part.equation], self.terms.names[part.term])) for part in each.parts]
+            powers = [None if unit is None else unit**part.power for unit, part in zip(own, each.parts, strict=True)]
+            known = [unit for unit in powers if unit is not None]
+            found.append(f"{reduce(mul, known):~P}" if len(known) == len(powers) else None)
+        return tuple(found)
 
     @property
     def _is_explained(self) -> bool:

@@ -1,41 +1,85 @@
 """From equations in a text to terms, coefficients that are known, and names of those that are not."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypedDict, Unpack
+from typing import NamedTuple, NoReturn, TypedDict, Unpack
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.formulation import law_variables
+from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import AbstractTerm, Terms, Variables
-from commonlaw.library.equation import split_equations
+from commonlaw.library.equation import Equation, Meanings, only_product, split_equations
 from commonlaw.trials import Schema
+from commonlaw.wording import counted
 
 
-class Coefficient(NamedTuple):
-    """A coefficient by the name that a user knows it by: before the term stand a factor and a power of it.
+class Part(NamedTuple):
+    """A power of a coefficient of the law, divided by a number, as it stands in what a name means."""
 
-    In ``x'' = -2 x/m`` the factor of m is -2 and the power is -1.
-    """
-
-    name: str
     equation: int
     term: int
     factor: float = 1.0
     power: int = 1
 
-    def value(self, coefficient: Floats) -> Floats:
-        """Return what the name stands for, from the whole number before the term; infinite where it divides by 0."""
-        with np.errstate(divide="ignore"):
-            return np.asarray((coefficient / self.factor) ** np.float64(self.power))
 
-    def error(self, coefficient: Floats, error: Floats) -> Floats:
-        """Return its standard error, to first order, from that of the whole number before the term."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.abs(self.value(coefficient) / coefficient) * error)
+class Coefficient(NamedTuple):
+    """A coefficient by the name that a user knows it by, as a product of powers of coefficients of terms.
+
+    In ``x'' = -2 x/m`` it is -2 over that of x. In ``T' = -k (T - a)``, multiplied out ``-k T + k a``, a is the
+    coefficient of 1 over minus that of T.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+
+    @property
+    def equation(self) -> int:
+        """The equation where it stands first."""
+        return self.parts[0].equation
+
+    @property
+    def term(self) -> int:
+        """The term that it stands before first."""
+        return self.parts[0].term
+
+    def value(self, wholes: Sequence[Floats]) -> Floats:
+        """Return what the name stands for, from the whole number before each of its terms; infinite over 0."""
+        found = np.ones_like(wholes[0])
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for part, whole in zip(self.parts, wholes, strict=True):
+                found = found * (whole / part.factor) ** np.float64(part.power)
+        return np.asarray(found)
+
+    def of(self, coefficients: Floats) -> Floats:
+        """Return what it stands for, from coefficients whose last axes are equations and terms."""
+        return self.value([coefficients[..., each.equation, each.term] for each in self.parts])
+
+    def gradient(self, coefficients: Floats) -> Floats:
+        """Return its derivatives by the coefficients of its parts, shape (objects, parts)."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            wholes = [coefficients[:, each.equation, each.term] for each in self.parts]
+            shares = [part.power / whole for part, whole in zip(self.parts, wholes, strict=True)]
+            return np.asarray(self.value(wholes)[:, np.newaxis] * np.stack(shares, axis=1))
+
+
+class Product(NamedTuple):
+    """What stands before a term: a number and coefficients with their powers of 1 or -1, by name."""
+
+    equation: int
+    term: int
+    factor: float
+    coefficients: tuple[tuple[str, int], ...]
+
+    def value(self, values: Mapping[str, Floats]) -> Floats:
+        """Return it, from values by name."""
+        found = np.asarray(self.factor, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for name, power in self.coefficients:
+                found = found * np.asarray(values[name], dtype=np.float64) ** power
+        return np.asarray(found)
 
 
 class Names(TypedDict, total=False):
@@ -58,6 +102,7 @@ class GivenEquations(NamedTuple):
     order: int
     known: Floats
     coefficients: tuple[Coefficient, ...]
+    products: tuple[Product, ...]
 
 
 def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
@@ -71,21 +116,86 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
     equations = split_equations(texts)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)
+    meanings = _meanings(schema, equations[0].order)
+    if variables is not None:  # Those of a law that was read before, perhaps by an earlier version
+        meanings = meanings._replace(unclear={})
     variables = variables or law_variables(schema, equations[0].order)
     state_rates = list(zip(schema.states, variables.states[len(schema.states) :], strict=False))
-    rows = [by_state[state].summands(variables, state_rates) for state in schema.states]
+    rows = [by_state[state].summands(variables, state_rates, meanings) for state in schema.states]
     listed: list[AbstractTerm] = list(dict.fromkeys(each.term for row in rows for each in row))
     known = np.zeros((len(rows), len(listed)))
-    coefficients = []
+    products = []
     for j, row in enumerate(rows):
         for each in row:
             k = listed.index(each.term)
-            known[j, k] = each.factor if each.coefficient is None else np.nan
-            if each.coefficient is not None:
-                coefficients.append(Coefficient(each.coefficient, j, k, each.factor, each.power))
-    _check_once([each.name for each in coefficients])
-    ordered = tuple(by_state[state].text for state in schema.states)
-    return GivenEquations(ordered, Terms(variables, tuple(listed)), equations[0].order, known, tuple(coefficients))
+            known[j, k] = np.nan if each.coefficients else each.factor
+            if each.coefficients:
+                products.append(Product(j, k, each.factor, each.coefficients))
+    ordered = tuple(by_state[state] for state in schema.states)
+    found = _solved(products)
+    if found is None:
+        _refuse(products, ordered, variables, state_rates)
+    terms = Terms(variables, tuple(listed))
+    return GivenEquations(
+        tuple(each.text for each in ordered), terms, equations[0].order, known, found, tuple(products)
+    )
+
+
+def _meanings(schema: Schema, order: int) -> Meanings:
+    """Return what names in equations mean that are no variables, and which could mean two things."""
+    others = {name: schema.time for name in ("t", "time") if name not in (schema.time, *schema.states, *schema.inputs)}
+    measured, unclear = (*schema.states, *schema.inputs), dict[str, str]()
+    if "e" not in (*measured, schema.time):
+        unclear["e"] = "e is the base of exponentials, or a coefficient: write exp(1), or another letter"
+    if order == 2:
+        for name, state in zip(plain_rates(schema), schema.states, strict=True):
+            if name in measured:
+                unclear[name] = (
+                    f"{name} is a column that was measured, and the usual name of the rate of {state}: write {state}' "
+                    f"for the rate, or `{name}` between backticks for the column"
+                )
+    return Meanings(others, unclear)
+
+
+def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:
+    """Return the named coefficients by the coefficients of terms, none if these do not determine them one by one."""
+    names = list(dict.fromkeys(name for each in products for name, _ in each.coefficients))
+    powers = np.array([[dict(each.coefficients).get(name, 0) for name in names] for each in products], dtype=np.float64)
+    if len(names) != len(products) or (names and not np.isclose(abs(np.linalg.det(powers)), 1.0)):
+        return None
+    inverse = np.rint(np.linalg.inv(powers)).astype(int) if names else np.empty((0, 0), dtype=int)
+    return tuple(
+        Coefficient(
+            name,
+            tuple(
+                Part(each.equation, each.term, each.factor, power)
+                for each, power in zip(products, row, strict=True)
+                if power
+            ),
+        )
+        for name, row in zip(names, inverse.tolist(), strict=True)
+    )
+
+
+def _refuse(
+    products: Sequence[Product],
+    equations: Sequence[Equation],
+    variables: Variables,
+    state_rates: Sequence[tuple[str, str]],
+) -> NoReturn:
+    """Raise why coefficients of terms do not determine those that have a name."""
+    names = [name for each in products for name, _ in each.coefficients]
+    count = len({*names})
+    if len(products) <= count:
+        product = next(each for each in products if len(each.coefficients) > 1)
+        equation = equations[product.equation]
+        equation.refuse(product.coefficients[1][0], only_product(product.coefficients), variables, state_rates)
+    twice = next(name for name in names if names.count(name) > 1)
+    raise CommonlawError(
+        f"the coefficient {twice} stands before {names.count(twice)} terms, and {counted(count, 'coefficient')} for "
+        f"{counted(len(products), 'term')}, multiplied out, is nothing that a fit of free coefficients would keep to: "
+        "each term has one of its own, give them different names"
+    )
 
 
 def stated_law(
@@ -106,15 +216,9 @@ def stated_law(
     by_object = [each for each in values.values() if isinstance(each, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
-    for each in given.coefficients:
-        value = values[each.name]
-        own = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
-        lacking = [name for name in objects if name not in own]
-        if lacking:
-            raise CommonlawError(f"the coefficient {each.name} has no value for {', '.join(lacking)}: give each one")
-        with np.errstate(divide="ignore"):
-            values_of = np.array([own[name] for name in objects], dtype=np.float64) ** each.power
-        coefficients[:, each.equation, each.term] = each.factor * values_of
+    own = {name: _by_object(name, values[name], objects) for name in letters}
+    for product in given.products:
+        coefficients[:, product.equation, product.term] = product.value(own)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
 
@@ -129,10 +233,9 @@ def _check_states(given: tuple[str, ...], schema: Schema) -> None:
         )
 
 
-def _check_once(names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise CommonlawError(
-                f"the coefficient {name} stands before {names.count(name)} terms, and each term has one of its own: "
-                "give them different names"
-            )
+def _by_object(name: str, value: float | Mapping[str, float], objects: Sequence[str]) -> Floats:
+    own = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
+    lacking = [each for each in objects if each not in own]
+    if lacking:
+        raise CommonlawError(f"the coefficient {name} has no value for {', '.join(lacking)}: give each one")
+    return np.array([own[each] for each in objects], dtype=np.float64)

@@ -313,7 +313,7 @@ class AbstractPredictions(AbstractEquations):
             raise CommonlawError(f"{count} draws of the coefficients tell nothing: ask for at least one")
         whole = np.zeros((count, *self.coefficients.shape))
         whole[..., self.support] = self.uncertainty.draws(self.coefficients[:, self.support], count, seed)
-        values = [each.value(whole[..., each.equation, each.term]) for each in self.named_coefficients]
+        values = [each.of(whole) for each in self.named_coefficients]
         return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
 
     def residuals(self, trials: Trials) -> Residuals:

@@ -13,6 +13,9 @@ from commonlaw.library.naming import latex_name
 from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
 
+_TAKEN = ("e", "t")
+"""Letters that mean something else in equations."""
+
 
 class Addend(NamedTuple):
     """A term with its coefficient: whether it is subtracted, the coefficient's size as text, the term's name."""
@@ -78,7 +81,7 @@ def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
     >>> free_letters(3, ["b", "v"])
     ('a', 'c', 'd')
     """
-    free = [letter for letter in ascii_lowercase if letter not in variables]
+    free = [letter for letter in ascii_lowercase if letter not in (*variables, *_TAKEN)]
     return tuple(free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(count))
 
 

@@ -1,12 +1,14 @@
 """Equations as people write them: ``T' = a + b T``, ``x'' = -9.81 - c v``, ``x[k+1] = r x (1 - x)``."""
 
+import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read
+from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
+from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.naming import quoted
 from commonlaw.library.parse import parse_term
 from commonlaw.library.term import AbstractTerm
@@ -27,15 +29,22 @@ _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 
 @dataclass(frozen=True)
 class Summand:
-    """One summand of an equation: a factor, the coefficient that is to be found (None if the factor is all), a term.
-
-    The coefficient is a factor or, with a power of -1, a divisor.
-    """
+    """One summand of an equation: a number, coefficients that are to be found with their powers of 1 or -1, a term."""
 
     factor: float
-    coefficient: str | None
+    coefficients: tuple[tuple[str, int], ...]
     term: AbstractTerm
-    power: int = 1
+
+
+class Meanings(NamedTuple):
+    """What names mean that are neither variables nor coefficients, and names that mean two things, with the reason."""
+
+    others: Mapping[str, str] = {}
+    unclear: Mapping[str, str] = {}
+
+
+CONSTANTS = {"pi": math.pi}
+"""Numbers that have a name in equations."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +57,10 @@ class Equation:
     right: int
     """Where the right-hand side begins."""
 
-    def summands(self, variables: Variables, state_rates: Sequence[tuple[str, str]] = ()) -> tuple[Summand, ...]:
-        """Return the summands of the right-hand side.
+    def summands(
+        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
+    ) -> tuple[Summand, ...]:
+        """Return the summands of the right-hand side, multiplied out where coefficients stand in parentheses.
 
         Parameters
         ----------
@@ -57,13 +68,19 @@ class Equation:
             What terms are functions of; other names are coefficients, which stand as factors before terms.
         state_rates
             The names of states, and of their rates among the variables: ``x'`` is the rate of x.
+        meanings
+            Other names of variables, and names that are refused.
 
         Raises
         ------
         CommonlawError
             If the text cannot be read; the message says at which character, and lists the variables.
         """
-        return _Reader(self, variables, dict(state_rates)).summands()
+        return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
+
+    def refuse(self, name: str, problem: str, variables: Variables, state_rates: Sequence[tuple[str, str]]) -> NoReturn:
+        """Raise the error for a problem with a coefficient, see `summands`."""
+        _Reader(self, variables, dict(state_rates), Meanings()).refuse(name, problem)
 
 
 @dataclass(frozen=True)
@@ -102,6 +119,14 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     return found
 
 
+def only_product(coefficients: Sequence[tuple[str, int]]) -> str:
+    """Return why coefficients that stand before one term only cannot be found."""
+    names = " and ".join(name for name, _ in coefficients)
+    return (
+        f"{names} are both no variables, and a term has one coefficient: write one letter for them, or correct the name"
+    )
+
+
 def _left(text: str) -> Equation:
     left, sign, _ = text.partition("=")
     match = _LEFT.fullmatch(left.strip())
@@ -118,9 +143,11 @@ def _left(text: str) -> Equation:
 class _Reader:
     """Reads one right-hand side from left to right."""
 
-    def __init__(self, equation: Equation, variables: Variables, rates: dict[str, str]) -> None:
-        self.equation, self.variables, self.rates = equation, variables, rates
+    def __init__(self, equation: Equation, variables: Variables, rates: dict[str, str], meanings: Meanings) -> None:
+        self.equation, self.variables, self.rates, self.meanings = equation, variables, rates, meanings
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
+        names = [each.text for each in self.tokens if each.kind == "name" and each.text not in variables.names]
+        self.coefficients = tuple(dict.fromkeys(names))
         self.index = 0
         if len(equation.text) > LONGEST or sum(each.kind == "(" for each in self.tokens) > DEEPEST:
             raise CommonlawError(
@@ -129,45 +156,67 @@ class _Reader:
             )
 
     def summands(self) -> tuple[Summand, ...]:
-        found = [self._summand()]
+        found = self._summand()
         while self.now.kind != "end":
             if self.now.kind not in "+-":
                 self._fail(self.now, "a parenthesis closes that was not opened")
-            found.append(self._summand())
+            found += self._summand()
         self._check_apart(found)
         return tuple(each for each in found if each.factor)
+
+    def refuse(self, name: str, problem: str) -> NoReturn:
+        """Fail where a coefficient stands."""
+        self._fail(next(each for each in self.tokens if (each.kind, each.text) == ("name", name)), problem)
 
     @property
     def now(self) -> _Token:
         return self.tokens[self.index]
 
-    def _summand(self) -> Summand:
-        """Read signs, then factors as long as there are any."""
-        factor, coefficient, parts, start = self._sign(), None, "", self.now
-        sign, power = "*", 1
+    def _summand(self) -> list[Summand]:
+        """Read signs, then factors as long as there are any, and multiply them out."""
+        factor, start = self._sign(), self.now
+        names = (*self.variables.names, *self.coefficients)
+        text = self._product()
+        try:
+            products = multiplied_out(read(text, names), len(self.variables.names))
+            return [self._of_product(factor, each) for each in products]
+        except CommonlawError as error:
+            self._fail(start, str(error))
+        except NotAFactorError as error:
+            name = names[error.args[0]]
+            problem = unknown("variable", name, self.variables.names)
+            self.refuse(
+                name,
+                f"{problem}; a coefficient is a factor of terms, and one inside of a function, a power or a divisor "
+                "that is a sum is not fitted: give it as a number",
+            )
+
+    def _product(self) -> str:
+        """Read factors and divisors as the grammar of terms writes them."""
+        text, sign = "", ""
         while True:
             first = self.now
-            text = self._power()
-            number = constant(read(text, ())) if first.kind == "number" or not self._names(first) else None
-            if number is not None:
-                if sign == "/" and not number:
-                    self._fail(first, "this divides by zero")
-                factor = factor * number if sign == "*" else factor / number
-            elif self._is_coefficient(first):
-                self._check_only(first, coefficient)
-                coefficient, power = first.text, 1 if sign == "*" else -1
-            else:
-                parts += f"{sign if parts else '1/' if sign == '/' else ''}{text}"
+            factor = self._power()
+            if sign == "/" and first.kind == "number" and not constant(read(factor, ())):
+                self._fail(first, "this divides by zero")
+            text += f"{sign}{factor}"
             if self.now.kind in ("*", "/"):
                 sign = self._next().kind
             elif self._begins_operand(self.now):
                 sign = "*"
             else:
-                break
-        try:
-            return Summand(factor, coefficient, parse_term(parts or "1", self.variables), power)
-        except CommonlawError as error:
-            self._fail(start, str(error))
+                return text
+
+    def _of_product(self, sign: float, product: Product) -> Summand:
+        names = (*self.variables.names, *self.coefficients)
+        shown = [(with_names(write(tree), [quoted(each) for each in names]), power) for tree, power in product.trees]
+        text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
+        text += "".join(f"/({each})" for each, power in shown if power < 0)
+        for column, power in product.constants.items():
+            if abs(power) != 1:
+                raise NotAFactorError(column)
+        powers = tuple((names[column], power) for column, power in product.constants.items())
+        return Summand(sign * product.factor, powers, parse_term(text, self.variables))
 
     def _sign(self) -> float:
         factor = 1.0
@@ -227,6 +276,8 @@ class _Reader:
     def _named(self, token: _Token, mark: str | None, rest: str) -> _Token:
         """Return a variable, a coefficient or a function by its name, the mark behind it, and what follows."""
         name = _unquoted(token.text)
+        if name in self.meanings.unclear and name == token.text and not mark:
+            self._fail(token, self.meanings.unclear[name])
         if mark == "'":
             if name not in self.rates:
                 self._fail(token, f"{name}' is no rate that the right-hand side may hold")
@@ -239,6 +290,10 @@ class _Reader:
                 if not rest.lstrip().startswith("("):
                     self._fail(token, f"{name} is a function: write {name}(...)")
                 return _Token("function", name, token.place)
+            if name in self.meanings.others:
+                return _Token("name", self.meanings.others[name], token.place)
+            if name in CONSTANTS:
+                return _Token("number", repr(CONSTANTS[name]), token.place)
             if rest.startswith("(") and not _LETTER.fullmatch(name):
                 self._fail(token, str(unknown("function", name, FUNCTIONS)))
         return _Token("name", name, token.place)
@@ -246,30 +301,15 @@ class _Reader:
     def _begins_operand(self, token: _Token) -> bool:
         return token.kind in ("number", "name", "function", "(")
 
-    def _names(self, first: _Token) -> list[_Token]:
-        """Return the names from a token on that was just read."""
-        return [each for each in self.tokens[self.tokens.index(first) : self.index] if each.kind == "name"]
-
-    def _is_coefficient(self, first: _Token) -> bool:
-        """Say whether what was just read, from a token on, is a coefficient; names within a term are variables."""
-        others = [each for each in self._names(first) if each.text not in self.variables.names]
-        if others and (first.kind != "name" or self.tokens.index(first) + 1 < self.index):
-            wrong = others[0]
-            problem = unknown("variable", wrong.text, self.variables.names)
-            self._fail(wrong, f"{problem}; a coefficient stands as a factor before a term: multiply parentheses out")
-        return bool(others)
-
-    def _check_only(self, token: _Token, before: str | None) -> None:
-        if before is not None:
-            problem = f"{before} and {token.text} are both no variables, and a term has one coefficient"
-            self._fail(token, f"{problem}: write one letter for them, or correct the name")
-
     def _check_apart(self, found: Sequence[Summand]) -> None:
         """Refuse equal terms and equal coefficients: only their sum or nothing could be found."""
         for i, each in enumerate(found):
             for other in found[:i]:
                 name = each.term.text(self.variables.names)
                 if each.term == other.term:
+                    for names in (each.coefficients, other.coefficients):
+                        if len(names) > 1:
+                            self.refuse(names[1][0], only_product(names))
                     hint = ", and products with '*' or a space" if name == "1" else ""
                     raise CommonlawError(f"{self.equation.text!r} has the term {name} twice: write it once{hint}")
 

@@ -51,11 +51,14 @@ def letter_of(law: Law, equation: int, term: int) -> str:
 
 
 def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
-    """Return what a coefficient is as given: a factor times a letter or one over it, or a number and no letter."""
-    for each in law.named_coefficients:
+    """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
+    for each in law.named_products:
         if (each.equation, each.term) == (equation, term):
-            latex = latex_name(each.name) if each.power == 1 else rf"\frac{{1}}{{{latex_name(each.name)}}}"
-            return each.factor, math(latex, each.name)
+            above, below = (
+                r"\, ".join(latex_name(name) for name, own in each.coefficients if own == power) for power in (1, -1)
+            )
+            latex = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
+            return each.factor, math(latex, " ".join(name for name, _ in each.coefficients))
     return float(law.coefficients[0, equation, term]), ""
 
 

@@ -1,0 +1,123 @@
+"""Equations that are fitted: what names in them mean, and coefficients in parentheses."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.law.from_text import read_equations
+
+X = cl.Schema(("x",))
+
+
+@pytest.fixture(scope="module")
+def cups():
+    """Return two cups that cool with k = 0.1 and 0.2 to a = 20 and 15 degrees; exact solutions and noise."""
+    rng, t = np.random.default_rng(0), np.linspace(0.0, 30.0, 25)
+    states = [a + (80.0 - a) * np.exp(-k * t) + rng.normal(0.0, 0.1, 25) for k, a in ((0.1, 20.0), (0.2, 15.0))]
+    units = {"T": "degC", "t": "min"}
+    return cl.Trials.from_arrays([t, t], states, object=["cup", "mug"], names=["T"], units=units)
+
+
+@pytest.fixture(scope="module")
+def law(cups):
+    return cl.fit("T' = -k (T - a)", cups, errors="white", noise={"T": 0.1}, partial_pooling=False)
+
+
+def test_coefficients_in_parentheses_are_multiplied_out_and_found(law):
+    assert law.terms.names == ("T", "1")
+    assert law.letters == ("k", "a")
+    values, errors = law.letter_values()
+    truth = np.array([[0.1, 20.0], [0.2, 15.0]])
+    assert (errors > 0).all()
+    assert (abs(values - truth) < 4 * errors).all()
+    np.testing.assert_allclose(law.coefficients[:, 0, 1], values[:, 0] * values[:, 1])
+
+
+def test_standard_errors_of_coefficients_in_parentheses_are_those_of_draws(law):
+    _, errors = law.letter_values()
+    scatter = law.draws(4000, seed=1).groupby("object").std().loc[list(law.objects)]
+    np.testing.assert_allclose(errors, scatter.to_numpy(), rtol=0.06)
+
+
+def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
+    assert str(law).startswith("T' = -k (T - a)")
+    assert law.letter_units() == ("1/min", "°C")
+    again = cl.Law.from_json(law.to_json())
+    np.testing.assert_array_equal(again.letter_values(), law.letter_values())
+    stated = cl.Law.from_text("T' = -k (T - a)", {"k": 0.1, "a": 20.0})
+    assert stated.equations() == ("T' = -0.1 T + 2",)
+    assert "with k = 0.1, a = 20" in str(stated)
+
+
+@pytest.mark.parametrize(
+    ("text", "function", "values"),
+    [
+        ("x' = r x (1 - x/K)", lambda x, r, K: r * x * (1 - x / K), {"r": 0.5, "K": 8.0}),
+        ("x' = -k (x - 20 - a)", lambda x, k, a: -k * (x - 20 - a), {"k": 0.5, "a": 3.0}),
+        ("x' = x/(2 tau) + c/tau x^2", lambda x, tau, c: x / (2 * tau) + c / tau * x**2, {"tau": 4.0, "c": -3.0}),
+        (
+            "x' = q (1 + s (x - 2 u x^2))",
+            lambda x, q, s, u: q * (1 + s * (x - 2 * u * x**2)),
+            {"q": 2.0, "s": -1.5, "u": 0.7},
+        ),
+    ],
+)
+def test_what_is_multiplied_out_is_the_same_function_and_gives_its_coefficients_back(text, function, values):
+    law, points = cl.Law.from_text(text, values), np.linspace(0.5, 5.0, 7)
+    found = law.evaluate("object", np.column_stack([points, 0 * points]))[:, 0]
+    np.testing.assert_allclose(found, function(points, **values))
+    np.testing.assert_allclose(law.letter_values()[0][0], [values[name] for name in law.letters])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x' = s x/(K + x)", "character 11, 'K': unknown variable 'K'.*a sum is not fitted: give it as a number"),
+        ("x' = k (x - a) + k^-1 x^2", "unknown variable 'k'"),
+        ("x' = k (x^2 - a) + k x", "the coefficient k stands before 3 terms, and 2 coefficients for 3 terms"),
+        ("x' = (k + m) (x - 20)", "'x - 20' twice|term x - 20 twice"),
+        ("x' = (a + b x)/tau", "both no variables"),
+        ("x' = a^2 (x - b)", "unknown variable 'a'"),
+        ("x' = r x (1 - x/K) (1 - x/L)", "twice|both no variables"),
+        ("x' = " + "*".join("(a + b x)" for _ in range(20)), "more than 200 summands"),
+        ("x' = a x + e", "'e': e is the base of exponentials, or a coefficient"),
+    ],
+)
+def test_what_cannot_be_multiplied_out_is_refused_in_words(text, message):
+    with pytest.raises(CommonlawError, match=message):
+        read_equations(text, X)
+
+
+@pytest.mark.parametrize(("column", "name"), [("time", "t"), ("t", "time"), ("hours", "t")])
+def test_t_and_time_are_the_time_whatever_its_column_is_called(column, name):
+    given = read_equations(f"x' = -k x + a sin(2 {name}) + b {name}", cl.Schema(("x",), time=column))
+    assert given.terms.names == ("x", f"sin(2 {column})", column)
+
+
+def test_pi_is_a_number_unless_it_is_measured():
+    given = read_equations("x' = pi x + a sin(2 pi t)", X)
+    assert given.known[0, 0] == np.pi
+    np.testing.assert_allclose(given.terms.evaluate(np.array([[1.0, 0.25]]))[0, 1], 1.0)
+    assert read_equations("x' = a pi", cl.Schema(("x",), inputs=("pi",))).terms.names == ("pi",)
+
+
+def test_v_that_was_measured_is_not_taken_for_the_rate_nor_the_rate_for_it():
+    schema = cl.Schema(("x",), inputs=("v",))
+    with pytest.raises(CommonlawError, match="v is a column that was measured, and the usual name of the rate of x"):
+        read_equations("x'' = -g - c v", schema)
+    assert read_equations("x'' = -g - c x'", schema).terms.names == ("1", "x_rate")
+    assert read_equations("x'' = -g - c `v`", schema).terms.names == ("1", "v")
+    assert read_equations("x' = a v", schema).terms.names == ("v",)
+
+
+def test_a_property_in_an_equation_has_the_value_of_its_object():
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=1, samples=40, noise=0.02)
+    law = cl.fit("x'' = -g + drag v", drops, errors="white", noise={"x": 0.02})
+    values, errors = law.letter_values()
+    assert values[:, 1].tolist() == [drops.properties[name]["drag"] for name in law.objects] == [-0.1, -0.3]
+    assert (errors[:, 1] == 0).all()
+    assert (errors[:, 0] > 0).all()
+    assert ("property", "drag") in [(each.stage, each.choice) for each in law.history]
+    with pytest.raises(CommonlawError, match="drag is a property of the objects and stands beside c"):
+        cl.fit("x'' = -c (v - drag)", drops)
