@@ -73,3 +73,14 @@ def test_forges_have_all_systems_and_all_pythons_and_no_target_that_is_gone(forg
     made = [word for first, *rest in words if first == "make" for word in rest if "=" not in word]
     assert "release-check" in made
     assert set(made) <= targets
+
+
+def test_packages_are_pinned_once_each_in_plain_lines() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert not [each for each in lines if not re.fullmatch(r"[\w.-]+==[\w.]+", each)]
+    names = [re.sub(r"[-_.]+", "-", each.partition("==")[0]).lower() for each in lines]
+    assert len(set(names)) == len(names)
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    needed = [each for few in (PROJECT["project"]["dependencies"], *extras) for each in few]
+    wanted = {re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", each)[0]).lower() for each in needed} - {"commonlaw"}
+    assert wanted <= set(names)
