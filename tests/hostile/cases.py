@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.paths import WrittenFile
-from tests.hostile import command_cases, table_cases
+from tests.hostile import command_cases, law_cases, table_cases
 from tests.hostile.case import Case
 
 EXECUTED = "executed"
@@ -207,6 +207,8 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
     "wide": table_cases.wide,
     "repeated": command_cases.repeated,
     "inputs": command_cases.inputs,
+    "provenance": lambda r: law_cases.provenance(r, saved_law()),
+    "units": lambda r: law_cases.units(r, saved_law(), table(r)),
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")

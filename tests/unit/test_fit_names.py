@@ -121,3 +121,30 @@ def test_a_property_in_an_equation_has_the_value_of_its_object():
     assert ("property", "drag") in [(each.stage, each.choice) for each in law.history]
     with pytest.raises(CommonlawError, match="drag is a property of the objects and stands beside c"):
         cl.fit("x'' = -c (v - drag)", drops)
+
+
+def test_counts_that_make_no_sense_are_refused(law, cups):
+    for count in (-1, 0, 10**18):
+        with pytest.raises(CommonlawError, match="draws of the coefficients"):
+            law.draws(count)
+        with pytest.raises(CommonlawError, match="points make no curve"):
+            law.predict(cups).smooth(count)
+
+
+def test_laws_are_compared_in_a_list_too(law, cups):
+    frame = cl.compare(
+        [law, cl.Law.from_text("T' = -k (T - 20)", {"k": {"cup": 0.1, "mug": 0.2}})], cups, errors="white"
+    )
+    assert frame["law"].tolist() == ["law 1", "law 2"]
+    for wrong in ([], ["T' = a"], {"a": None}):
+        with pytest.raises(CommonlawError, match="give the laws to compare"):
+            cl.compare(wrong, cups)
+
+
+def test_a_known_coefficient_that_is_no_number_is_refused_in_words(cups):
+    with pytest.raises(CommonlawError, match="which is not a number"):
+        cl.discover(cups, order=1, library="poly:1", known={"T": "0.01/min"})
+
+
+def test_intervals_have_units(law):
+    assert law.intervals()["unit"].tolist() == ["1/min", "°C/min"] * 2

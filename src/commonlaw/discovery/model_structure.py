@@ -80,7 +80,7 @@ class ModelStructure:
                     f"known term {terms.names[term]!r} has no coefficient for {', '.join(missing)}; give one for each "
                     "object"
                 )
-            found[:, equation, term] = [values[name] for name in objects]
+            found[:, equation, term] = [_number(key, values[name]) for name in objects]
         return found
 
     def universal_coefficients(self, schema: Schema) -> Bools:
@@ -96,6 +96,16 @@ class ModelStructure:
         for key in self.universal:
             found[_index_of(key, schema.states, terms)] = True
         return found
+
+
+def _number(key: Key, value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise CommonlawError(
+            f"the known coefficient {key!r} is {str(value)[:60]!r}, which is not a number: give it in the units of the "
+            "trials, without its unit"
+        ) from None
 
 
 def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:

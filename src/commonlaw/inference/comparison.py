@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    laws: Mapping[str, Law],
+    laws: Mapping[str, Law] | Sequence[Law],
     trials: Trials,
     *,
     noise: Mapping[str, float] | None = None,
@@ -43,7 +43,8 @@ def compare(
     Parameters
     ----------
     laws
-        By names of your own; of one order, and of the trials' objects. They need not use all inputs of the trials.
+        By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of one order, and of the
+        trials' objects. They need not use all inputs of the trials.
     trials
         What was measured.
     noise, errors, huber_threshold
@@ -72,6 +73,11 @@ def compare(
     import pandas as pd
 
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
+    if not isinstance(laws, Mapping):
+        laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
+    others = [name for name, law in laws.items() if not isinstance(law, Law)]
+    if others or not laws:
+        raise CommonlawError("give the laws to compare, each a Law, by names: {'with drag': law, 'without': other}")
     if len({law.order for law in laws.values()}) > 1:
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
     check_one_scale(list(laws.values()))

@@ -126,7 +126,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def intervals(self, level: float = 0.95) -> "pd.DataFrame":
         """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
 
-        And how probable it is that the term is in the law, where that is known.
+        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known.
 
         Parameters
         ----------
@@ -142,7 +142,11 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
         self.uncertainty.known_covariance()
         names, errors = (self.objects, self.left_hand_sides, self.terms.names), self.standard_errors
-        return interval_frame(*names, self.coefficients, errors, self.uncertainty.inclusion_probabilities, level)
+        found = interval_frame(*names, self.coefficients, errors, self.uncertainty.inclusion_probabilities, level)
+        units = self.coefficient_units()
+        if units:
+            found["unit"] = [units.get(key, "") for key in zip(found["equation"], found["term"], strict=True)]
+        return found
 
     # How they are written
 

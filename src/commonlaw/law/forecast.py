@@ -21,6 +21,9 @@ from commonlaw.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
+_MOST_POINTS = 1_000_000
+"""Points of a curve; no screen has as many."""
+
 
 @dataclass(frozen=True, eq=False)
 class Forecast(ShownInNotebooks):
@@ -97,7 +100,14 @@ class Forecast(ShownInNotebooks):
 
         Each trial gets so many `points`, but none where its samples are as close; they have no measured states. Laws in
         discrete time, and forecasts that `Law.predict` did not make, have nothing between samples and stay as they are.
+
+        Raises
+        ------
+        CommonlawError
+            If there are to be fewer than two points, or more than a million.
         """
+        if not 2 <= points <= _MOST_POINTS:
+            raise CommonlawError(f"{points} points make no curve to draw: ask for 2 to {_MOST_POINTS}")
         more = [_between(trial.times, points) for trial in self.trials]
         if self.at_more_times is None or not any(len(each) for each in more):
             return self

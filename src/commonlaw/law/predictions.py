@@ -307,10 +307,10 @@ class AbstractPredictions(AbstractEquations):
         Ball 4  19.3   19.8
         Ball 5  13.8   14.1
         """
-        from commonlaw.law.tables import draws_frame
+        from commonlaw.law.tables import MOST_DRAWS, draws_frame
 
-        if count < 1:
-            raise CommonlawError(f"{count} draws of the coefficients tell nothing: ask for at least one")
+        if not 1 <= count <= MOST_DRAWS:
+            raise CommonlawError(f"{count} draws of the coefficients: ask for 1 to {MOST_DRAWS}")
         whole = np.zeros((count, *self.coefficients.shape))
         whole[..., self.support] = self.uncertainty.draws(self.coefficients[:, self.support], count, seed)
         values = [each.of(whole) for each in self.named_coefficients]

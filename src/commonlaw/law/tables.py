@@ -13,6 +13,9 @@ from commonlaw.law.uncertainty import normal_quantile
 
 _MORE_TERMS = 2
 
+MOST_DRAWS = 10_000_000
+"""Draws of coefficients; more say nothing that these do not."""
+
 _MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", "forecast error")
 """What is shown of a candidate, as far as it is there."""
 
