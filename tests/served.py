@@ -73,7 +73,8 @@ class Served:
         assert self.process.stdout is not None
         assert self.process.stderr is not None
         with self.process.stdout, self.process.stderr:
-            assert self.process.stderr.read() == ""
+            said = self.process.stderr.read()
+            assert not said, said
         return took
 
 

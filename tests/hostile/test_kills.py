@@ -32,6 +32,10 @@ COMMANDS = {
     "discover in processes": (
         "discover", "in/drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--jobs", "2", "--save", "law.json"
     ),
+    "discover in each of two tables": (
+        "discover", "in/drops.csv", "in/again.csv", "--each", "--workers", "2", "--order", "2", "--solver",
+        "group-stlsq:1", "--out", "laws.csv",
+    ),
     "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
 }  # fmt: skip
 OLD = b"what was there before"
@@ -42,6 +46,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a table and its law."""
     folder = tmp_path_factory.mktemp("in")
     cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.01).to_csv(folder / "drops.csv")
+    (folder / "again.csv").write_bytes((folder / "drops.csv").read_bytes())
     pd.read_csv(folder / "drops.csv").to_excel(folder / "drops.xlsx", index=False)
     law = cl.datasets.truth_of("linear-drag").select(["Ball 1", "Ball 2"])
     law.save(folder / "law.json")

@@ -1,20 +1,18 @@
 """Work in processes of its own: the page stays alive, and what is cancelled ends at once."""
 
 import pickle
-import signal
-import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing import get_context, resource_tracker
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
 from commonlaw.app.words import in_page
-from commonlaw.ending import SIGNALS, end_with_parent
+from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
@@ -55,7 +53,7 @@ class Work(Generic[T]):
         self._lock = Lock()
         self._connection, other = _CONTEXT.Pipe()
         self._process = _CONTEXT.Process(target=_work, args=(other,), daemon=True)
-        with _deaf_to_signals():
+        with deaf_to_interrupts():
             self._process.start()
         other.close()
         self._listener = Thread(target=self._listen, daemon=True)
@@ -114,20 +112,6 @@ class Work(Generic[T]):
                 self.made, self.times_made = value, self.times_made + 1
             else:
                 self.failure, self.is_running = value, False
-
-
-@contextmanager
-def _deaf_to_signals() -> Iterator[None]:
-    """Let processes that this thread starts hear no Ctrl-C: they are ended by the one that started them."""
-    if sys.platform == "win32":
-        yield
-        return
-    resource_tracker.ensure_running()  # which would undo this
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work(connection: Connection) -> None:

@@ -1,15 +1,12 @@
 """Many pieces of work at the same time, in processes of their own: what one of them does harms no other."""
 
-import signal
-import sys
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
-from commonlaw.ending import end_with_parent
+from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
 
 T = TypeVar("T")
@@ -25,7 +22,7 @@ class _Worker:
     def __init__(self, work: Callable[[Any], object]) -> None:
         self.connection, other = _CONTEXT.Pipe()
         self._process = _CONTEXT.Process(target=_serve, args=(other, work), daemon=True)
-        with _uninterrupted():
+        with deaf_to_interrupts():
             self._process.start()
         other.close()
         self.number = -1
@@ -94,22 +91,8 @@ def in_processes(
             worker.end()
 
 
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Have a process that is started here deaf to Ctrl-C, which is for this one, from its first moment."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
     """Do pieces of work as they come; the main function of a process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
     warnings.simplefilter("ignore")
     while True:
