@@ -107,7 +107,10 @@ def deaf_to_interrupts() -> Iterator[None]:
 @cache
 def end_with_parent() -> None:
     """Let this process end when the one that started it has ended, however that came."""
-    parent = os.getppid()
+    from multiprocessing import parent_process
+
+    known = parent_process()
+    parent = os.getppid() if known is None else known.pid  # which may have ended already
 
     def watch() -> None:
         # Where a process keeps the number of a parent that has ended (Windows), it notices when it has to answer

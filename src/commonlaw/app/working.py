@@ -61,8 +61,10 @@ class Work(Generic[T]):
 
     def cancel(self) -> None:
         """End it now, if it goes on."""
-        self._take("end", "cancelled")
-        self._process.kill()
+        with self._lock:
+            if self.is_running:
+                self._process.kill()  # before its connection is closed, of which it would complain
+                self.failure, self.is_running = "cancelled", False
 
     def close(self) -> None:
         """End it now, and wait until its process is gone."""
@@ -127,7 +129,7 @@ def _work(connection: Connection) -> None:
         for made in connection.recv()(show):
             connection.send(("made", made))
         connection.send(("end", ""))
-    except (EOFError, BrokenPipeError):  # nobody waits for it any more
+    except (EOFError, ConnectionError):  # nobody waits for it any more
         pass
     except CommonlawError as error:
         connection.send(("end", in_page(str(error))))
