@@ -1,6 +1,6 @@
 """Laws forecast trials: where each trial starts, its trajectory, and how far off it may be."""
 
-from commonlaw.forecast.prediction import predict
+from commonlaw.forecast.prediction import forecast_from, predict
 from commonlaw.law.forecast import Forecast
 
-__all__ = ["Forecast", "predict"]
+__all__ = ["Forecast", "forecast_from", "predict"]

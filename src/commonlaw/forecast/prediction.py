@@ -10,13 +10,13 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.leaving import with_remarks
-from commonlaw.forecast.model_error import model_error_std
-from commonlaw.integration import InitialValueProblem, Trajectory, simulate
+from commonlaw.forecast.model_error import FilteredStart, model_error_std
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.meeting import matched, matched_times
 from commonlaw.law.population import law_of
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.property_inputs import with_property_inputs
 from commonlaw.trials.trial import with_typical
@@ -54,6 +54,43 @@ def predict(
     found = forecaster.forecast()
     found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
     return with_remarks(law, found)
+
+
+def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast:
+    """Forecast an object from a state that is given, with standard deviations where the law knows how accurate it is.
+
+    Parameters
+    ----------
+    law
+        A law without inputs.
+    name
+        One of its objects.
+    times
+        When the states are wanted; the first is the time of the start. Shape (n,).
+    start
+        The states, for a law of second order followed by their rates, shape (width,). They count as certain.
+
+    Raises
+    ------
+    CommonlawError
+        If the start has not as many numbers as the law has states, or must be positive and is not.
+    """
+    variables, states = law.terms.variables.states, len(law.states)
+    if len(start) != len(variables):
+        raise CommonlawError(f"the start has {len(start)} numbers, expected {len(variables)}: {', '.join(variables)}")
+    unknown = np.full((len(times) - 1, states), np.nan)
+    trial = Trial(name, "1", times, np.vstack([start[:states], unknown]))
+    measured = Trials((trial,), replace(law.schema, logarithmic=()))
+    followed = with_logarithms(measured, law.schema.logarithmic)
+    initial = np.append(followed.trials[0].states[0], start[states:])
+    width, certain = len(variables), np.zeros((1, len(variables)))
+    sensitivity = np.zeros((width, int(law.support.sum())))
+    fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
+    own = followed.trials[0]
+    inputs = Inputs.of(own.times, own.inputs, law.schema.input_between)
+    beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
+    found = _Forecaster(law, followed, (beginning,), None, law.has_std, "auto", 1e-8, 0).forecast()
+    return found.as_measured(measured) if law.schema.logarithmic else found
 
 
 @dataclass(frozen=True, eq=False)
