@@ -30,7 +30,19 @@ def law_markdown(law: Law) -> str:
 
 def law_latex(law: Law) -> str:
     """Return the equations of a law whose objects share them as LaTeX that pages draw, see `law_markdown`."""
-    return _broken(_spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law)))
+    return _broken(_latex(law))
+
+
+def equation_parts(law: Law) -> list[list[str]]:
+    """Return each equation of a law whose objects share them as LaTeX in parts, between which a line may break."""
+    _, *lines, _ = _latex(law).splitlines()
+    parts = [_parts(line.removesuffix(r"\\").rstrip().replace("&", "", 1)) for line in lines]
+    # An empty group before a sign leaves it between two things, so that it has space around it
+    return [[first, *(f"{{}}{each}" for each in others)] for first, *others in parts]
+
+
+def _latex(law: Law) -> str:
+    return _spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law))
 
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
@@ -85,19 +97,24 @@ def _broken(latex: str) -> str:
 
 
 def _rows(line: str) -> list[str]:
-    """Return an equation as rows, none much longer than a line of text is, cut before signs outside of brackets."""
+    """Return an equation as rows, none much longer than a line of text is."""
+    rows = [""]
+    for part in _parts(line):
+        if rows[-1] and _width(rows[-1] + part) > _LINE:
+            rows.append("")
+        rows[-1] += part
+    return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
+
+
+def _parts(line: str) -> list[str]:
+    """Return an equation cut before the signs that are outside of brackets."""
     cuts, depth = [0], 0
     for found in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
         if found[0].strip() in ("+", "-"):
             cuts += [found.start()] * (depth == 0 and line[found.start() - 1] != "=")
         else:
             depth += 1 if found[0] in (r"\left(", "{") else -1
-    rows = [""]
-    for part in (line[begin:end] for begin, end in pairwise([*cuts, len(line)])):
-        if rows[-1] and _width(rows[-1] + part) > _LINE:
-            rows.append("")
-        rows[-1] += part
-    return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
+    return [line[begin:end] for begin, end in pairwise([*cuts, len(line)])]
 
 
 def _width(latex: str) -> int:
