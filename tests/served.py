@@ -54,9 +54,11 @@ class Served:
         )
         return status, json.loads(body or b"{}")
 
-    def say(self, method: str, path: str, body: bytes | None = None) -> tuple[int, bytes, http.client.HTTPMessage]:
+    def say(
+        self, method: str, path: str, body: bytes | None = None, patience: float = PATIENCE
+    ) -> tuple[int, bytes, http.client.HTTPMessage]:
         """Send a request from the page; return status, body and headers of the answer."""
-        connection = http.client.HTTPConnection(self.host, timeout=PATIENCE)
+        connection = http.client.HTTPConnection(self.host, timeout=patience)
         headers = {"Cookie": self.cookie} | ({"Origin": f"http://{self.host}"} if method != "GET" else {})
         connection.request(method, path, body, headers)
         answer = connection.getresponse()

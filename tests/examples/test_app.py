@@ -1,5 +1,7 @@
 """A newcomer's way through the app in a browser: tables good and bad, a law, a search cancelled, reloads, two tabs."""
 
+import csv
+import io
 import json
 import os
 import re
@@ -8,9 +10,10 @@ import urllib.error
 import urllib.request
 from itertools import combinations
 
+import numpy as np
 import pytest
 from axe_core_python.selenium import Axe
-from selenium.webdriver import ActionChains
+from selenium.webdriver import ActionChains, Keys
 
 import commonlaw as cl
 from tests.served import served
@@ -95,11 +98,20 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
 
         trials = cl.Trials.read(table)
         taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
-        taken = {name: app.say("GET", link.partition(app.host)[2])[1].decode() for name, link in taken.items()}
+        taken = {name: app.say("GET", link.partition(app.host)[2], patience=120)[1] for name, link in taken.items()}
+        assert taken.pop("law.png").startswith(b"\x89PNG")
+        taken = {name: content.decode() for name, content in taken.items()}
         law = cl.Law.from_json(taken["law.json"])
         assert law.structure() == ("x'' = a + b v",)
         assert law.verdict(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
+        assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
         assert "--hold-out trial=2" in text(page, "command")
+        rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
+        assert [(each["object"], each["term"]) for each in rows] == [
+            (name, term) for name in law.objects for term in "1v"
+        ]
+        np.testing.assert_allclose([float(each["value"]) for each in rows], law.intervals()["coefficient"])
+        np.testing.assert_allclose([float(each["low"]) for each in rows], law.intervals()["low"])
         terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
         assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
         assert page.execute_script(MOVES) < 100
@@ -107,6 +119,13 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         slide(page, 0)
         assert text(page, "which").startswith("1 term")
         assert len(pressed(page)) == 1
+        (term,) = pressed(page)
+        assert (
+            text(page, "command")
+            == f"commonlaw fit \"x'' = {'a' if term == '1' else f'a {term}'}\" drops.csv --hold-out trial=2"
+        )
+        assert "candidate that is shown" in text(page, "taken")
+        assert "law.py" not in text(page, "files")
         take_other_terms(page)
         wait(page, "$('own_plot').querySelector('canvas')")
         over = page.find_element("css selector", "#forecast_plot .u-over")
@@ -124,6 +143,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
             page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look})
             assert page.execute_script("return document.documentElement.scrollWidth") <= width
             assert serious(page) == []
+            check_law_and_curves_are_in_sight_together(page, width)
 
         assert "Trials.read('drops.csv'" in taken["law.py"]
         assert taken["report.html"].startswith("<!DOCTYPE html>")
@@ -146,8 +166,38 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert text(page, "which").startswith("2 terms, chosen")
         page.refresh()  # and all is there again
         wait(page, "!$('result').hidden")
+        check_question(page)
+        page.switch_to.new_window("tab")
+        open_page(page, app)
+        wait(page, "!$('result').hidden")
+        check_question(page)
         assert [each for each in page.get_log("browser") if each["level"] == "SEVERE"] == []
         check_others_are_refused(app)
+
+
+def check_question(page):
+    """Check that the question is the one that was asked."""
+    asked = {
+        name: page.find_element("id", name).get_attribute("value") for name in ("order", "library", "hold_out", "held")
+    }
+    assert asked == {"order": "2", "library": "poly:1", "hold_out": "trial", "held": "2"}
+    assert "x" in text(page, "formula")
+
+
+def check_law_and_curves_are_in_sight_together(page, width):
+    """Check that the equation and the slider stand beside the curves, or on a phone stay above them."""
+    page.execute_script("document.getElementById(arguments[0]).scrollIntoView()", "see" if width == 390 else "result")
+    places = "forecast_plot", "formula", "slider"
+    plot, *others = (page.execute_script(BOX, each) for each in places)
+    for box in others:
+        assert box["top"] >= 0
+        assert box["bottom"] <= 800
+    assert plot["top"] < 800
+    beside = [box["right"] <= plot["left"] for box in others]
+    assert beside == [width != 390] * 2
+
+
+BOX = "return document.getElementById(arguments[0]).getBoundingClientRect().toJSON()"
 
 
 def pressed(page):
@@ -233,6 +283,64 @@ def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_
         page.find_element("id", "going_cancel").click()
         assert wait(page, "$('failed').textContent") == "cancelled"
         assert page.find_element("id", "start").is_enabled()
+
+
+def test_roles_that_are_chosen_stay_and_a_file_whose_roles_are_not_recognised_is_opened(page, tmp_path):
+    rows = [
+        f"{sample};{run};{hour / 2};0,{100 + 10 * hour * run};{'late' * (hour > 3)}"
+        for sample in ("blank", "yeast") for run in (1, 2) for hour in range(6)
+    ]  # fmt: skip
+    path = tmp_path / "plate.csv"
+    path.write_text("\n".join(["Sample;Run;Time (h);OD600;Note", *rows]))
+    with served(path) as app:
+        open_page(page, app)
+        assert "is there twice" in wait(page, "$('problem').textContent")
+        choose_role(page, "Run", "trial")
+        wait(page, "$('problem').textContent.includes('Sample')")
+        assert roles(page) == {"Sample": "", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
+        choose_role(page, "Sample", "object")
+        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+        assert roles(page) == {"Sample": "object", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
+        assert text(page, "problem") == ""
+        choose_role(page, "Note", "trial")  # which takes the role from the other column
+        assert "the trial is missing" in wait(page, "$('problem').textContent")
+        assert roles(page) == {"Sample": "object", "Run": "", "Time": "time", "OD600": "state", "Note": "trial"}
+
+
+def roles(page):
+    found = page.find_elements("css selector", "#columns select")
+    return {each.get_attribute("data-column"): each.get_attribute("value") for each in found}
+
+
+def choose_role(page, column, role):
+    page.execute_script(
+        f"const each = document.querySelector('#columns select[data-column=\"{column}\"]'); each.value = arguments[0];"
+        "each.dispatchEvent(new Event('change'))",
+        role,
+    )
+
+
+def test_objects_are_found_by_name_and_seen_large_and_an_app_that_ended_says_so(page, tmp_path):
+    names = [f"{kind} {i}" for kind in ("carp", "tench") for i in range(6)]
+    rows = [f"{name},{t},{i + 0.5 * t}" for i, name in enumerate(names) for t in range(5)]
+    path = tmp_path / "ponds.csv"
+    path.write_text("\n".join(["object,t [d],mass [g]", *rows]))
+    with served(path) as app:
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('12 objects')")
+        assert len(page.find_elements("css selector", "#panels path.points[d]")) == 12
+        page.find_element("id", "find").send_keys("TENCH")
+        shown = [each for each in page.find_elements("css selector", "#panels button") if each.is_displayed()]
+        assert [each.text for each in shown] == names[6:]
+        assert text(page, "matching") == "6 of 12"
+        shown[2].click()
+        assert page.find_element("css selector", "#forecast_plot .readout").text == "tench 2"
+        ActionChains(page).key_down(Keys.CONTROL).click(shown[4]).key_up(Keys.CONTROL).perform()
+        assert page.find_element("css selector", "#forecast_plot .readout").text == "tench 2\ntench 4"
+        assert serious(page) == []
+    page.find_element("id", "start").click()
+    said = wait(page, "$('failed').textContent")
+    assert "Start commonlaw app again" in said
 
 
 def test_the_page_weighs_little():

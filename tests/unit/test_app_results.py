@@ -1,6 +1,7 @@
 """What the page of the app is sent: numbers of a law and its candidates, and forecasts from a start of one's own."""
 
 import json
+import re
 from itertools import pairwise
 
 import msgspec
@@ -12,6 +13,8 @@ from commonlaw.app.preview import Sample, preview, sample_table, simulated
 from commonlaw.app.question import Columns, HoldOut, Question, Table, named
 from commonlaw.app.result import of_terms, results, support_of
 from commonlaw.app.searching import answer
+from commonlaw.report.formulas import law_latex
+from commonlaw.report.markup import formula
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +65,7 @@ def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
     asked = found(law, drops)
     course = simulated(asked, Sample(0, "stone", (50.0, 0.0), 2.0, {"mass": 0.1}))
     twin = simulated(asked, Sample(0, drops.objects[1], (50.0, 0.0), 2.0))
-    np.testing.assert_allclose(course["states"][0], twin["states"][0], rtol=0.01)
+    np.testing.assert_allclose(course["states"][0]["line"], twin["states"][0]["line"], rtol=0.01)
     for wrong, words in (
         (Sample(7, "stone", (50.0, 0.0), 2.0), "no candidate 7"),
         (Sample(0, "stone", (50.0, 0.0), 2.0), "stone"),
@@ -71,6 +74,30 @@ def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
     ):
         with pytest.raises(cl.CommonlawError, match=words):
             simulated(asked, wrong)
+
+
+def test_bands_of_a_forecast_of_ones_own_are_as_wide_as_drawn_coefficients_and_noise_scatter(drops):
+    law = cl.fit("x'' = -g - c v", drops)
+    course = simulated(found(law, drops), Sample(0, drops.objects[0], (50.0, 0.0), 2.0))
+    line, low, high = (np.array(course["states"][0][each]) for each in ("line", "low", "high"))
+    drawn = law.draws(4000, seed=1).xs(drops.objects[0], level="object")
+    g, c, t = drawn["g"].to_numpy(), drawn["c"].to_numpy(), course["t"][-1]
+    ends = 50.0 - g / c * (t - (1 - np.exp(-c * t)) / c)
+    std = np.hypot(ends.std(), law.noise[0])
+    assert line[-1] == pytest.approx(ends.mean(), abs=0.1 * std)
+    assert high[-1] - low[-1] == pytest.approx(2 * 1.96 * std, rel=0.05)
+    assert high[0] - low[0] == pytest.approx(2 * 1.96 * law.noise[0], rel=0.01)  # The start is certain
+
+
+def test_equations_are_cut_where_a_line_may_break_and_lose_nothing(law, drops):
+    (candidate,) = found(law, drops).shown["candidates"]
+    (parts,) = candidate["formula"]
+    texts = [re.sub("<[^>]*>", "", each).strip() for each in parts]
+    assert len(texts) == 2
+    assert texts[0].startswith("x")
+    assert texts[1][0] in "-+\N{MINUS SIGN}"
+    whole = re.sub("<[^>]*>", "", formula(law_latex(law)))
+    assert "".join(texts).replace(" ", "") == whole.replace(" ", "")
 
 
 def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
@@ -137,7 +164,7 @@ def test_what_is_odd_comes_with_the_rows_of_the_file_and_the_cell_that_is_meant(
     rows[20], rows[26] = rows[26], rows[20]  # Times of an object need not be in order
     rows[40] = "b4,4,,4"
     seen = preview(Table("t.csv", "\n\n".join(["object,t [s],x [m],y [m]", *rows, "c,0,1,1"]).encode()), Columns())
-    jump, missing, short = (each for each in seen["odd"] if each["cases"][0]["rows"])
+    jump, missing, short = (each for each in seen["checks"] if each["cases"][0]["rows"])
     (case,) = jump["cases"]
     assert case["text"] == "b2, trial 1: x jumps by 924 from sample 6 to sample 7"
     assert case["rows"][case["row"]] == [51, "b2", "6", "999", "6"]
@@ -153,7 +180,7 @@ def test_what_is_odd_comes_with_the_rows_of_the_file_and_the_cell_that_is_meant(
 def test_of_many_cases_some_are_shown_in_the_words_of_the_page():
     rows = [f"b{each},{i},{i * i}" for each in range(40) for i in range(3)]
     seen = preview(Table("t.csv", "\n".join(["object,t,x", *rows]).encode()), Columns())
-    short, units = seen["odd"]
+    short, units = seen["checks"]
     assert (short["text"], short["count"]) == ("in 40 cases, such as b0, trial 1: very short, 3 samples", 40)
     assert len(short["cases"]) == 12
     assert units["text"] == "no unit is known for t, x: write it in the header, as in 'x [m]'"

@@ -7,14 +7,15 @@ import numpy as np
 
 from commonlaw.app.data_checks import cell_text, finding_kinds
 from commonlaw.app.question import Columns, Table
-from commonlaw.app.result import Found
+from commonlaw.app.result import Found, numbers
 from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.forecast import forecast_from
 from commonlaw.law import Law
 from commonlaw.law.population import law_of
 from commonlaw.trials import Trial, Trials
 
-_ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 200
+_ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 600
 """Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
 
 SAMPLES = {
@@ -70,7 +71,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         return found | {"roles": columns.recognised(held), "problem": in_page(str(error))}
     trials = Trials(*rows.data)
     check = trials.check()
-    checks = {"odd": finding_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
+    checks = {"checks": finding_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
     return found | _of_trials(trials) | checks
 
 
@@ -95,7 +96,7 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
                 "object": each.object,
                 "name": each.name,
                 "t": each.times[:: _every(len(each))].tolist(),
-                "states": [_numbers(column[:: _every(len(each))]) for column in each.states.T],
+                "states": [numbers(column[:: _every(len(each))]) for column in each.states.T],
             }
             for each in trials.trials[:_TRIALS]
         ],
@@ -104,10 +105,6 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
 
 def _every(samples: int) -> int:
     return -(-samples // _SAMPLES)
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [each if np.isfinite(each) else None for each in values.tolist()]
 
 
 def _of_own_object(law: Law, asked: Sample) -> Law:
@@ -126,7 +123,14 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")
     if asked.properties:
         law = _of_own_object(law, asked)
+    law.index(asked.object)
     times = np.linspace(0.0, asked.duration, _POINTS)
-    trajectory = law.simulate(times, {asked.object: asked.start})[asked.object]
-    states = [_numbers(column) for column in trajectory.states[:, : len(law.states)].T]
+    forecast = forecast_from(law, asked.object, times, np.array(asked.start))
+    (trajectory,) = forecast.trajectories
+    ends = () if forecast.std is None else forecast.bands(measured=True)[0]
+    columns = [trajectory.states[:, : len(law.states)], *ends]
+    states = [
+        dict(zip(("line", "low", "high"), (numbers(each[:, j]) for each in columns), strict=False))
+        for j in range(len(law.states))
+    ]
     return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}

@@ -18,7 +18,7 @@ from commonlaw.law import Forecast, Law
 from commonlaw.law.meeting import matched
 from commonlaw.law.numbers import with_error
 from commonlaw.progress import Stage, part
-from commonlaw.report.formulas import coefficient_names, law_latex
+from commonlaw.report.formulas import coefficient_names, equation_parts
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
 from commonlaw.verdict import checked_forecast, is_of_training
@@ -172,11 +172,12 @@ def _forecast(law: Law, checked: Forecast) -> Forecast | None:
         return None
 
 
-def _mathml(law: Law) -> str:
+def _mathml(law: Law) -> list[list[str]]:
+    """Return the equations as MathML in parts, between which a line may break; nothing where they cannot be drawn."""
     try:
-        return formula(law_latex(law), "block")
+        return [[formula(part) for part in parts] for parts in equation_parts(law)]
     except CommonlawError:
-        return ""
+        return []
 
 
 def _terms(law: Law, support: Bools) -> list[list[str]]:
@@ -202,11 +203,11 @@ def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
         every = slice(None, None, -(-len(trial.times) // (_SAMPLES + _POINTS)))
         columns = [trial.states, trajectory.states[:, :states], *((None, None) if bands is None else bands[i])]
         yield {
-            "t": _numbers(trial.times[every]),
-            "states": [[None if each is None else _numbers(each[every, j]) for each in columns] for j in range(states)],
+            "t": numbers(trial.times[every]),
+            "states": [[None if each is None else numbers(each[every, j]) for each in columns] for j in range(states)],
         }
 
 
-def _numbers(values: Floats) -> list[float | None]:
+def numbers(values: Floats) -> list[float | None]:
     """Return numbers with a few digits; what is not finite is None."""
     return [float(f"{each:.{_DIGITS}g}") if np.isfinite(each) else None for each in values.tolist()]

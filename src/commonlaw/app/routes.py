@@ -4,7 +4,7 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, nullcontext
-from functools import wraps
+from functools import partial, wraps
 from pkgutil import get_data
 from threading import Lock
 from typing import Any
@@ -26,11 +26,12 @@ from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.law import Forecast
+from commonlaw.law.coefficients_csv import coefficients_csv
 from commonlaw.law.script import Source
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
 
-_SCRIPTS = ("app", "basics", "curves", "law", "measurements", "plots", "question", "take", "uplot")
+_SCRIPTS = ("app", "basics", "curves", "law", "measurements", "own", "panels", "plots", "question", "take", "uplot")
 
 ASSETS = {
     "": ("index.html", "text/html"),
@@ -77,6 +78,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/searches", "POST", _search),
         ("/searches/{name}", "GET", _state),
         ("/searches/{name}", "DELETE", _cancel),
+        ("/searches/{name}/question", "GET", _question),
         ("/searches/{name}/found", "GET", _found),
         ("/searches/{name}/terms", "POST", _fit_terms),
         ("/searches/{name}/terms", "GET", _fit_state),
@@ -152,6 +154,10 @@ async def _state(sessions: Sessions, request: Request) -> Response:
     return _json(await run_in_threadpool(search.state))
 
 
+async def _question(sessions: Sessions, request: Request) -> Response:
+    return _json(sessions.searches.get(request.path_params["name"]).question)
+
+
 async def _found(sessions: Sessions, request: Request) -> Response:
     search = sessions.searches.get(request.path_params["name"])
     found = await run_in_threadpool(lambda: search.found.shown)
@@ -197,7 +203,7 @@ async def _file(sessions: Sessions, request: Request) -> Response:
     return Response(content, media_type="application/octet-stream", headers=headers)
 
 
-def _made(search: Search, name: str, candidate: str) -> str:
+def _made(search: Search, name: str, candidate: str) -> str | bytes:
     """Return a file of a candidate; if none is named, of the law."""
     index = 0 if not candidate else _number_in(candidate)
     # Only for the law, the first candidate, there is a program that finds it in the table
@@ -225,9 +231,9 @@ def _report(found: Found, source: Source | None) -> str:
         return to_page(made).decode()
 
 
-def _figure(found: Found, _: Source | None) -> str:
+def _figure(suffix: str, found: Found, _: Source | None) -> bytes:
     with _one_draws:
-        return render(plot_law(found.law, _forecast_of(found)), ".svg").decode()
+        return render(plot_law(found.law, _forecast_of(found)), suffix)
 
 
 def _forecasts(found: Found, _: Source | None) -> str:
@@ -240,16 +246,17 @@ def _forecast_of(found: Found) -> Forecast:
     return found.checked
 
 
-_LIGHT = (_first, _state, _found, _cancel, _fit_state, _cancel_fit)
+_LIGHT = (_first, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
 """What is answered at once, whatever else goes on."""
 
-_MAKERS: dict[str, Callable[[Found, Source | None], str]] = {
+_MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.json": lambda found, _: found.law.to_json(),
     "law.py": _script,
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
-    "coefficients.csv": lambda found, _: str(found.law.to_frame().to_csv()),
+    "coefficients.csv": lambda found, _: coefficients_csv(found.law),
     "report.html": _report,
-    "law.svg": _figure,
+    "law.svg": partial(_figure, ".svg"),
+    "law.png": partial(_figure, ".png"),
     "forecasts.csv": _forecasts,
 }
 

@@ -14,6 +14,8 @@ _PARTS = {
     ", or give it with units=...": "",
     "Name it with ": "Choose ",
     ", or method=DerivativeRegression()": "",
+    "say restarts='trials' if a trial begins": "tick under Columns that a trial begins",
+    "read them with wide='value', or the name of what was measured": "say under Columns what they measured",
     "clip_irregular() would keep": "the option --clip of the command would keep",
 }
 

@@ -3,8 +3,17 @@
 export const $ = id => document.getElementById(id);
 export const state = { table: null, search: null, preview: null, found: null, columns: {}, at: 0 };
 
+/** What the server answers; where it does not, what has happened and what to do. */
+export async function reach(path, options = {}) {
+  try {
+    return await fetch(path, options);
+  } catch {
+    throw new Error("The app no longer runs: its command was ended, or its computer sleeps. Start commonlaw app again and open the address that it prints; what this page shows stays to be read until it is closed.");
+  }
+}
+
 export async function ask(path, method = "GET", body = undefined) {
-  const answer = await fetch(path, { method, body: body instanceof Blob || body === undefined ? body : JSON.stringify(body) });
+  const answer = await reach(path, { method, body: body instanceof Blob || body === undefined ? body : JSON.stringify(body) });
   const said = answer.headers.get("content-type")?.startsWith("application/json") ? await answer.json() : {};
   if (!answer.ok) throw new Error(said.error ?? `the server refused this (${answer.status}): start the app again`);
   return said;
@@ -42,6 +51,11 @@ export function labels(trials) {
   return trials.map(({ object, name }) => (/^[\d.]+$/.test(object) ? `object ${object}` : object) + (several ? `, trial ${name}` : ""));
 }
 
+/** A number as people write it: six digits, and none that is only rounding. */
+export function tidy(number) {
+  return Number(number.toPrecision(6));
+}
+
 export function remember() {
   const kept = Object.entries({ table: state.table, search: state.search }).filter(([, value]) => value);
   history.replaceState(null, "", `#${new URLSearchParams(kept)}`);
@@ -58,7 +72,7 @@ export async function trying(place, work) {
 
 /** Show that work begins. */
 export function begin(place) {
-  showStages(place, []);
+  showStages(place, { stages: [] });
   $(place).hidden = false;
 }
 
@@ -77,21 +91,33 @@ export async function follow(path, place, left, made = async () => {}) {
     $(place).hidden = !told.running;
     if (told.failure) throw new Error(told.failure);
     if (!told.running) return told;
-    showStages(place, told.stages);
+    showStages(place, told);
     await new Promise(done => setTimeout(done, 400));
   }
 }
 
 /** Show what is being done, and below what was done, the latest first; how long it took, of several in a row together. */
-function showStages(place, stages) {
+function showStages(place, { stages, done = null }) {
   const rows = [];
   for (const [what, seconds] of stages) {
     if (rows[0]?.what === what) rows[0].seconds += seconds;
     else rows.unshift({ what, seconds });
   }
-  const [now, ...done] = rows, stage = $(`${place}_stage`);
+  const [now, ...before] = rows, stage = $(`${place}_stage`), bar = $(place).querySelector("progress");
   // Said aloud when it changes, and not every second
   if (stage.textContent !== (now?.what ?? "")) stage.textContent = now?.what ?? "";
-  $(`${place}_seconds`).textContent = now ? `${Math.round(now.seconds)} s` : "";
-  $(`${place}_done`).replaceChildren(...done.map(({ what, seconds }) => element("li", seconds < 0.05 ? what : `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
+  if (done === null) bar.removeAttribute("value");
+  else bar.value = done;
+  $(`${place}_time`).textContent = now ? [`${Math.round(now.seconds)} s`, ...whole(stages, done)].join(", ") : "";
+  $(`${place}_done`).replaceChildren(...before.map(({ what, seconds }) => element("li", seconds < 0.05 ? what : `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
+}
+
+const TOLD = 0.05;
+
+/** How much of the whole is done, and about how long the rest takes at the pace until now. */
+function whole(stages, done) {
+  if (done === null || done < TOLD) return [];
+  const earlier = stages.slice(0, -1).reduce((sum, [, seconds]) => sum + seconds, 0), now = stages.at(-1)[1];
+  const left = earlier / done - earlier - now;
+  return [`${Math.round(100 * done)} % of the whole`, ...left > 1 ? [`about ${left < 100 ? `${Math.round(left)} s` : `${Math.round(left / 60)} min`} left`] : []];
 }

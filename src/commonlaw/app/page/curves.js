@@ -1,76 +1,91 @@
-// 4. Curves as measured and forecast, and 5. a forecast of one's own.
-import { $, ask, element, labels, state, trying, withUnit } from "./basics.js";
+// Curves as measured, and as a candidate forecasts them: one figure of the objects that are chosen, and small ones of all.
+import { $, element, labels, state, withUnit } from "./basics.js";
+import { markPanels, showPanels, updatePanels } from "./panels.js";
 import { draw } from "./plots.js";
 
-const MOST_SHOWN = 3;
+const MOST_TOGETHER = 3;
+const wide = matchMedia("(min-width: 70rem)");
 
-export function showTrialChoices(found) {
+/** Show or hide what is said of a law; beside it, or below it on a narrow screen, stand the curves. */
+export function showResult(shown) {
+  for (const id of ["result", "take"]) $(id).hidden = !shown;
+  if (!shown) $("own").hidden = true;
+  (shown ? $("result") : $("data")).after($("see"));
+}
+
+/** Begin with what was measured, before there is a law. */
+export function showMeasured() {
+  const { preview } = state, { roles, units } = preview;
+  showResult(false);
+  $("see").hidden = Boolean(preview.problem);
+  if (preview.problem) return;
+  begin(preview.trials, roles.states.map(name => ({ name, unit: units[name] })), true);
+  showCurves();
+}
+
+/** Begin with a law: few objects are shown together, of many the first. */
+export function showForecasts(found) {
+  begin(found.trials.length ? found.trials : state.preview.trials, found.states, false);
+}
+
+function begin(trials, states, together) {
+  const objects = [...new Set(trials.map(each => each.object))];
+  $("states").hidden = states.length < 2;
+  $("state").replaceChildren(...states.map(({ name }, j) => element("option", name, { value: j })));
+  $("objects").hidden = objects.length < 2;
+  $("all").hidden = objects.length <= MOST_TOGETHER;
+  state.chosen = new Set(together || objects.length <= MOST_TOGETHER ? objects : objects.slice(0, 1));
+  showPanels(objects, choose);
+}
+
+/** Show an object alone, or with a key held down beside the others. */
+function choose(object, more) {
+  const { chosen } = state;
+  if (!more) state.chosen = new Set([object]);
+  else if (!chosen.delete(object)) chosen.add(object);
+  showCurves();
+}
+
+/** Show all objects together, or the first alone. */
+export function togetherOrAlone() {
+  const objects = [...new Set(curves(0).map(each => each.object))];
+  state.chosen = new Set(objects.every(each => state.chosen.has(each)) ? objects.slice(0, 1) : objects);
+  showCurves();
+}
+
+/** Of each trial that can be drawn what was measured of a state, and what the candidate that is shown forecasts. */
+function curves(j) {
+  const { found, preview, at } = state, forecast = found?.candidates[at].curves ?? [];
+  if (!forecast.length) {
+    const names = labels(preview.trials);
+    return preview.trials.map(({ object, t, states }, i) => ({ object, t, points: states[j], line: found ? null : states[j], label: names[i], color: i }));
+  }
   const names = labels(found.trials);
-  $("trials").replaceChildren(...found.trials.map((_, i) => {
-    const label = element("label"), box = element("input", "", { type: "checkbox", value: i });
-    box.checked = i < MOST_SHOWN;
-    label.append(box, ` ${names[i]}`);
-    return label;
-  }));
+  return found.trials.flatMap(({ object }, i) => {
+    if (!forecast[i]) return [];
+    const [points, line, low, high] = forecast[i].states[j];
+    return [{ object, t: forecast[i].t, points, line, low, high, label: names[i], color: i }];
+  });
 }
 
 export function showCurves() {
-  const found = state.found, candidate = found.candidates[state.at], names = labels(found.trials), j = Number($("state").value);
-  const chosen = [...$("trials").querySelectorAll("input:checked")].map(each => Number(each.value)).filter(i => candidate.curves[i]);
-  const curves = chosen.map(i => {
-    const [points, line, low, high] = candidate.curves[i].states[j];
-    return { t: candidate.curves[i].t, points, line, low, high, label: names[i], color: i };
-  });
-  const x = withUnit(found.time), name = withUnit(found.states[j]);
-  draw($("forecast_plot"), curves, { x, y: name });
-  $("bands").hidden = curves.some(each => each.low) || !curves.length;
-  const errors = curves.map(({ t, points, line, label, color }) => {
-    const kept = t.map((_, k) => k).filter(k => points[k] !== null && line[k] !== null);
-    return { t: kept.map(k => t[k]), points: kept.map(k => line[k] - points[k]), label, color };
-  });
-  draw($("error_plot"), errors, { x, y: "off by", height: 180, points: "forecast less measured" });
+  const { found, preview } = state, j = Number($("state").value), every = curves(j), shown = every.filter(each => state.chosen.has(each.object));
+  const [x, y] = found ? [found.time, found.states[j]] : [preview.roles.time, preview.roles.states[j]].map(name => ({ name, unit: preview.units[name] }));
+  const forecast = every.some(each => each.line && each.line !== each.points);
+  $("see_title").textContent = forecast ? "Measured and forecast" : "Measured";
+  draw($("forecast_plot"), shown, { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240 });
+  $("bands").hidden = !forecast || shown.some(each => each.low);
+  $("reading").textContent = forecast ? "Points were measured, lines are forecasts, and 95 % of measurements should lie in the bands; below, forecast less measured. Drag to zoom, double-click to go back." : "Drag to zoom, double-click to go back.";
+  draw($("error_plot"), forecast ? shown.map(errors) : [], { x: withUnit(x), y: "error", height: 130, points: "forecast less measured" });
+  $("pictures").hidden = !forecast;
+  for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;
+  $("all").setAttribute("aria-pressed", String(shown.length === every.length));
+  markPanels(shown.length < every.length ? state.chosen : new Set());
+  updatePanels(every);
 }
 
-export function showOwn(found) {
-  $("own").hidden = found.inputs.length > 0;
-  const unseen = found.follows.length ? [element("option", "one of your own", { value: "" })] : [];
-  $("own_object").replaceChildren(...found.objects.map(name => element("option", name, { value: name })), ...unseen);
-  $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
-    element("label", name, { for: `property_${j}` }), element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }),
-  ]));
-  const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).curves[0];
-  $("starts").replaceChildren(...names.flatMap((name, j) => {
-    const value = first?.states[j]?.[1]?.find(each => each !== null) ?? 0;
-    return [element("label", `${name} at the start`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
-  }));
-  $("duration_label").textContent = withUnit({ name: "For how long", unit: found.time.unit });
-  $("duration").value = first ? first.t.at(-1) - first.t[0] || 1 : 1;
-  for (const input of $("own").querySelectorAll("#starts input, #own_properties input")) input.addEventListener("change", forecastOwn);
+/** How far a forecast is off where something was measured. */
+function errors({ t, points, line, label, color }) {
+  const kept = t.map((_, k) => k).filter(k => points[k] !== null && line[k] !== null);
+  return { t: kept.map(k => t[k]), points: kept.map(k => line[k] - points[k]), label, color };
 }
-
-export async function forecastOwn() {
-  if (state.found.inputs.length) return;
-  await trying("own_failed", async () => {
-    const start = [...$("starts").querySelectorAll("input")].map(each => Number(each.value));
-    const object = $("own_object").value;
-    $("own_properties").hidden = Boolean(object);
-    const properties = object ? {} : Object.fromEntries([...$("own_properties").querySelectorAll("input")].map(each => [each.dataset.name, Number(each.value)]));
-    const asked = { candidate: state.at, object: object || "your own", start, duration: Number($("duration").value), properties };
-    const { t, states, outcome } = await ask(`searches/${state.search}/forecasts`, "POST", asked);
-    $("own_failed").textContent = outcome;
-    const curves = states.map((line, j) => ({ t, line, label: withUnit(state.found.states[j]), color: j }));
-    draw($("own_plot"), curves, { x: withUnit(state.found.time), y: curves.length > 1 ? "" : curves[0].label, height: 220, dragged });
-  });
-}
-
-let waiting = false;
-
-/** The start of a state was dragged to a value; forecasts follow as fast as they come. */
-async function dragged(j, value) {
-  $(`start_${j}`).value = Number(value.toPrecision(4));
-  if (waiting) return;
-  waiting = true;
-  await forecastOwn();
-  waiting = false;
-}
-

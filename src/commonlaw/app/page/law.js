@@ -1,22 +1,23 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
 import { $, ask, begin, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
-import { forecastOwn, showCurves, showOwn, showTrialChoices } from "./curves.js";
-import { showCommand, showFiles } from "./take.js";
+import { showCurves, showForecasts, showResult } from "./curves.js";
+import { forecastOwn, showOwn } from "./own.js";
+import { showFiles } from "./take.js";
 
 /** Show what a search has found: a law first, and when its rivals come these too. */
 export function show({ found, asked }) {
   if (state.found) return showMore(found);
   Object.assign(state, { found, asked });
-  $("result").hidden = false;
+  showResult(true);
   $("verdict").textContent = found.verdict[0] ?? "";
-  $("limits").replaceChildren(...[...found.verdict.slice(1), ...found.lacking].map(each => element("p", each)));
+  const more = [...found.verdict.slice(1), ...found.lacking];
+  $("limits").hidden = !more.length;
+  $("limits").replaceChildren($("limits").firstElementChild, ...more.map(each => element("p", each)));
   const rates = found.rates.map((rate, i) => `${rate} is how fast ${found.states[i].name} changes`);
   $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
-  $("states").hidden = found.states.length < 2;
-  $("state").replaceChildren(...found.states.map((each, i) => element("option", each.name, { value: i })));
-  showTrialChoices(found);
+  $("evidence_text").hidden = found.candidates[0].evidence === null;
+  showForecasts(found);
   showOwn(found);
-  showCommand();
   $("outcomes").replaceChildren(...found.outcomes.map(each => element("li", each)));
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
@@ -60,9 +61,7 @@ export function move(index) {
   if (!candidate.curves.length) parts.push("it cannot forecast these trials");
   $("which").textContent = parts.join("; ");
   $("slider").setAttribute("aria-valuetext", parts.join("; "));
-  // MathML of the server's own making, in which names are text
-  if (candidate.formula) $("formula").innerHTML = candidate.formula;
-  else $("formula").textContent = candidate.text.join("\n");
+  $("formula").replaceChildren(...candidate.formula.length ? candidate.formula.map(equation) : candidate.text.map(each => element("div", each, { class: "equation" })));
   press();
   fill($("coefficients"), candidate.table.head, candidate.table.rows);
   showCurves();
@@ -71,6 +70,13 @@ export function move(index) {
   state.soon = setTimeout(forecastOwn, 150);
   state.moved = performance.now() - began;
   document.body.dataset.moved = state.moved.toFixed(1);
+}
+
+/** An equation as parts between which a line may break; they are MathML of the server's own making, in which names are text. */
+function equation(parts) {
+  const line = element("div", "", { class: "equation" });
+  line.innerHTML = parts.join("<wbr>");
+  return line;
 }
 
 /** How probable a candidate is beside the best, after Kass and Raftery (1995). */

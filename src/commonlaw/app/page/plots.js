@@ -3,6 +3,11 @@
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b07a00", "#3a9bd6", "#882255", "#7a7a20", "#7f7f7f", "#a05a2c"];
 const shown = new Map();
 
+/** The colour of a curve by its index. */
+export function colorOf(index) {
+  return COLORS[index % COLORS.length];
+}
+
 function css(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
@@ -23,8 +28,8 @@ function width(_, numbers) {
 export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured" }) {
   const series = [{}], bands = [], tables = [];
   for (const curve of curves) {
-    const color = COLORS[curve.color % COLORS.length], columns = [curve.t];
-    const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", stroke: color, ...settings }); };
+    const color = colorOf(curve.color), columns = [curve.t];
+    const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", stroke: color, pxAlign: 0, ...settings }); };
     if (curve.low) {
       bands.push({ series: [series.length, series.length + 1], fill: `${color}2e` });
       for (const end of [curve.high, curve.low]) add(end, { stroke: "transparent", points: { show: false } });
@@ -42,14 +47,14 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
   const options = {
     width: Math.max(280, place.clientWidth), height, series, bands,
     scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, curves) } },
-    axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width }],
+    axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width, space: Math.min(30, height / 8) }],
     legend: { show: false }, hooks: { setCursor: [told.show] },
     cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
   };
   const plot = new uPlot(options, data, place);
   place.append(told.list);
   shown.set(place, { plot, again: () => draw(place, curves, { x, y, height, dragged, lines, points }) });
-  if (dragged) letDrag(place, plot, dragged);
+  if (dragged) letDrag(place, plot, curves.map(each => each.line), dragged);
 }
 
 const MOST_NAMED = 6;
@@ -61,7 +66,7 @@ function readout(curves, words) {
   const rows = (few ? curves : [null]).map(() => list.appendChild(document.createElement("li")));
   const tell = (row, curve, values) => {
     const swatch = document.createElement("span");
-    swatch.style.background = COLORS[curve.color % COLORS.length];
+    swatch.style.background = colorOf(curve.color);
     row.replaceChildren(swatch, `${curve.label}${values}`);
   };
   const rest = () => {
@@ -111,7 +116,7 @@ function within(low, high, curves) {
 const holding = new Map();
 
 /** Let the curve nearest to the pointer be dragged up and down; the scale stays until it is let go. */
-function letDrag(place, plot, dragged) {
+function letDrag(place, plot, lines, dragged) {
   const value = event => plot.posToVal(event.clientY - plot.over.getBoundingClientRect().top, "y");
   const move = event => {
     const held = holding.get(place);
@@ -124,9 +129,9 @@ function letDrag(place, plot, dragged) {
   plot.over.style.touchAction = "none";
   plot.over.addEventListener("pointerdown", event => {
     const at = plot.posToIdx(event.clientX - plot.over.getBoundingClientRect().left), from = value(event);
-    const far = plot.data.slice(1).map(values => Math.abs((values[at] ?? Infinity) - from));
+    const far = lines.map(values => Math.abs((values[at] ?? Infinity) - from));
     const curve = far.indexOf(Math.min(...far)), { min, max } = plot.scales.y;
-    holding.set(place, { curve, from, start: plot.data[curve + 1][0], range: [min, max] });
+    holding.set(place, { curve, from, start: lines[curve][0], range: [min, max] });
     addEventListener("pointermove", move);
     addEventListener("pointerup", end, { once: true });
   });

@@ -1,5 +1,6 @@
 // 2. Question: which law is looked for, and the search for it.
 import { $, ask, element, follow, remember, state, trying } from "./basics.js";
+import { showMeasured } from "./curves.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
@@ -38,6 +39,20 @@ function question(law = null) {
   };
 }
 
+/** Put what was asked before into the form. */
+export function showQuestion({ order, library, hold_out, known, explain }) {
+  $("order").value = order;
+  showLibraries();
+  const offered = [...$("library").options].some(each => each.value === library);
+  if (offered) $("library").value = library;
+  $("own_library").value = offered ? "" : library;
+  $("hold_out").value = hold_out.kind;
+  showHeld();
+  $(hold_out.kind === "after" ? "after" : "held").value = hold_out.value;
+  $("known").value = Object.entries(known).map(pair => pair.join("=")).join(", ");
+  $("explain").checked = explain;
+}
+
 export async function start(law = null) {
   await trying("failed", async () => {
     state.search = (await ask("searches", "POST", question(law))).search;
@@ -50,8 +65,8 @@ export async function start(law = null) {
 export async function showSearch() {
   const search = state.search, path = `searches/${search}`, left = () => state.search !== search;
   $("start").disabled = state.busy = true;
-  $("result").hidden = true;
   state.found = null;
+  showMeasured();
   try {
     const told = await follow(path, "going", left, async () => {
       const made = await ask(`${path}/found`);
@@ -59,7 +74,7 @@ export async function showSearch() {
     });
     if (told?.fitting) trying("terms_failed", followFit);
   } finally {
-    $("start").disabled = state.busy = false;
+    if (state.search === search || !state.search) $("start").disabled = state.busy = false;
     settle();
   }
 }

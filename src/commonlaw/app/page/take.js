@@ -1,16 +1,16 @@
-// 6. What to take away.
-import { $, element, plural, state } from "./basics.js";
+// Files to take away, and the command that makes the law again.
+import { $, element, plural, reach, state } from "./basics.js";
 
 const FILES = {
-  "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients",
-  "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.tex": "the equations in LaTeX",
+  "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients with their errors, a row for each",
+  "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.png": "the same as an image", "law.tex": "the equations in LaTeX",
   "law.py": "a Python program that finds it again",
 };
 
-/** Offer the files of the candidate that is shown; only for the law that was chosen there is a program that finds it. */
+/** Offer the files of the candidate that is shown, and its command; only for the law that was chosen there is a program that finds it. */
 export function showFiles() {
   const { chosen, size } = state.found.candidates[state.at], names = Object.keys(FILES).filter(name => chosen || name !== "law.py");
-  $("taken").textContent = `Of the ${chosen ? "law that was chosen" : "candidate that is shown above"} (${plural(size, "term")}):`;
+  $("taken").textContent = `Of the ${chosen ? "law that was chosen" : "candidate that is shown"} (${plural(size, "term")}):`;
   $("files").replaceChildren(...names.map(name => {
     const line = element("li");
     const link = element("a", name, { href: `searches/${state.search}/${name}?candidate=${state.at}`, download: name });
@@ -18,21 +18,18 @@ export function showFiles() {
     line.append(link, `: ${FILES[name]}`);
     return line;
   }));
-}
-
-/** The command that finds the law; there is none for a law that was opened. */
-export function showCommand() {
-  $("again").hidden = Boolean(state.asked.law);
-  $("command").textContent = command();
+  const said = command(state.found.candidates[state.at]);
+  $("again").hidden = !said;
+  $("command").textContent = said;
 }
 
 /** Save a file once it is made, and say how far that is: a report takes a while. */
-async function take(event) {
+export async function take(event) {
   const { href, download } = event.currentTarget;
   event.preventDefault();
   $("taking").textContent = `Making ${download} ...`;
   try {
-    const answer = await fetch(href);
+    const answer = await reach(href);
     if (!answer.ok) throw new Error((await answer.json()).error);
     const made = URL.createObjectURL(await answer.blob());
     element("a", "", { href: made, download }).click();
@@ -43,18 +40,29 @@ async function take(event) {
   }
 }
 
-function command() {
-  const quoted = text => /^[\w.:=,+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
-  const { preview, asked } = state, said = ["commonlaw", "discover", preview.name];
-  const columns = asked.columns;
+/**
+ * The command that finds the law, or fits the candidate that is shown. There is none for a law that was opened, and for a
+ * candidate with known coefficients, which its equation does not say.
+ */
+function command({ chosen, text }) {
+  const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
+  if (asked.law || (!chosen && (known.length || !found.others))) return "";
+  const said = ["commonlaw", ...chosen ? ["discover"] : ["fit", text.join("; ")], preview.name];
   for (const role of ["object", "trial", "time"]) if (columns[role]) said.push(`--${role}`, columns[role]);
   for (const [option, role] of [["--state", "states"], ["--input", "inputs"], ["--property", "properties"]]) for (const name of columns[role] ?? []) said.push(option, name);
-  said.push("--order", String(asked.order), "--library", asked.library);
-  for (const [name, value] of Object.entries(asked.known)) said.push("--known", `${name}=${value}`);
+  if (columns.wide) said.push("--wide", columns.wide);
+  if (columns.restarts) said.push("--restarts", columns.restarts);
+  if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
+  for (const [name, value] of known) said.push("--known", `${name}=${value}`);
   const { kind, value } = asked.hold_out;
   if (kind === "after") said.push("--learn-until", value);
   else if (kind !== "nothing") said.push("--hold-out", `${preview.roles[kind]}=${value}`);
-  if (asked.explain) said.push("--explain");
+  if (chosen && asked.explain) said.push("--explain");
   return said.map(quoted).join(" ");
 }
 
+/** A word of a command as a shell reads it. */
+function quoted(text) {
+  if (/^[\w.:=,+-]+$/.test(text)) return text;
+  return /["$`\\!]/.test(text) ? `'${text.replaceAll("'", "'\\''")}'` : `"${text}"`;
+}
