@@ -43,7 +43,7 @@ def indices(r: random.Random) -> Case:
     frame = frame[[r.random() < 0.9 or k < 2 for k in range(len(frame))]]
     kind = r.choice(["as it is", "counted", "sorted", "named", "levels", "nameless levels", "text"])
     if kind == "counted":
-        frame.index = range(5, 5 + len(frame))
+        frame.index = pd.RangeIndex(5, 5 + len(frame))
     elif kind == "sorted":
         frame = frame.sort_values("x", kind="stable")
     elif kind == "named":
