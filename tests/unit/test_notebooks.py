@@ -2,6 +2,8 @@
 
 import re
 import sys
+from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -33,6 +35,21 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
         assert "<table" in shown
         assert shown.count("<svg") == 1
     assert law.letters[0] == "c"
+
+
+def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(law, drops):
+    for value, title in ((law.verdict(drops), "Verdict"), (law.residuals(drops), "Residuals")):
+        shown = value._repr_html_()
+        HTMLParser().feed(shown)
+        assert f"<h4>{title}</h4>" in shown
+        assert escape(str(value).splitlines()[0].strip()) in shown
+        assert "<table" in shown
+
+
+def test_names_of_strangers_in_a_verdict_are_text(law, drops):
+    verdict = law.verdict(drops)
+    hostile = replace(verdict, state_errors=(verdict.state_errors[0]._replace(state="<script>a</script>"),))
+    assert "<script" not in hostile._repr_html_()
 
 
 def test_a_history_shows_a_row_for_each_choice(law):

@@ -11,6 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.law.numbers import with_error
 from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.notebooks import ShownInNotebooks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +44,7 @@ class Compared(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Discrepancy(Generic[LawType]):
+class Discrepancy(ShownInNotebooks, Generic[LawType]):
     """A smooth function in one equation of a law, the same for all objects; it prints as sentences.
 
     Called with values of the coordinate it gives the function there.

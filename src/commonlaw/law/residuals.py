@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(ShownInNotebooks):
     """Measured less fitted states of trials, in standard deviations of the noise; it prints as sentences.
 
     Parameters

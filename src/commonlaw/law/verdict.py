@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
+from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.wording import counted
 
 NO_BETTER = 0.9
@@ -42,7 +43,7 @@ class StateError(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LawVerdict:
+class LawVerdict(ShownInNotebooks):
     """What a law is good for; it prints as sentences.
 
     Errors are root mean squares, in units of the states' standard deviations within trials: their spread. Persistence

@@ -1,6 +1,6 @@
 """Values as notebooks show them: a line, a formula or table, and a small figure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from html import escape
 
@@ -8,6 +8,9 @@ import pandas as pd
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Forecast, History, Law
+from commonlaw.law.discrepancy import Discrepancy
+from commonlaw.law.residuals import Residuals
+from commonlaw.law.verdict import LawVerdict
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.formulas import law_markdown
@@ -22,18 +25,34 @@ _STEPS = ["stage", "choice", "reason"]
 """Columns of a history."""
 
 
-def notebook_html(value: Law | Trials | Forecast | History) -> str:
+def notebook_html(value: Law | Trials | Forecast | History | LawVerdict | Residuals | Discrepancy[Law]) -> str:
     """Return a value as HTML for a notebook; figures of many objects show the first ones."""
     match value:
         case History():
             steps = pd.DataFrame([(each.stage, each.choice, each.reason) for each in value], columns=_STEPS)
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
+        case LawVerdict():
+            names = ("state", "law", "persistence", "unit")
+            errors = pd.DataFrame([{name: getattr(each, name) for name in names} for each in value.state_errors])
+            return _page("Verdict", value.sentences, "Root mean square errors of forecasts", errors)
+        case Residuals():
+            return _page("Residuals", str(value).splitlines(), "Tests", value.tests())
+        case Discrepancy():
+            return _page("Discrepancy", value.sentences, "Coordinates by evidence", value.coordinates_frame())
         case Law():
             return _law(value)
         case Trials():
             return _trials(value)
         case _:
             return _forecast(value)
+
+
+def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFrame) -> str:
+    """Return a heading, the first sentence in bold, the others as a list, and a table under its own heading."""
+    first, *others = [escape(in_line(each)) for each in sentences] or [""]
+    listed = "".join(f"<li>{each}</li>" for each in others)
+    below = f"<h5>{of_table}</h5>{_table(table)}" if len(table) else ""
+    return visible(f"<div><h4>{title}</h4><p><strong>{first}</strong></p><ul>{listed}</ul>{below}</div>")
 
 
 def _law(law: Law) -> str:
