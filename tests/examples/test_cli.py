@@ -289,6 +289,7 @@ def test_the_help_of_discover_groups_options_by_method(run):
         "Options of derivative-regression",
         "Options of weak-regression",
         "Output",
+        "Several files",
         "Options",
     ]
 
