@@ -95,6 +95,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         wait(page, "$('going_done').textContent.includes('reading the table: ')")
         wait(page, "!$('result').hidden")
         wait(page, "$('going').hidden")  # The law is shown before its rivals are fitted
+        assert re.search(r"\d+ % of the whole", text(page, "going_time"))
 
         trials = cl.Trials.read(table)
         taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
@@ -136,7 +137,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         over = page.find_element("css selector", "#own_plot .u-over")
         ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()
         wait(page, f"Number($('start_0').value) > Number({before})")
-        for width in (390, 2560):
+        for width in (390, 1200, 2560):
             window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
             page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
             look = [{"name": "prefers-color-scheme", "value": "dark" if width == 390 else "light"}]

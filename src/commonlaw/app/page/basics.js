@@ -108,7 +108,7 @@ function showStages(place, { stages, done = null }) {
   if (stage.textContent !== (now?.what ?? "")) stage.textContent = now?.what ?? "";
   if (done === null) bar.removeAttribute("value");
   else bar.value = done;
-  $(`${place}_time`).textContent = now ? [`${Math.round(now.seconds)} s`, ...whole(stages, done)].join(", ") : "";
+  $(`${place}_time`).textContent = now ? `(${[`${Math.round(now.seconds)} s`, ...whole(stages, done)].join(", ")})` : "";
   $(`${place}_done`).replaceChildren(...before.map(({ what, seconds }) => element("li", seconds < 0.05 ? what : `${what}: ${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`)));
 }
 
