@@ -132,3 +132,65 @@ def test_the_unit_of_the_states_changes_coefficients_by_its_powers_only(name, sc
     ratios = other.coefficients[:, law.support] / law.coefficients[:, law.support]
     powers = [1 - term.degree for _, k in np.argwhere(law.support) for term in [law.terms.terms[k]]]
     np.testing.assert_allclose(ratios, np.tile(scale ** np.array(powers, float), (len(ratios), 1)), rtol=1e-4)
+
+
+METHODS = {
+    "derivative regression": cl.DerivativeRegression(),
+    "weak regression": cl.WeakRegression(),
+    "best subset by BIC": cl.DerivativeRegression(solver="best-subset", rule="bic"),
+    "scaled thresholds by BIC": cl.DerivativeRegression(solver="group-stlsq:normalize=True", rule="bic"),
+}
+CHANGES = {
+    "origin of time": {"start": 1000.0},
+    "unit of time": {"unit": 60.0},
+    "unit of the states": {"scale": 1e3},
+    "sign of the states": {"scale": -1.0},
+    "order of trials": {"turned": True},
+    "names": {"prefix": "z"},
+    "copies": {"copies": 2},
+}
+
+
+@cache
+def law_by(method, start=0.0, unit=1.0, scale=1.0, turned=False, prefix="", copies=1):
+    """The law of populations by a method: rates per unit of time, products of two states."""
+    system = SYSTEMS["populations"]
+    parts = [(scale * states, prefix + name) for states, name in measured("populations")] * copies
+    states, objects = zip(*(parts[::-1] if turned else parts), strict=True)
+    trials = cl.Trials.from_arrays(
+        [unit * system.times + start] * len(states), states, object=objects, names=system.variables
+    )
+    return cl.discover(trials, library="poly:2", method=METHODS.get(method))
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("method", METHODS)
+def test_regression_does_not_depend_on_how_trials_are_written_down(method, change):
+    law, other = law_by(method), law_by(method, **CHANGES[change])
+    assert supports(other) == supports(law)
+    scale, unit = (CHANGES[change].get(name, 1.0) for name in ("scale", "unit"))
+    prefix = CHANGES[change].get("prefix", "")
+    order = [other.objects.index(prefix + name) for name in law.objects]
+    powers = np.array([1 - law.terms.terms[k].degree for _, k in np.argwhere(law.support)])
+    expected = law.coefficients[:, law.support] * scale ** powers.astype(float) / unit
+    np.testing.assert_allclose(other.coefficients[order][:, law.support], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("change", [{"start": 1000.0}, {"unit": 60.0}, {"scale": -2.54}])
+def test_the_law_of_too_small_a_library_does_not_depend_on_units_and_origins(change):
+    law, other = of_too_few_terms(), of_too_few_terms(**change)
+    assert supports(other) == supports(law)
+    rates = np.array([law.terms.names[k].count("v") for _, k in np.argwhere(law.support)])
+    expected = law.coefficients[:, law.support] * change.get("unit", 1.0) ** (rates - 2.0)
+    np.testing.assert_allclose(other.coefficients[:, law.support], expected, rtol=1e-6)
+    np.testing.assert_allclose(other.noise, abs(change.get("scale", 1.0)) * law.noise, rtol=1e-6)
+
+
+@cache
+def of_too_few_terms(start=0.0, unit=1.0, scale=1.0):
+    """Van der Pol's oscillator, whose friction changes with the state, by a spring and a constant friction."""
+    times, generator = np.linspace(0, 10, 70), np.random.default_rng(5)
+    truth = np.array([-1.0, 1.0, -1.0])
+    run = solve(("x", "v"), (("x", "v", "x^2 v"),), truth, np.array([1.0, 0.0]), times)
+    states = run.states[:, :1] + 0.01 * generator.standard_normal((70, 1))
+    return cl.discover(cl.Trials.from_arrays(unit * times + start, scale * states), order=2, library="poly:1")

@@ -110,6 +110,15 @@ def test_rates_of_several_states_have_names_of_their_own():
     assert law.equations(digits=3) == ("x'' = -1 x", "y'' = -4 y")
 
 
+@pytest.mark.parametrize("method", [None, cl.DerivativeRegression(), cl.WeakRegression()])
+@pytest.mark.parametrize("scale", [1e-60, 1e-170, 1e-200])
+def test_states_whose_powers_vanish_are_refused_with_a_way_out(method, scale):
+    times = np.linspace(0, 4, 40)
+    tiny = cl.Trials.from_arrays(times, scale * np.exp(-times))
+    with pytest.raises(cl.CommonlawError, match=r"the state 'x' is 1e-.* give it in another unit"):
+        cl.discover(tiny, library="poly:2", method=method)
+
+
 def test_one_forecast_that_diverges_does_not_decide_a_comparison():
     times = np.linspace(0, 1, 30)
     trials = cl.Trials.from_arrays([times] * 9, [a / (1 - a * times) for a in np.linspace(0.1, 0.9, 9)])

@@ -13,6 +13,7 @@ from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_carried
 from commonlaw.law import Law
 from commonlaw.law.domain import Domain
@@ -118,7 +119,10 @@ class LawDiscovery:
             library, known = with_base(library, known, self.order, trials)
         structure = ModelStructure(self.order, library, known, self.universal)
         method, instead = (self.method, ()) if self.method else _default(trials, structure)
-        trials, copies = _once(trials) if isinstance(trials, Trials) else (trials, ())
+        copies: tuple[Outcome, ...] = ()
+        if isinstance(trials, Trials):
+            refuse_vanishing_states(trials)
+            trials, copies = _once(trials)
         with one_blas_thread():
             law = method.find(trials, structure, self.progress or on_terminal())
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text

@@ -1,11 +1,12 @@
 """Where the forecast of a trial starts, by what its first samples and the law say together."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.model_error import FilteredStart, filtered_start
@@ -99,8 +100,9 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     than the count is used whole.
     """
     noise = _noise_of(law)
+    unmeasured = _unmeasured(law, trial)
     trial = trial.cut(count)
-    _check_measured(law, trial)
+    _check_measured(law, trial, unmeasured)
     guess = _guess(law, trial)
     if law.uncertainty.error_model:
         filtered = filtered_start(law, trial, inputs, guess, noise)
@@ -137,9 +139,21 @@ def can_fit_initial_state(law: Law) -> bool:
     return law.order > 0 and law.noise is not None and bool(law.noise.all())
 
 
+def _unmeasured(law: Law, trial: Trial) -> list[str]:
+    """Return the states that were never measured in a trial in which others were: by these the law tells them."""
+    measured: Bools = np.asarray(np.isfinite(trial.states).any(axis=0))
+    return [name for name, own in zip(law.states, measured, strict=True) if not own] if measured.any() else []
+
+
 def _guess(law: Law, trial: Trial) -> Floats:
-    """Return a curve through a trial's samples: its states, and the rates of a law of second order."""
-    return _curve(trial.times.tobytes(), trial.states.tobytes(), trial.states.shape[1], law.order)
+    """Return a curve through a trial's samples: its states, and the rates of a law of second order.
+
+    A state that was not measured begins in the middle of where the law was learned from, and moves when it is fitted.
+    """
+    states, visited = trial.states.copy(), law.provenance.domain.visited
+    for name in _unmeasured(law, trial):
+        states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
+    return _curve(trial.times.tobytes(), states.tobytes(), states.shape[1], law.order)
 
 
 @lru_cache(maxsize=512)
@@ -168,10 +182,10 @@ def _noise_of(law: Law) -> Floats:
     return law.noise
 
 
-def _check_measured(law: Law, trial: Trial) -> None:
+def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
     for name, column in zip(law.states, trial.states.T, strict=True):
         measured = int(np.isfinite(column).sum())
-        if measured < law.order:
+        if measured < law.order and name not in unmeasured:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
                 f"fitted to {law.order} or more; give a larger start, or leave the trial out"

@@ -1,7 +1,13 @@
 """From trials and candidate terms to regression rows, and from rows to compressed problems."""
 
 from commonlaw.formulation.base import AbstractFormulation
-from commonlaw.formulation.compress import MOST_GROUPS, CompressedTrials, compress, refuse_constant_states
+from commonlaw.formulation.compress import (
+    MOST_GROUPS,
+    CompressedTrials,
+    compress,
+    refuse_constant_states,
+    refuse_vanishing_states,
+)
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.irls import reweight
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, leave_one_out, merge
@@ -26,5 +32,6 @@ __all__ = [
     "merge",
     "plain_rates",
     "refuse_constant_states",
+    "refuse_vanishing_states",
     "reweight",
 ]

@@ -13,10 +13,14 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.library import Terms
-from commonlaw.trials import Schema, Trial
+from commonlaw.trials import Schema, Trial, Trials
 
 MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
+
+
+_SMALLEST = 1e-50
+"""Of the largest value of a state: the square of its cube is still a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +112,17 @@ def _with_problems(
 
     parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator", initializer=end_with_parent)
     return iter(parallel(delayed(work)(trial) for trial in trials))
+
+
+def refuse_vanishing_states(trials: Trials) -> None:
+    """Refuse states that are so small that their powers vanish."""
+    sizes = np.fmax.reduce([np.fmax.reduce(np.abs(trial.states)) for trial in trials])
+    for state, size in zip(trials.schema.states, sizes, strict=True):
+        if 0 < size < _SMALLEST:
+            raise CommonlawError(
+                f"the state {state!r} is {size:.3g} at most, and its powers are beyond what can be computed with: give "
+                "it in another unit, so that its values are nearer to 1"
+            )
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
@@ -30,6 +31,7 @@ def fitted_law(
 ) -> Law:
     """Return the law with the coefficients of a state, their covariance, and the errors of measurements and law."""
     errors = errors_of(problem, state.model_error if state.has_model_error else 0.0)
+    state = like_others(problem, state)
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -76,6 +78,9 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
         else:
             rows = linearize(model, estimate, state.fitted_model_error).problem
             covariance = _inverse(rows.restrict(inner.tolist()).factor[:, :-1])
+            if (held := held_like_others(problem, o) & free).any():
+                factor, scatter = rows.restrict(inner.tolist()).factor[:, :-1], scatter_of_others(problem, state)
+                covariance = _with_held(factor, held[free], scatter[held])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 
@@ -98,6 +103,21 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     # What no drawn block tells is zero
     estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
+
+
+def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
+    """Return the covariance of coefficients of which some are held with variances of their own, shape (k, k).
+
+    The others follow them as far as the trials say.
+    """
+    found, free = np.zeros((len(held), len(held))), ~held
+    follow = -np.linalg.pinv(factor[:, free]) @ factor[:, held]
+    moved = follow * variances
+    found[np.ix_(held, held)] = np.diag(variances)
+    found[np.ix_(free, held)] = moved
+    found[np.ix_(held, free)] = moved.T
+    found[np.ix_(free, free)] = _inverse(factor[:, free]) + moved @ follow.T
+    return found
 
 
 def _inverse(factor: Floats) -> Floats:

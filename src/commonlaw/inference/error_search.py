@@ -10,8 +10,10 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference.evidence import minus_twice_log_evidence
 from commonlaw.inference.first_noise import noise_floor
+from commonlaw.inference.newton import minimum
 from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
 from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.unmeasured import spread_within
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
@@ -23,12 +25,6 @@ _MEASURED = 300
 
 _FEWEST, _MOST = 3, 12
 """How many objects these are."""
-
-_ACCURACY = 0.02
-"""Of twice the log-evidence, to which levels are found."""
-
-_STEP = 1e-4
-"""Of the logarithms of levels in differences of the evidence, of which only the first ten digits are exact."""
 
 _SMALLEST = 1e-4
 """Shares, and forces relative to the rates of the states, that count as none."""
@@ -67,8 +63,6 @@ def with_errors_of_kind(
 
 
 def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) -> tuple[SearchProblem, SearchState]:
-    from scipy.optimize import Bounds, minimize
-
     levels = _Levels(problem, kind)
     count = int(np.clip(np.ceil(_MEASURED / np.mean(problem.measured)), _FEWEST, _MOST))
     few = spread(len(problem.models), count)
@@ -78,14 +72,8 @@ def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) ->
         return _value(levels.problem(logs, some), about, levels.model_error(logs))
 
     starts = [(value(each), i) for i, each in enumerate(levels.starts)]
-    best, index = min(starts)
-    found = minimize(
-        value,
-        levels.starts[index],
-        method="L-BFGS-B",
-        bounds=Bounds(*levels.bounds),
-        options={"ftol": _ACCURACY / max(abs(best), 1.0), "maxiter": 30, "eps": _STEP},
-    ).x
+    index = min(starts)[1]
+    found = minimum(value, levels.starts[index], *levels.bounds)
     changed = levels.problem(found, problem)
     return changed, fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))[0]
 
@@ -152,7 +140,7 @@ class _Levels:
         groups = [problem.trials.of_object(name) for name in problem.trials.objects]
         trials = [trial for group in groups for trial in group]
         curves = [own[:, -d:] for group in problem.smoothed for own in group]
-        states = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+        states = spread_within(problem.trials)
         rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)

@@ -8,6 +8,7 @@ from numpy.polynomial import Polynomial
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.unmeasured import spread_within
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 
@@ -25,7 +26,7 @@ def noise_floor(trials: Trials) -> Floats:
     Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
     """
     columns = np.concatenate([trial.states for trial in trials]).T
-    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    scale = spread_within(trials)
     steps = [_step(column[np.isfinite(column)]) for column in columns]
     return np.asarray(np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12)))
 

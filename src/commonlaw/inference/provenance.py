@@ -9,6 +9,7 @@ from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
+from commonlaw.inference.unmeasured import unmeasured_in_words
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema
@@ -95,9 +96,14 @@ def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
-    """Return which samples were fitted, if these are not all."""
+    """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
     why = "as many as the likelihood of trajectories carries"
-    return (Step("samples", problem.samples, why),) if problem.samples else ()
+    lacking = unmeasured_in_words(problem.trials)
+    unmeasured = Step("unmeasured states", lacking, "fitted with the law, which other trials tell")
+    return (
+        *((Step("samples", problem.samples, why),) if problem.samples else ()),
+        *((unmeasured,) if lacking else ()),
+    )
 
 
 def history(

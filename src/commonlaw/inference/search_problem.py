@@ -12,6 +12,7 @@ from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, parabola
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
+from commonlaw.inference.unmeasured import begun, filled_curves, spread_within, typical_states
 from commonlaw.library import Terms
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -65,6 +66,14 @@ class SearchProblem:
     def allowed(self) -> Bools:
         """Which terms may enter which equation, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known[0]))
+
+    @property
+    def measured_states(self) -> tuple[Bools, ...]:
+        """Which states of each object were measured in one of its trials, each of shape (states,)."""
+        groups = (self.trials.of_object(name) for name in self.trials.objects)
+        return tuple(
+            np.asarray(np.isfinite(np.concatenate([trial.states for trial in group])).any(axis=0)) for group in groups
+        )
 
     @property
     def most_terms(self) -> int:
@@ -227,10 +236,10 @@ def prepare(
         If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
         is not above zero.
     """
-    scale = np.sqrt(np.mean([np.nanvar(trial.states, axis=0) for trial in trials], axis=0))
+    scale = spread_within(trials)
     trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
-    extremes = {name: np.array([np.nanmin(each, axis=0), np.nanmax(each, axis=0)]) for name, each in samples.items()}
+    extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
     refuse_constant_states(extremes, trials.schema)
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
@@ -242,15 +251,23 @@ def prepare(
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
-        unit = np.concatenate([levels, levels * rates.std(axis=0) / scale])
+        unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
     models, starts = [], []
     course, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
+    typical = typical_states(curves)
+    own_laws = []
     for group, own, fixed in zip(groups, curves, known, strict=True):
         models.append(TrajectoryModel(terms, order, meshes(group, input_between=course), observation, unit))
-        coefficients = _first(terms, group, own, fixed)
-        starts.append(Estimate(tuple(interpolate([states for states, _ in own])), coefficients))
+        told = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
+        coefficients = _first(terms, told, fixed) if told else np.nan_to_num(fixed)
+        starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
+        own_laws.append([coefficients] if told else [])
+    others = [each for own in own_laws for each in own]
+    for o, own in enumerate(curves):
+        if any(np.isnan(states).any() for states, _ in own):
+            starts[o] = begun(models[o], starts[o], own_laws[o] or others)
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
-    smooth = tuple(tuple(states for states, _ in own) for own in curves)
+    smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
     problem = SearchProblem(
         trials,
         tuple(models),
@@ -273,11 +290,16 @@ def spread(count: int, most: int) -> list[int]:
 
 
 def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
-    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial."""
+    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial.
+
+    Those of a state that was not measured in it are NaN.
+    """
     columns = []
     for column in trial.states.T:
         seen = np.isfinite(column)
-        if seen.sum() >= 5:  # As a spline takes
+        if not seen.any():
+            columns.append([column] * (order + 1))
+        elif seen.sum() >= 5:  # As a spline takes
             rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
             columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
         elif seen.sum() > 1:
@@ -289,10 +311,10 @@ def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
     return np.column_stack(curves[:order]), curves[order]
 
 
-def _first(terms: Terms, group: Sequence[Trial], curves: Sequence[tuple[Floats, Floats]], known: Floats) -> Floats:
-    """Return coefficients by least squares on smoothed states and rates, shape (equations, terms)."""
+def _first(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
+    """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
     blocks, rates, logarithmic = [], [], list(terms.variables.columns(terms.variables.logarithmic))
-    for trial, (states, highest) in zip(group, curves, strict=True):
+    for trial, (states, highest) in curves:
         values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
         block = terms.evaluate(values)
         terms.check_finite(block, values, trial.label)

@@ -1,0 +1,85 @@
+"""Minima of functions of few variables that are smooth, but known to some ten digits only.
+
+A minimum is found to more digits than the function's values have, so that it does not depend on rounding: units, signs
+and where variables are counted from change a law by no more than their own digits.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+
+_SPACING = 0.02
+"""Of the values that derivatives are taken from; variables are of order one."""
+
+_ITERATIONS = 25
+
+_LONGEST, _LAST = 1.0, 1e-6
+"""Steps are no longer; a shorter one is the last."""
+
+_SHORTEST = 1e-3
+"""Shares of a step below which none is tried."""
+
+_FLATTEST = 1e-6
+"""Curvatures count as no less than this share of the largest."""
+
+
+def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
+    """Return where a function is least near a start, within bounds, by Newton's method (Nocedal and Wright 2006, 3.4).
+
+    Derivatives are by central differences, and curvatures that are negative are turned round. The arrays have the shape
+    (variables,).
+    """
+    found, least = start, value(start)
+    for _ in range(_ITERATIONS):
+        step = _step(value, found, low, high)
+        length = float(np.abs(step).max(initial=0.0))
+        if length < _LAST:
+            return np.clip(found + step, low, high)
+        step *= min(1.0, _LONGEST / length)
+        share = 1.0
+        while share > _SHORTEST:
+            tried = np.clip(found + share * step, low, high)
+            if (own := value(tried)) < least:
+                break
+            share /= 4
+        else:
+            return found
+        found, least = tried, own
+    return found
+
+
+def _step(value: Callable[[Floats], float], at: Floats, low: Floats, high: Floats) -> Floats:
+    """Return Newton's step, without variables that a bound holds."""
+    # At a bound values are taken from its inner side
+    center = np.clip(at, np.minimum(low + _SPACING, high), np.maximum(high - _SPACING, low))
+    free = np.flatnonzero(high - low > 2 * _SPACING)
+    gradient, curvature = _derivatives(value, center, free)
+    held = _held(at[free], gradient, low[free], high[free])
+    step = np.zeros(len(at))
+    inner = free[~held]
+    if len(inner):
+        own, directions = np.linalg.eigh(curvature[np.ix_(~held, ~held)])
+        own = np.maximum(np.abs(own), _FLATTEST * np.abs(own).max())
+        if own.max() > 0:
+            step[inner] = -directions @ ((directions.T @ gradient[~held]) / own)
+    return step
+
+
+def _held(at: Floats, gradient: Floats, low: Floats, high: Floats) -> Bools:
+    return np.asarray(((at <= low) & (gradient > 0)) | ((at >= high) & (gradient < 0)))
+
+
+def _derivatives(value: Callable[[Floats], float], at: Floats, free: Indices) -> tuple[Floats, Floats]:
+    """Return the gradient and the second derivatives by some of the variables, by their indices."""
+    count, middle = len(free), value(at)
+    moves = _SPACING * np.eye(len(at))[free]
+    after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))
+    curvature = np.diag(after + before - 2 * middle)
+    for i in range(count):
+        for j in range(i):
+            both = value(at + moves[i] + moves[j]) + value(at - moves[i] - moves[j])
+            mixed = (both - after[i] - after[j] - before[i] - before[j] + 2 * middle) / 2
+            curvature[i, j] = curvature[j, i] = mixed
+    return (after - before) / (2 * _SPACING), curvature / _SPACING**2

@@ -1,0 +1,56 @@
+"""A state that was measured on some objects only is fitted with the law on the others."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import commonlaw as cl
+
+TIMES, NOISE = np.linspace(0, 8, 50), 0.01
+TRUTH = ((4.0, 0.1), (5.0, 0.2), (3.0, 0.15))
+
+
+def swings(measured=(True, True, False)):
+    """Angle and rate of pendulums with small swings; of some the angle alone."""
+    generator, states = np.random.default_rng(0), []
+    for (stiffness, drag), both in zip(TRUTH, measured, strict=True):
+        matrix = np.array([[0.0, 1.0], [-stiffness, -drag]])
+        own = np.array([expm(matrix * t) @ [1.0, 0.0] for t in TIMES])
+        own += NOISE * generator.standard_normal(own.shape)
+        own[:, 1] += 0.0 if both else np.nan
+        states.append(own)
+    return cl.Trials.from_arrays([TIMES] * 3, states, object=["a", "b", "c"], names=["theta", "omega"])
+
+
+@pytest.fixture(scope="module")
+def law():
+    return cl.discover(swings(), library="poly:1")
+
+
+def test_the_law_of_all_objects_is_found_with_true_errors(law):
+    assert law.structure() == ("theta' = a omega", "omega' = b theta + c omega")
+    found, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
+    truth = np.array([(1.0, -stiffness, -drag) for stiffness, drag in TRUTH])
+    assert (abs(found - truth) < 4 * errors).all()
+    assert (errors < 0.02 * abs(truth) + 0.005).all()
+
+
+def test_it_says_what_was_not_measured(law):
+    (step,) = [each for each in law.history if each.stage == "unmeasured states"]
+    assert step.choice == "omega in 1 of 3 trials"
+
+
+def test_forecasts_begin_with_the_unmeasured_state_that_the_law_says(law):
+    trials = swings()
+    forecast = law.predict(trials, start=15)
+    errors = forecast.errors().set_index(["object", "state"])["rms error"]
+    assert errors["c", "theta"] < 2 * NOISE
+    assert np.isnan(errors["c", "omega"])
+    truth = swings((True, True, True))[2].states[:, 1]
+    assert np.sqrt(np.mean((forecast.trajectories[2].states[:, 1] - truth) ** 2)) < 3 * NOISE
+    assert law.verdict(trials).usable
+
+
+def test_a_state_that_no_trial_has_is_refused():
+    with pytest.raises(cl.CommonlawError, match="a, trial 1: omega was measured in 0 of 50 samples"):
+        swings((False, False, False))
