@@ -12,7 +12,7 @@ import commonlaw as cl
 from commonlaw.cli import working
 from commonlaw.cli.command import Command
 from commonlaw.cli.main import commonlaw
-from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile
+from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile, WrittenTable
 from commonlaw.progress import Stage
 
 QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
@@ -48,6 +48,8 @@ def given(option, value=None):
     """Return the words that give an option once."""
     if option.is_flag:
         return [option.opts[0]]
+    if isinstance(option.type, WrittenTable):
+        return [option.opts[0], "x.csv"]
     of_type = (
         option.type.choices[0] if isinstance(option.type, click.Choice) else VALUES.get(option.type.name, "x.json")
     )

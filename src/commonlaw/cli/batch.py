@@ -8,7 +8,6 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import in_options, option, with_options
@@ -22,10 +21,7 @@ from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.wording import counted
 
 if TYPE_CHECKING:
-    from commonlaw.law import Law
-
-_LEVEL = 0.95
-"""Probability that an interval holds a coefficient."""
+    pass
 
 COLUMNS = (
     "file", "object", "equation", "term", "value", "standard error", "low", "high", "unit", "verdict", "error",
@@ -153,38 +149,20 @@ def with_batch(command: Callable[..., None]) -> Callable[..., None]:
 
 def _found(piece: tuple[Source, Question]) -> Found:
     """Return what is found in a file."""
+    from commonlaw.law.coefficients_csv import coefficient_rows
+
     source, question = piece
     trials, later = source.load(), LaterSteps()
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
     verdict = later.take("the law was not judged", lambda: law.verdict(trials, training), None)
-    said = {"verdict": verdict.sentences[0] if verdict else None, "error": "; ".join(later.failures) or None}
-    rows = [{**row, **said} for row in _rows(law)]
-    return Found("; ".join(law.structure()), verdict.usable if verdict else None, rows)
-
-
-def _rows(law: "Law") -> list[dict[str, object]]:
-    """Return a row for each coefficient; a law without any has one for each object and equation."""
-    from commonlaw.law.uncertainty import normal_quantile
-
-    half, units = normal_quantile(_LEVEL) * law.standard_errors, law.coefficient_units()
-    rows: list[dict[str, object]] = []
-    for i, name in enumerate(law.objects):
-        for j, equation in enumerate(law.left_hand_sides):
-            terms = np.flatnonzero(law.support[j] & (law.coefficients[i, j] != 0)).tolist()
-            rows += [{"object": name, "equation": equation}] if not terms else []
-            for k in terms:
-                value, error = float(law.coefficients[i, j, k]), float(law.standard_errors[i, j, k])
-                rows.append(
-                    {
-                        "object": name,
-                        "equation": equation,
-                        "term": law.terms.names[k],
-                        "value": value,
-                        "standard error": error,
-                        "low": value - half[i, j, k],
-                        "high": value + half[i, j, k],
-                        "unit": units.get((equation, law.terms.names[k])),
-                    }
-                )
-    return rows
+    said: dict[str, object] = {
+        "verdict": verdict.sentences[0] if verdict else None,
+        "error": "; ".join(later.failures) or None,
+    }
+    rows = coefficient_rows(law).to_dict(orient="records") or [{}]
+    return Found(
+        "; ".join(law.structure()),
+        verdict.usable if verdict else None,
+        [{str(name): value for name, value in each.items()} | said for each in rows],
+    )
