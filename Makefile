@@ -22,7 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost release-check clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice release-check clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -88,6 +88,9 @@ bench-universal: $(STAMP) ## What decides coefficients, and forecasts of unseen 
 
 bench-discrepancy: $(STAMP) ## What laws leave unexplained: ten minutes; less with ARGS="--draws 20"
 	$(BIN)/python -m benchmarks.discrepancy $(ARGS)
+
+bench-choice: $(STAMP) ## Whether laws of small data are right as often as they say: ten minutes; less with ARGS="--draws 10"
+	$(BIN)/python -m benchmarks.choice $(ARGS)
 
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)

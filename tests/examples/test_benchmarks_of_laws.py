@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 import commonlaw as cl
-from benchmarks import cost, coverage, cramer_rao, discovery, discrepancy, universal
+from benchmarks import choice, cost, coverage, cramer_rao, discovery, discrepancy, small_problems, universal
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of, solve
@@ -190,3 +191,44 @@ def test_falls_and_drops_are_compared_with_their_truth():
     held, *_, claimed = discrepancy.fallen(0, 1.5)[:7]
     assert (held, claimed) == (True, True)
     assert discrepancy.claimed(0)[0] == 0
+
+
+def test_a_small_problem_is_the_same_for_a_seed_and_its_terms_are_as_sure_as_its_kind_says():
+    strong, weak = (next(each for each in small_problems.KINDS if each.weak is wanted) for wanted in (False, True))
+    problem = small_problems.draw(strong, 4)
+    again = small_problems.draw(strong, 4)
+    np.testing.assert_array_equal(problem.trials[0].states, again.trials[0].states)
+    assert problem.support == (("x",),)  # So that the errors of a decay in closed form can tell
+    truth = float(problem.coefficients[0, 0])
+    times, states = problem.trials[0].times, problem.trials[0].states[:, 0]
+    found, covariance = curve_fit(lambda t, start, rate: start * np.exp(rate * t), times, states, [states[0], truth])
+    assert abs(found[1] - truth) < 4 * math.sqrt(covariance[1, 1])
+    assert abs(truth) > small_problems.STRONG / 2 * math.sqrt(covariance[1, 1])
+    assert small_problems.draw(weak, 0).kind is weak
+
+
+def test_the_choice_of_a_law_is_scored_by_what_is_true_and_constants_are_put_back():
+    found = choice.score_of("one object", 4)
+    assert found.right
+    assert found.listed
+    assert not found.empty
+    assert (found.intervals, found.terms) == (1, (("x",),))
+    assert found.stated == pytest.approx(1.0, abs=0.5)
+    path = next(each for each in choice.constants() if each.endswith(":STRONG"))
+    before = choice.constants()[path]
+    assert choice.score_of("one object", 4, {path: 2 * before}).terms == found.terms
+    assert choice.constants()[path] == before
+
+
+def test_stated_probabilities_stand_beside_the_share_that_is_right():
+    def score(stated, right, hold):
+        return choice.Score("one object", 0, stated, right, True, False, 2, hold, ((),), 1.0)
+
+    scores = [score(0.9, True, 2), score(0.9, False, 1), score(None, False, 0), score(0.2, False, 1)]
+    assert [line.split("|")[1:5] for line in choice.by_probability(scores)[2:]] == [
+        [" 0.0 to 0.5 ", " 1 ", " 0.20 ", " 0.00 "],
+        [" 0.85 to 0.95 ", " 2 ", " 0.90 ", " 0.50 "],
+    ]
+    cells = [each.strip() for each in choice.by_kind(scores)[2].split("|")]
+    assert cells[1:4] == ["one object", "4", "0.25"]
+    assert cells[7:11] == ["0", "1", "0.667 of 6", "1.000 of 2"]
