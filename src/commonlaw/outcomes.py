@@ -12,7 +12,7 @@ class OutcomeKind(StrEnum):
     COPIES = "copies"
     """Trials are exact copies of others, and count all the same."""
     DIVERGED = "diverged"
-    """A trajectory ran away."""
+    """A trajectory ran away, or no number of steps could follow it on."""
     EMPTY_SUPPORT = "empty support"
     """An equation has no term."""
     FEW_SAMPLES = "few samples"

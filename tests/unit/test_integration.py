@@ -71,6 +71,25 @@ def test_a_point_that_the_law_does_not_lead_out_of_ends_the_trajectory_soon(star
     np.testing.assert_allclose(found.states[:5, 0], np.sqrt(1 - 2 * np.linspace(0, 0.4, 5)), rtol=1e-5)
 
 
+def test_more_periods_than_steps_can_follow_end_in_an_outcome_and_never_in_zeros():
+    def oscillating(_, y):
+        return np.array([y[1], -y[0]])
+
+    found = integrate(oscillating, np.array([1.0, 0.0]), np.array([0.0, 1e12]))
+    assert found.outcome is not None
+    assert found.outcome.text.startswith("the forecast ends at t = ")
+    assert np.isnan(found.states[1]).all()
+
+
+def test_a_first_sample_after_many_periods_is_as_accurate_as_one_after_few():
+    def oscillating(_, y):
+        return np.array([y[1], -y[0]])
+
+    times = np.array([0.0, 2000.0])
+    found = integrate(oscillating, np.array([0.0, 1.0]), times)
+    np.testing.assert_allclose(found.states[1], [np.sin(times[1]), np.cos(times[1])], atol=1e-3)
+
+
 def test_initial_states_and_times_are_checked():
     field = lorenz_field()
     with pytest.raises(CommonlawError, match=r"pendulum: the initial state .* is not finite"):

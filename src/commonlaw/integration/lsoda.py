@@ -22,6 +22,8 @@ _LOOKS = 8
 """How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
 _MANY, _NOWHERE = 5000, 1e-6
 """So many steps that together pass less than this share of the time are where the law does not lead out of."""
+_TOLERANCES = 1e-3
+"""The absolute tolerance by the relative one times the size of the states; a size wrong by more would hide them."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +132,9 @@ def solve(
         # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
         # takes steps without end before a blow-up, and calls it a success where states have become infinite.
         stops = times[-1:] if stops is None else stops
-        steps = _steps(rhs, start, times[0], stops, tolerance, 1e-3 * tolerance * size)
-        reached, stop, why = 1, None, f"{most_steps(stops)} steps were not enough"
+        scale = _TOLERANCES * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size)
+        steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
+        reached, stop, how, why = 1, None, "ends", f"{most_steps(stops)} steps were not enough"
         least, mark = _NOWHERE * (times[-1] - times[0]), -np.inf
         for count, solver in enumerate(islice(steps, most_steps(stops))):
             if count % _MANY == 0:
@@ -143,7 +146,7 @@ def solve(
             with quiet(UserWarning):
                 bad = solver.step() or _runaway(solver.y, size)
             if bad:
-                why = bad
+                how, why = "ran away", bad
                 break
             if search or dense or solver.t >= times[reached]:
                 interpolant = solver.dense_output()
@@ -160,7 +163,25 @@ def solve(
             if solver.t >= times[-1]:
                 return Trajectory(times, states, dense=track)
     ended = float(solver.t)
-    return Trajectory(times, states, diverged(ended, why, where), ended, dense=track)
+    return Trajectory(times, states, diverged(ended, why, where, how), ended, dense=track)
+
+
+def _size_reached(rhs: RightHandSide, start: Floats, time: float, until: float, tolerance: float, size: float) -> float:
+    """Return the size of the states until the first sample, at most that which their first rates let expect.
+
+    Over many periods of an oscillation, say, states come nowhere near what their rates times the time would make.
+    """
+    reached = np.max(np.abs(start))
+    while size * _TOLERANCES > reached:
+        steps = _steps(rhs, start, time, np.array([until]), tolerance, _TOLERANCES * tolerance * size)
+        for solver in islice(steps, _MANY):
+            with quiet(UserWarning):
+                solver.step()
+            reached = np.fmax(reached, np.max(np.abs(solver.y)))
+        if not 0 < reached < size * _TOLERANCES:
+            return size
+        size, reached = reached, np.max(np.abs(start))
+    return size
 
 
 def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol: float, atol: float) -> Iterator[LSODA]:

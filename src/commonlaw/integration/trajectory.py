@@ -68,11 +68,11 @@ class Trajectory:
         return states
 
 
-def diverged(time: float, why: str, where: str) -> Outcome:
-    """Return the outcome of a trajectory that ran away."""
+def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcome:
+    """Return the outcome of a trajectory that ran away, or that no number of steps can follow on."""
     return Outcome(
         OutcomeKind.DIVERGED,
         where,
-        f"the forecast ran away at t = {time:.6g} ({why})",
+        f"the forecast {how} at t = {time:.6g} ({why})",
         "forecast a shorter time, or choose a sparser law",
     )
