@@ -31,6 +31,14 @@ def same(one, other):
     np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
+def test_a_printed_law_has_the_units_of_its_coefficients(law):
+    head = str(law).splitlines()[2]
+    assert head.split() == ["g", "[m/s²]", "c", "[1/s]"]
+    bare = replace(law, schema=replace(law.schema, units={}))
+    assert str(bare).splitlines()[2].split() == ["g", "c"]
+    assert "g [m/s²] = " in str(law.average())
+
+
 def test_forecasts_are_those_in_the_units_of_the_law(law, drops):
     other = in_other_units(drops)
     wanted = law.predict(drops, times=[5.0], from_time=1.5, return_std=True)

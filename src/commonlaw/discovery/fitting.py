@@ -17,6 +17,7 @@ from commonlaw.inference import refine
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.law.script import call
+from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
@@ -76,7 +77,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     >>> print(cl.fit("x'' = -g - c v", drops).average())
     x'' = -9.80000 ± 0.00096 - (0.380000 ± 0.000086) v
     <BLANKLINE>
-    with v = x', g = 9.80000 ± 0.00096, c = 0.380000 ± 0.000086
+    with v = x', g [m/s²] = 9.80000 ± 0.00096, c [1/s] = 0.380000 ± 0.000086
     """
     given = read_equations(equations, trials.schema)
     history = (Step("equations", "; ".join(given.texts), "as given"), *_properties_in(given, trials))
@@ -84,7 +85,8 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     if given.order == 0:
         law = _next_samples(given, trials, settings)
         # Of what a search says, only this concerns terms that were given
-        outcomes = tuple(each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
+        ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
+        outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls)
         return replace(law, provenance=made)
     provenance = Provenance(suitable_differentiation(trials, given.order), history=history, equations=given.texts)

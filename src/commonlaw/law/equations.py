@@ -336,6 +336,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
             found.append(f"{reduce(mul, known):~P}" if len(known) == len(powers) else None)
         return tuple(found)
 
+    def _heads(self) -> list[str]:
+        return text.with_units(self.letters, self.letter_units())
+
     @property
     def _is_explained(self) -> bool:
         return self.explanation is not None and len(self.objects) > 1
@@ -402,7 +405,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
         lines, own = [*self.equations(), *([""] if said else []), *said], [each is not None for each in letters]
         if any(own):
             values, errors = self.coefficients[:, self.support][:, own], self.standard_errors[:, self.support][:, own]
-            lines += ["", *text.coefficient_table(self.objects, [each for each in letters if each], values, errors)]
+            pairs = zip(letters, self._factor_units(), strict=True)
+            heads = text.with_units(*zip(*((letter, unit) for letter, unit in pairs if letter), strict=True))
+            lines += ["", *text.coefficient_table(self.objects, heads, values, errors)]
         return lines
 
     def _only(self, name: str | None) -> str:

@@ -306,7 +306,7 @@ class Law(AbstractPredictions):
 
     def __str__(self) -> str:
         own = self.provenance.equations and len(self.objects) == 1
-        values = zip(self.letters, *(each[0] for each in self.letter_values()), strict=True) if own else ()
+        values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
         return text.printed(self._body(), self.rates, self.states, values, self.outcomes)
 
     def _body(self) -> list[str]:
@@ -316,7 +316,7 @@ class Law(AbstractPredictions):
         if self.explanation is not None:
             return self._explained_body()
         if self.shared:
-            return [*self.structure(), "", *text.coefficient_table(self.objects, self.letters, *self.letter_values())]
+            return [*self.structure(), "", *text.coefficient_table(self.objects, self._heads(), *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
 
     # Keeping it, and writing it down

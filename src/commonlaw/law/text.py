@@ -85,6 +85,15 @@ def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
     return tuple(free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(count))
 
 
+def with_units(names: Iterable[str], units: Iterable[str | None]) -> list[str]:
+    """Return names with their units, where there are any.
+
+    >>> with_units(["a", "b", "c"], ["m/s²", "", None])
+    ['a [m/s²]', 'b', 'c']
+    """
+    return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+
+
 def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
     """Return lines of each object's coefficients under their letters; both arrays have the shape (objects, letters)."""
     pairs = zip(coefficients, np.nan_to_num(errors), strict=True)
