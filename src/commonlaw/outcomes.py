@@ -31,6 +31,10 @@ class OutcomeKind(StrEnum):
     """What objects are to share was found from one of them."""
     SAMPLES = "samples"
     """A law was fitted to some of the samples, as they are many."""
+    SCALE = "scale"
+    """A term hangs on where the scale of a variable has its zero."""
+    START = "start"
+    """Trials start where the law says that nothing ever happens."""
     UNITS = "units"
     """What was chosen depends on the units of measurement."""
 

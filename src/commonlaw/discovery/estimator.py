@@ -19,6 +19,7 @@ from commonlaw.law import Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
+from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -127,8 +128,9 @@ class LawDiscovery:
             law = method.find(trials, structure, self.progress or on_terminal())
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
-        domain = Domain.of(trials, law.rates) if isinstance(trials, Trials) else Domain()
-        outcomes = (*law.outcomes, *copies, *instead)
+        domain, outcomes = Domain(), (*law.outcomes, *copies, *instead)
+        if isinstance(trials, Trials):
+            domain, outcomes = Domain.of(trials, law.rates), with_outcomes_of_zero(outcomes, law, trials)
         self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
         return self
 

@@ -24,6 +24,7 @@ from commonlaw.law.domain import Domain
 from commonlaw.law.log_scale import on_log_scale
 from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.law.script import call
+from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
@@ -129,7 +130,7 @@ def refine(
     chosen = *steps, *sample_steps(found.problem), noise_step(found.problem), *fit_steps(found.problem, found.state)
     provenance = replace(
         law.provenance,
-        outcomes=(*law.outcomes, *outcomes_of_samples(found.problem)),
+        outcomes=(*with_outcomes_of_zero(law.outcomes, refined, trials), *outcomes_of_samples(found.problem)),
         history=(*law.history, *chosen),
         calls=calls,
         domain=Domain.of(trials, law.rates),

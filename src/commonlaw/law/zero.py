@@ -1,0 +1,101 @@
+"""What hangs on where zero is: terms on scales whose zero was agreed upon, trials that start where no term acts."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.law.law import Law
+from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.conversion import Conversion
+from commonlaw.trials.trial import with_typical
+from commonlaw.trials.units import parse_unit, registry
+from commonlaw.wording import counted
+
+_ABOUT_ZERO = (OutcomeKind.SCALE, OutcomeKind.START)
+_NOISES = 2
+"""Standard deviations of the noise within which a state counts as zero."""
+_ROUNDING = 1e-8
+
+
+def with_outcomes_of_zero(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return outcomes with those of where zero is as a law and the trials that it was learned from have it."""
+    others = (each for each in outcomes if each.kind not in _ABOUT_ZERO)
+    return (*others, *_of_scales(law), *_of_starts(law, trials))
+
+
+def _of_scales(law: Law) -> Iterator[Outcome]:
+    """Yield the terms of each equation that would be others if a variable had its zero elsewhere."""
+    variables, units = law.terms.variables, law.schema.units
+    for name in (*law.states, *variables.inputs):
+        changes = _changes(law, variables.index(name)) if name in units else []
+        base = _absolute(name, units[name]) if any(changes) else None
+        for equation, terms in zip(law.left_hand_sides, changes, strict=True) if base else ():
+            if terms:
+                verb = "hangs" if len(terms) == 1 else "hang"
+                text = f"{', '.join(terms)} {verb} on the zero of the scale of {name}, {units[name]}"
+                remedy = f"give {name} in {base}, or offer every lower power and product too"
+                yield Outcome(OutcomeKind.SCALE, equation, text, remedy)
+
+
+def _changes(law: Law, column: int) -> list[list[str]]:
+    """Return the terms of each equation that are not linear in a variable, and that no others make up for if it shifts.
+
+    A sum of powers with all lower powers, for instance, is such a sum whatever the zero.
+    """
+    terms, shift = law.terms, 0.5
+    points = np.random.default_rng(0).uniform(1, 2, (20 + 5 * len(terms), len(terms.variables.names)))
+    shifted = points.copy()
+    shifted[:, column] += shift
+    with np.errstate(all="ignore"):
+        values = terms.evaluate(points)
+        slopes = terms.evaluate(shifted) - values
+    finite = np.isfinite(slopes).all(axis=0) & np.isfinite(values).all(axis=0)
+    linear = ~finite | (np.ptp(slopes, axis=0) <= _ROUNDING * np.max(np.abs(values), axis=0))
+    found = []
+    for support in law.support:
+        others = values[:, support & finite]
+        suspects = np.flatnonzero(support & ~linear)
+        left = slopes[:, suspects] - others @ np.linalg.lstsq(others, slopes[:, suspects])[0]
+        sizes = np.max(np.abs(slopes[:, suspects]), axis=0)
+        found.append([terms.names[k] for k in suspects[np.max(np.abs(left), axis=0) > 1e2 * _ROUNDING * sizes]])
+    return found
+
+
+def _absolute(name: str, unit: str) -> str | None:
+    """Return the unit that a variable has its true zero in, if that is not the zero of its own unit."""
+    base = str(registry().get_base_units(parse_unit(unit))[1])
+    with suppress(CommonlawError):
+        return base if Conversion.between(name, unit, base).offset else None
+    return None
+
+
+def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
+    """Yield that trials start where the law says that nothing ever happens, and that something did."""
+    if law.order == 2 or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
+        return  # Rates and states that are not measured may set it going
+    noise = np.zeros(len(law.states)) if law.noise is None else law.noise
+    starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
+    if starting:
+        names = " or ".join(law.states)
+        text = f"{counted(len(starting), 'trial')} began at zero, within the noise, but every term holds {names}"
+        remedy = "so that the law cannot leave zero: offer a constant or the input as a term"
+        yield Outcome(OutcomeKind.START, "", text, remedy)
+
+
+def _leaves_zero(trial: Trial, noise: Floats) -> bool:
+    """Return whether all states are zero at first, and later some state is not."""
+    limits = _NOISES * with_typical(trial.noise, noise)
+    start = np.abs(trial.states[0]) <= np.broadcast_to(limits, trial.states.shape)[0]
+    return bool(start.all() and np.any(np.abs(trial.states) > 5 * limits))
+
+
+def _rests(law: Law, trial: Trial) -> bool:
+    """Return whether no term acts on states at zero, whatever the inputs of a trial are."""
+    inputs = np.nan_to_num(trial.inputs)
+    values = np.column_stack([np.zeros((len(trial.times), len(law.states))), inputs, trial.times])
+    with np.errstate(all="ignore"):
+        return bool(np.all(law.evaluate(trial.object, values) == 0))

@@ -1,0 +1,86 @@
+"""What is said where a law hangs on the zero of a scale, or trials start where it can never start."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.outcomes import OutcomeKind
+
+TIMES = np.linspace(0, 10, 41)
+
+
+def course(state, unit=None, inputs=None):
+    columns = {"t": TIMES, "x": state, **({} if inputs is None else {"u": inputs})}
+    units = {} if unit is None else {"x": unit, "t": "s"}
+    names = {"inputs": ["u"]} if inputs is not None else {}
+    return cl.Trials.from_frame(pd.DataFrame(columns), time="t", states=["x"], units=units, **names)
+
+
+def said(law, kind):
+    return [str(each) for each in law.outcomes if each.kind is kind]
+
+
+def fitted(equation, trials):
+    return cl.fit(equation, trials, errors="white", noise={"x": 0.1})
+
+
+COOLING = 20 + 60 * np.exp(-0.3 * TIMES)
+
+
+@pytest.mark.parametrize(
+    ("equation", "unit", "named"),
+    [
+        ("x' = a + b x^3", "degC", "x^3"),
+        ("x' = a + b x^3", "degF", "x^3"),
+        ("x' = a + b x^3", "K", None),
+        ("x' = a + b x^3", None, None),
+        ("x' = a + b x", "degC", None),
+        ("x' = a + b x + c x^2", "degC", None),
+    ],
+)
+def test_a_power_on_a_scale_whose_zero_was_agreed_upon_is_said_unless_lower_powers_make_up_for_it(
+    equation, unit, named
+):
+    found = said(fitted(equation, course(COOLING, unit)), OutcomeKind.SCALE)
+    if named is None:
+        assert found == []
+    else:
+        assert found[0].startswith(f"scale (x'): {named} hangs on the zero of the scale of x, {unit}; give x in kelvin")
+
+
+def test_a_product_with_an_input_on_such_a_scale_is_said():
+    trials = course(COOLING, "degC", np.sin(TIMES) + 2)
+    assert "x u hangs" in said(fitted("x' = a + b x + c x u", trials), OutcomeKind.SCALE)[0]
+    assert said(fitted("x' = a + b x + c x u + d u", trials), OutcomeKind.SCALE) == []
+
+
+RISING = 5 * (1 - np.exp(-0.5 * TIMES))
+
+
+def test_a_law_that_cannot_leave_the_zero_where_trials_start_is_said():
+    infusion = course(RISING, inputs=np.ones_like(TIMES))
+    (text,) = said(fitted("x' = a x + b x^2 + c x u", infusion), OutcomeKind.START)
+    assert "1 trial began at zero, within the noise, but every term holds x" in text
+    assert "offer a constant or the input as a term" in text
+
+
+@pytest.mark.parametrize(
+    ("equation", "state", "inputs"),
+    [
+        ("x' = a x + b u", RISING, np.ones_like(TIMES)),
+        ("x' = a x + b", RISING, None),
+        ("x' = a x + b x^2", RISING + 1, None),
+    ],
+)
+def test_a_law_that_leaves_zero_or_never_was_there_is_not(equation, state, inputs):
+    assert said(fitted(equation, course(state, inputs=inputs)), OutcomeKind.START) == []
+
+
+def test_refining_says_it_once_and_discovery_says_it_too():
+    trials = course(COOLING, "degC")
+    law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})
+    assert len(said(law, OutcomeKind.SCALE)) == 1
+    method = cl.DerivativeRegression(solver="stlsq:0", differentiation="finite:4")
+    found = cl.discover(trials, library=cl.ExpressionLibrary("x^3"), method=method)
+    assert len(said(found, OutcomeKind.SCALE)) == 1
