@@ -64,7 +64,7 @@ def test_inputs_are_never_thinned():
     assert all(np.allclose(np.diff(each.times), 0.002) for each in fitted.trials)
 
 
-@pytest.mark.parametrize(("step", "samples", "how"), [(0.01, 8000, "every 16th"), (0.25, 2400, "2 segments")])
+@pytest.mark.parametrize(("step", "samples", "how"), [(0.01, 8000, "every 8th"), (0.25, 2400, "2 segments")])
 def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, samples, how):
     trials = swinging(step, samples)
     law = cl.discover(trials, order=2, library="poly:1", method=cl.TrajectoryLikelihood(max_samples=500))

@@ -25,8 +25,9 @@ MOST_SAMPLES = 50_000
 _LOOKED_AT = 1000
 """Samples of a trial, from its middle, by which it is told how far it may be thinned."""
 
-_FINE = 4
-"""How many times finer than what still tells noise from motion samples are to stay."""
+_FINE = 8
+"""How many times finer than what still tells noise from motion samples are to stay: half as fine, steps of the mesh
+would err by more than coefficients do by the noise."""
 
 _LEAST = 50
 """Samples of a state that tell its noise to a tenth or two."""
@@ -87,7 +88,7 @@ def can_be_carried(trials: Trials) -> bool:
 def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
     """Return how many samples there may be from one to the next that is kept, at most as many as are wanted.
 
-    At several times as many the noise is still told from the motion, in the longest trial: steps are then fine.
+    At many times as many the noise is still told from the motion, in the longest trial: steps are then fine.
     """
     longest, coarse = max(trials, key=len), 1
     # From fine to coarse: samples once in a turn look slow
