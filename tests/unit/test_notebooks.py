@@ -37,6 +37,12 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
     assert law.letters[0] == "c"
 
 
+def test_wide_equations_and_tables_of_a_law_scroll_by_themselves(law):
+    shown = law._repr_html_()
+    assert shown.count('<div class="commonlaw-law">') == 2
+    assert ".commonlaw-law { max-width: 100%; overflow-x: auto; }" in shown
+
+
 def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(law, drops):
     for value, title in ((law.verdict(drops), "Verdict"), (law.residuals(drops), "Residuals")):
         shown = value._repr_html_()

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _NEED = "making a report"
 _SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}
 _ALOUD = {"aloud": True}
+_DOTS, _DOT_SIZE = "˙¨", "150%"
+"""Of derivatives, which are hard to see at the size that fonts draw them in."""
 _ATTRIBUTES = {
     "accent", "align", "columnalign", "columnlines", "columnspacing", "depth", "display", "displaystyle", "fence",
     "form", "height", "largeop", "linebreak", "linethickness", "lspace", "mathbackground", "mathcolor", "mathsize",
@@ -93,6 +95,8 @@ def formula(latex: str, display: str = "inline") -> str:
             raise CommonlawError(f"the formula {latex!r} sets {min(more)!r}, which is no mathematics: leave it out")
         if unread := re.search(r"\\\w+", element.text):
             raise CommonlawError(f"cannot read {unread[0]!r} in the formula {latex!r}; write it in other commands")
+        if element.tag.endswith("mo") and element.text and element.text in _DOTS:
+            element.set("mathsize", _DOT_SIZE)
     return tostring(tree, encoding="unicode")
 
 

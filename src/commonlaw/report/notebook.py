@@ -21,6 +21,12 @@ from commonlaw.trials import Trials
 _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""
 
+_STYLE = (
+    "<style>.commonlaw-law { max-width: 100%; overflow-x: auto; } .commonlaw-law math { width: max-content; margin: 0; } "
+    ".commonlaw-law mtd + mtd { text-align: left; }</style>"
+)
+"""Equations stand to the left, line below line, and what is wider than the page is scrolled by itself."""
+
 _STEPS = ["stage", "choice", "reason"]
 """Columns of a history."""
 
@@ -63,7 +69,8 @@ def _law(law: Law) -> str:
     notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in law.outcomes)
     table = law.intervals() if law.covariance is not None else law.to_frame().reset_index()
     drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
-    return _joined(repr(law), shown + _table(table) + notes, drawn)
+    wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
+    return _joined(repr(law), _STYLE + wide + notes, drawn)
 
 
 def _trials(trials: Trials) -> str:
