@@ -81,9 +81,9 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
     starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
     if starting:
         names = " or ".join(law.states)
-        text = f"{counted(len(starting), 'trial')} began at zero, within the noise, but every term holds {names}"
-        remedy = "so that the law cannot leave zero: offer a constant or the input as a term"
-        yield Outcome(OutcomeKind.START, "", text, remedy)
+        began = f"{counted(len(starting), 'trial')} began at zero, within the noise"
+        text = f"{began}, but every term holds {names}, so that the law cannot leave zero"
+        yield Outcome(OutcomeKind.START, "", text, "offer a constant or the input as a term")
 
 
 def _leaves_zero(trial: Trial, noise: Floats) -> bool:
