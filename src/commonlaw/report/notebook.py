@@ -22,8 +22,8 @@ _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""
 
 _STYLE = (
-    "<style>.commonlaw-law { max-width: 100%; overflow-x: auto; } .commonlaw-law math { width: max-content; margin: 0; } "
-    ".commonlaw-law mtd + mtd { text-align: left; }</style>"
+    "<style>.commonlaw-law { max-width: 100%; overflow-x: auto; } "
+    ".commonlaw-law math { width: max-content; margin: 0; } .commonlaw-law mtd + mtd { text-align: left; }</style>"
 )
 """Equations stand to the left, line below line, and what is wider than the page is scrolled by itself."""
 
