@@ -46,7 +46,7 @@ def test_a_law_without_terms_says_zero(drag):
 
 def test_print_shows_the_shared_form_and_each_objects_coefficients(drag):
     assert str(drag) == (
-        "x'' = a + b v\n\n           a       b\nheavy   -9.8    -0.5\nlight  -9.34  0.0466\n\nwith v = x'"
+        "x'' = a + b v\n\n       a [m/s²]  b [1/s]\nheavy      -9.8     -0.5\nlight     -9.34   0.0466\n\nwith v = x'"
     )
 
 

@@ -118,7 +118,7 @@ def test_a_constant_that_follows_another_term_is_in_brackets():
 def test_print_shows_errors_of_one_object_and_in_the_table_of_several(drag, predators):
     assert str(drag.select(["heavy"])).startswith("x'' = -9.44 ± 0.12 - (0.480 ± 0.020) v\n")
     assert str(drag).split("\n")[2:5] == [
-        "                  a                b",
+        "           a [m/s²]          b [1/s]",
         "heavy  -9.44 ± 0.12   -0.480 ± 0.020",
         "light          -9.8  0.0466 ± 0.0051",
     ]
@@ -140,10 +140,11 @@ def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(dra
 
 def test_intervals_are_those_of_the_normal_distribution(drag):
     frame = drag.intervals(0.9)
-    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability"]
+    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability", "unit"]
     assert list(frame.columns) == columns
+    assert frame["unit"].tolist() == ["m/s²", "1/s"] * 2
     assert frame["term probability"].tolist() == [*drag.inclusion_probabilities[0, drag.support[0]]] * 2
-    assert list(without(drag, "inclusion_probabilities").intervals().columns) == columns[:-1]
+    assert list(without(drag, "inclusion_probabilities").intervals().columns) == [*columns[:-2], "unit"]
     assert frame["object"].tolist() == ["heavy", "heavy", "light", "light"]
     for end, share in (("low", 0.05), ("high", 0.95)):
         np.testing.assert_allclose(frame[end], frame["coefficient"] + norm.ppf(share) * frame["standard error"])
@@ -305,5 +306,5 @@ def test_draws_of_a_given_law_are_of_its_own_letters():
 def test_draws_need_a_covariance_and_a_number(drag):
     with pytest.raises(CommonlawError, match="does not know how accurate"):
         without(drag, "covariance").draws()
-    with pytest.raises(CommonlawError, match="0 draws of the coefficients tell nothing"):
+    with pytest.raises(CommonlawError, match="0 draws of the coefficients: ask for 1 to"):
         drag.draws(0)
