@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import Law, Trials
+from commonlaw.law.domain import Domain
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +57,11 @@ def test_rates_and_states_on_a_logarithmic_scale_are_told_as_measured() -> None:
     law = cl.fit("x' = -k x", trials, positive=["x"])
     heights = trials[0].states
     assert law.domain().iloc[0, 1:3].tolist() == pytest.approx([heights.min(), heights.max()])
+
+
+def test_rates_of_long_trials_are_told_by_segments_of_them() -> None:
+    times = 0.02 * np.arange(20_000)
+    states = np.sin(times) + 1e-3 * np.random.default_rng(0).standard_normal(20_000)
+    visited = Domain.of(Trials.from_arrays(times, states), ["v"]).visited
+    assert visited["x"] == (states.min(), states.max())
+    assert visited["v"] == pytest.approx((-1.0, 1.0), abs=0.02)

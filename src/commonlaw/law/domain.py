@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from commonlaw.trials.logarithms import natural
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
+
+_SEGMENT, _SEGMENTS = 500, 20
+"""Samples of a segment, and segments, of long trials whose rates are looked at."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +102,21 @@ class Domain:
 
 
 def _rates(trial: Trial) -> Floats:
-    """Return the rates of all states at the samples, shape (n, states)."""
+    """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
     found = np.full(trial.states.shape, np.nan)
-    for j, column in enumerate(trial.states.T):
+    for rows, j in product(_segments(len(trial)), range(trial.states.shape[1])):
+        column = trial.states[rows, j]
         seen = np.isfinite(column)
-        times, values = trial.times[seen], column[seen, np.newaxis]
+        times, values = trial.times[rows][seen], column[seen, np.newaxis]
         if RobustSpline().takes(times, values):
-            found[seen, j] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
+            found[rows, j][seen] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
         elif len(times) > 1:
-            found[seen, j] = np.gradient(values[:, 0], times)
+            found[rows, j][seen] = np.gradient(values[:, 0], times)
     return found
+
+
+def _segments(samples: int) -> list[slice]:
+    """Return the rows whose rates are looked at: all of them, or segments that are evenly spread over a long trial."""
+    if samples <= _SEGMENTS * _SEGMENT:
+        return [slice(samples)]
+    return [slice(first, first + _SEGMENT) for first in np.linspace(0, samples - _SEGMENT, _SEGMENTS).astype(int)]
