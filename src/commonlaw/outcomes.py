@@ -29,6 +29,8 @@ class OutcomeKind(StrEnum):
     """An integrator could not follow a trajectory that another one may finish."""
     ONE_OBJECT = "one object"
     """What objects are to share was found from one of them."""
+    RATES = "rates"
+    """A measured column is the rate of another, and no state of its own."""
     SAMPLES = "samples"
     """A law was fitted to some of the samples, as they are many."""
     SCALE = "scale"

@@ -8,7 +8,8 @@ from commonlaw.trials import Schema
 def law_variables(schema: Schema, order: int) -> Variables:
     """Return the variables of a law: states, their rates if it is of order 2, inputs, time.
 
-    Rates are ``v`` for a single state, ``v_x`` and ``v_y`` for several, and ``x_rate`` where such a name is taken.
+    Rates are ``v`` for a single state, ``v_x`` and ``v_y`` for several, and ``x_rate`` where such a name is taken; a
+    rate that was measured has the name of its column.
     """
     if order < 2:
         return Variables(schema.states, schema.inputs, schema.time, schema.logarithmic)
@@ -19,8 +20,9 @@ def law_variables(schema: Schema, order: int) -> Variables:
 
 
 def plain_rates(schema: Schema) -> tuple[str, ...]:
-    """Return the usual names of the rates of states."""
-    return ("v",) if len(schema.states) == 1 else tuple(f"v_{state}" for state in schema.states)
+    """Return the names of the rates of states: of their columns if they were measured, or the usual ones."""
+    usual = ["v"] if len(schema.states) == 1 else [f"v_{state}" for state in schema.states]
+    return tuple(schema.rates.get(state, name) for state, name in zip(schema.states, usual, strict=True))
 
 
 def check_order(order: int) -> None:

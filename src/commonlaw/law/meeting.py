@@ -10,6 +10,7 @@ from commonlaw.law.law import Law
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion, in_units
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.measured_rates import without_rates
 from commonlaw.trials.trial import as_numbers
 
 
@@ -21,7 +22,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     law
         The law.
     trials
-        What was measured. What has no unit there or in the law is taken as it is.
+        What was measured. What has no unit there or in the law is taken as it is. Columns that were left out of the law,
+        as they are rates of its states, are left out.
     inputs
         Whether the trials may have other inputs than the law.
 
@@ -30,6 +32,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     CommonlawError
         If the variables are not those of the law, or a unit cannot be converted into that of the law.
     """
+    trials = without_rates(trials, law.schema.rates)
     kinds = [("states", law.schema.states, trials.schema.states)]
     kinds += [("inputs", law.schema.inputs, trials.schema.inputs)] if inputs == "same" else []
     for kind, wanted, given in kinds:

@@ -46,6 +46,9 @@ class Schema:
         States that stand here by their logarithms, see `with_logarithms`.
     input_between
         The course of inputs between samples, see `Law.predict`.
+    rates
+        Columns that were left out of the states, as they are the rate of one, by that one: ``{"theta": "omega"}``. A
+        law of second order calls the rates by these names.
 
     Raises
     ------
@@ -62,9 +65,11 @@ class Schema:
     noise_columns: Mapping[str, str] = field(default_factory=dict)
     logarithmic: tuple[str, ...] = ()
     input_between: str = "linear"
+    rates: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
+        names += self.rates.values()
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
