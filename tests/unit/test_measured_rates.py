@@ -73,9 +73,9 @@ def test_samples_that_have_the_rate_alone_are_left_out(found):
     trials = pendulum()
     given = trials.with_trials([replace(trials[0], states=states)])
     assert len(matched(law, given)[0]) == 61  # Every second one, of which the last is to be forecast, and the first
-    states[:, 0] = np.nan
+    lacking = replace(trials[0], states=trials[0].states * [np.nan, 1.0])
     with pytest.raises(cl.CommonlawError, match="a, trial 1: theta was measured in no sample"):
-        matched(law, trials.with_trials([replace(trials[0], states=np.nan_to_num(states) + [np.nan, 0])]))
+        matched(law, trials.with_trials([lacking]))
 
 
 @pytest.mark.parametrize(
@@ -99,6 +99,13 @@ def test_a_column_is_no_rate_that_departs_from_it_by_more_than_noise(of, units):
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, 0.02])
 def test_rates_are_told_whatever_the_noise(noise):
     assert measured_rates(pendulum(noise=noise)) == {"theta": "omega"}
+
+
+def test_rates_are_told_in_long_noisy_trials_of_many_periods():
+    times, generator = np.linspace(0, 160, 1000), np.random.default_rng(2)
+    states = np.column_stack([np.sin(1.3 * times), 1.3 * np.cos(1.3 * times)])
+    states += 0.1 * generator.standard_normal(states.shape)
+    assert measured_rates(cl.Trials.from_arrays(times, states, names=NAMES)) == {"theta": "omega"}
 
 
 def test_units_of_a_rate_are_converted():

@@ -12,15 +12,16 @@ from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import with_typical
 
-_WEIGHTS = 8
-"""Smooth weightings of a trial: its steps from sample to sample are compared in so many sums."""
+_FEWEST_WEIGHTS, _SAMPLES_A_WEIGHT = 8, 10
+"""Smooth weightings of a trial: its steps from sample to sample are compared in so many sums, the fastest of which goes
+up and down in 20 samples, as fast as motion is whose noise can be told."""
 
 _FEWEST = 20
 """Samples of a trial that tell both its noise and its motion; a state with fewer than `_LEAST` is not measured."""
 _LEAST = 5
 
-_MOST_TRIALS = 20
-"""Trials that are looked at, spread over all."""
+_MOST_TRIALS, _MOST_SAMPLES = 20, 2000
+"""Trials that are looked at, spread over all, and samples of each, from its start."""
 
 _ACCURACY = 0.1
 """Standard error that the slope must have at most: it is then told from zero by ten of them."""
@@ -124,13 +125,14 @@ def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator
     from scipy.linalg import solve_triangular
 
     for trial in trials:
-        rows = np.isfinite(trial.states[:, [state, rate]]).all(axis=1)
+        rows = np.flatnonzero(np.isfinite(trial.states[:, [state, rate]]).all(axis=1))[:_MOST_SAMPLES]
         times, scale = trial.times[rows], np.array([1.0, factor])
         values = trial.states[rows][:, [state, rate]] * scale
         noise = with_typical(trial.noise[rows][:, [state, rate]] * abs(scale), noise_level(times, values))
         noise = np.maximum(noise, np.finfo(np.float64).eps * abs(values).max(axis=0))
         steps, middles = np.diff(times), (times[1:] + times[:-1]) / 2
-        weights = np.cos(np.outer(np.arange(_WEIGHTS), np.pi * (middles - times[0]) / (times[-1] - times[0])))
+        count = max(_FEWEST_WEIGHTS, len(times) // _SAMPLES_A_WEIGHT)
+        weights = np.cos(np.outer(np.arange(count), np.pi * (middles - times[0]) / (times[-1] - times[0])))
         integrals = np.diff(CubicSpline(times, values[:, 1]).antiderivative()(times))
         trapezoids = steps * (values[1:, 1] + values[:-1, 1]) / 2
         # What each measurement adds to the sums: to increments by both its steps, to integrals by half of both

@@ -22,8 +22,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     law
         The law.
     trials
-        What was measured. What has no unit there or in the law is taken as it is. Columns that were left out of the law,
-        as they are rates of its states, are left out.
+        What was measured. What has no unit there or in the law is taken as it is. Columns that the law
+        left out, as they are rates of its states, are left out here.
     inputs
         Whether the trials may have other inputs than the law.
 
