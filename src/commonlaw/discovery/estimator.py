@@ -239,7 +239,7 @@ def _without_measured_rates(
     if not rates or not isinstance(trials, Trials):
         return trials, ()
     text = f"{rates_in_words(rates)}, and no state of its own in a law of second order: left out"
-    remedy = "if it is one, as the numbers agree by chance, give the columns their units"
+    remedy = "if it is one, and the numbers agree by chance, give the columns units that say so"
     return without_rates(trials, rates), (Outcome(OutcomeKind.RATES, "", text, remedy),)
 
 
