@@ -126,6 +126,18 @@ def test_of_states_that_are_rates_of_each_other_one_stays():
     assert measured_rates(cl.Trials.from_arrays(TIMES / 3, same.T, names=["x", "y"])) == {"x": "y"}
 
 
+def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
+    law = cl.fit("theta'' = -k sin(theta) - c omega", pendulum((True, False)))
+    values, errors = law.letter_values()
+    assert (abs(np.array(values) - list(TRUTH.values())) < 4 * np.array(errors)).all()
+    assert [each.kind for each in law.outcomes] == ["rates"]
+
+
+def test_a_rate_that_has_an_equation_of_its_own_stays():
+    law = cl.fit("theta'' = -k theta; omega'' = -l omega", pendulum(noise=0.02))
+    assert law.states == ("theta", "omega")
+
+
 def test_first_order_keeps_the_rate_as_a_state():
     law = cl.discover(pendulum(noise=0.0), library="poly:1", method=cl.DerivativeRegression(solver="stlsq:0.05"))
     assert law.states == ("theta", "omega")

@@ -9,7 +9,7 @@ from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import Base, with_base
-from commonlaw.discovery.measured_rates import measured_rates
+from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
@@ -26,7 +26,6 @@ from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
-from commonlaw.trials.measured_rates import rates_in_words, without_rates
 from commonlaw.trials.trial import shown
 
 if TYPE_CHECKING:
@@ -113,7 +112,9 @@ class LawDiscovery:
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
                 "Trials.read"
             )
-        trials, rates = _without_measured_rates(trials, self.order)
+        rates: tuple[Outcome, ...] = ()
+        if isinstance(trials, Trials):
+            trials, rates = without_measured_rates(trials, self.order)
         library, known = self._library(), self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
@@ -229,18 +230,6 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
     remedy = "offer fewer terms or take fewer objects, or refine the law: commonlaw.refine(law, trials)"
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
-
-
-def _without_measured_rates(
-    trials: Trials | TrialStream, order: int
-) -> tuple[Trials | TrialStream, tuple[Outcome, ...]]:
-    """Return the trials for a law of this order, without rates that are no states of their own, and a word on them."""
-    rates = measured_rates(trials) if order == 2 and isinstance(trials, Trials) else {}
-    if not rates or not isinstance(trials, Trials):
-        return trials, ()
-    text = f"{rates_in_words(rates)}, and no state of its own in a law of second order: left out"
-    remedy = "if it is one, and the numbers agree by chance, give the columns units that say so"
-    return without_rates(trials, rates), (Outcome(OutcomeKind.RATES, "", text, remedy),)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

@@ -11,6 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
+from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine
@@ -19,6 +20,7 @@ from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
+from commonlaw.library.equation import split_equations
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
 from commonlaw.solvers import STLSQ
@@ -79,6 +81,8 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     <BLANKLINE>
     with v = x', g [m/s²] = 9.80000 ± 0.00096, c [1/s] = 0.380000 ± 0.000086
     """
+    asked = split_equations(equations)
+    trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
     given = read_equations(equations, trials.schema)
     history = (Step("equations", "; ".join(given.texts), "as given"), *_properties_in(given, trials))
     calls = (call(refine, settings, "cl.fit", repr("; ".join(given.texts)), "trials"),)
@@ -89,7 +93,8 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls)
         return replace(law, provenance=made)
-    provenance = Provenance(suitable_differentiation(trials, given.order), history=history, equations=given.texts)
+    differentiation = suitable_differentiation(trials, given.order)
+    provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
     law = refine(_unfitted(given, trials, provenance), trials, **({"input_between": "auto"} | settings))
     return replace(law, provenance=replace(law.provenance, calls=calls))
 

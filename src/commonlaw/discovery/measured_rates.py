@@ -1,6 +1,6 @@
 """Which measured columns are the rates of others, told by what was measured."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +8,10 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.conversion import Conversion
+from commonlaw.trials.measured_rates import rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
 
 _FEWEST_WEIGHTS, _SAMPLES_A_WEIGHT = 8, 10
@@ -28,6 +30,22 @@ _ACCURACY = 0.1
 
 _CHANCE, _NOISE = 1e-3, 2.0
 """How often a rate may be taken for none, and by which factor the variance of noise may be more than estimated."""
+
+
+def without_measured_rates(
+    trials: Trials, order: int, states: Container[str] = ()
+) -> tuple[Trials, tuple[Outcome, ...]]:
+    """Return the trials for a law of this order, without rates that are no states of their own, and a word on them.
+
+    Columns of `states`, which have equations of their own, stay.
+    """
+    found = measured_rates(trials) if order == 2 and len(trials.schema.states) > 1 else {}
+    rates = {state: rate for state, rate in found.items() if rate not in states}
+    if not rates:
+        return trials, ()
+    text = f"{rates_in_words(rates)}, and no state of its own in a law of second order: left out"
+    remedy = "if it is one, and the numbers agree by chance, give the columns units that say so"
+    return without_rates(trials, rates), (Outcome(OutcomeKind.RATES, "", text, remedy),)
 
 
 def measured_rates(trials: Trials) -> dict[str, str]:
