@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
+from commonlaw.errors import CommonlawError
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
@@ -108,10 +109,11 @@ def _rates(trial: Trial) -> Floats:
         column = trial.states[rows, j]
         seen = np.isfinite(column)
         times, values = trial.times[rows][seen], column[seen, np.newaxis]
-        if RobustSpline().takes(times, values):
+        try:
             found[rows, j][seen] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
-        elif len(times) > 1:
-            found[rows, j][seen] = np.gradient(values[:, 0], times)
+        except CommonlawError:  # Too few samples for a smooth curve
+            if len(times) > 1:
+                found[rows, j][seen] = np.gradient(values[:, 0], times)
     return found
 
 
