@@ -96,6 +96,7 @@ def search(
     if schedules is not SCHEDULES:
         return _sorted(found)
     found += _as_few_say(problem, solver, progress)
+    found += _without_model_error(problem, _sorted(found)[0])
     best, *others = _with_rivals(problem, _sorted(found))
     return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
 
@@ -236,6 +237,14 @@ def _as_few_say(problem: SearchProblem, solver: AbstractSolver, progress: Progre
         with suppress(CommonlawError):
             found.append(fit_supports(problem, each, SCHEDULES[-1]))
     return found
+
+
+def _without_model_error(problem: SearchProblem, best: SearchState) -> list[SearchState]:
+    """Return the supports that are best with a model error as they are without: no schedule may have come by there."""
+    if best.has_model_error:
+        with suppress(NotPositiveError):
+            return [fitted(problem, best.estimates, best.supports, NEGLIGIBLE)[0]]
+    return []
 
 
 def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
