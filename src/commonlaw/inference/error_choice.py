@@ -27,9 +27,6 @@ _SHARE = 0.65
 _HELD = 0.85
 """Share of the measurements that 95 % intervals of forecasts hold at least, if the errors are what they seem."""
 
-_SHORT = 30
-"""Trials of fewer samples are short."""
-
 _OBJECTS = 20
 """Objects that are forecast at most, evenly spread."""
 
@@ -129,10 +126,7 @@ def _description(candidate: Candidate) -> int:
 
 @unannounced()
 def runs_away(problem: SearchProblem, state: SearchState) -> bool:
-    """Whether a trajectory of a trial that the law was learned from diverges, from its fitted start.
-
-    Few samples tell little, so that short trials are continued for as long again.
-    """
+    """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
     found, course = [], problem.trials.schema.input_between
     for i in spread(len(problem.models), _OBJECTS):
         model, estimate = problem.models[i], state.estimates[i]
@@ -143,8 +137,6 @@ def runs_away(problem: SearchProblem, state: SearchState) -> bool:
                 field = replace(
                     model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], course)
                 )
-                if last - first < _SHORT * problem.points:
-                    times = np.append(times, 2 * times[-1] - times[0])
                 found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
     return any(each.outcome for each in simulate(found, tolerance=1e-6))
 
