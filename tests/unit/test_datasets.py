@@ -222,7 +222,7 @@ def test_unknown_names_and_columns_that_do_not_fit_are_refused():
         datasets.load("lorentz")
     with pytest.raises(CommonlawError, match=r"mass does not fit the other options \(3 radius, 2 mass\)"):
         datasets.reynolds_drag(radius=(0.1, 0.1, 0.2), mass=(1.0, 2.0))
-    with pytest.raises(CommonlawError, match=r"cannot simulate System 1: the forecast ran away at t = .* choose other"):
+    with pytest.raises(CommonlawError, match=r"cannot simulate System 1: the forecast ends at t = .* choose other"):
         datasets.lorenz(sigma=-100.0)
 
 

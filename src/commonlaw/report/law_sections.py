@@ -173,12 +173,7 @@ def _relations(law: Law) -> list[Block]:
 def _by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
     if not law.shared or len(law.objects) == 1:
-        frame = law.to_frame().reset_index() if law.covariance is None else law.intervals()
-        units = law.coefficient_units()
-        if law.covariance is not None and units:
-            pairs = zip(frame["equation"], frame["term"], strict=True)
-            frame.insert(4, "unit", [unit_text(units.get(each, "")) for each in pairs])
-        return frame
+        return law.to_frame().reset_index() if law.covariance is None else law.intervals()
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
     values, errors = law.letter_values()
     for (name, unit), own, known in zip(coefficient_names(law), values.T, errors.T, strict=True):
