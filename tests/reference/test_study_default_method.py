@@ -102,7 +102,7 @@ def test_the_papers_models_have_the_errors_of_the_part_on_prediction(drops, resu
 def test_the_median_errors_to_a_centimetre(results):
     medians = results["forecasts"]["medians"]
     assert {name: round(each["both"], 2) for name, each in medians["paper_rule"].items()} == {
-        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.33, "default, cubic": 1.36,
+        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.34, "default, cubic": 1.36,
     }  # fmt: skip
     assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
         "2": 0.72, "default": 0.84,
@@ -183,7 +183,7 @@ def test_the_verdicts_and_tables_say_the_numbers(report, results):
     page = (report / "report.html").read_text()
     assert "linear drag for the ten balls together, the whiffle balls, the closed balls" in page
     assert "for 6 of 6 groups" in page
-    assert "1.330 m, against 1.243 m" in page
+    assert "1.341 m, against 1.243 m" in page
     assert "a tie" in page
     choices = pd.read_csv(report / "tables" / "default-choices.csv")
     assert choices["linear"].tolist() == pytest.approx(
