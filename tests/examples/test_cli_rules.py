@@ -172,9 +172,14 @@ def test_a_line_now_and_then_says_how_far_work_has_come(run, monkeypatch):
         assert said.wait(60)
         raise cl.CommonlawError("enough")
 
+    def say(line, **_):
+        lines.append(line)
+        if "choosing" in line:
+            said.set()
+
     said, lines = Event(), []
     monkeypatch.setattr(working, "INTERVAL", 0.01)
-    monkeypatch.setattr(working, "say", lambda line, **_: (lines.append(line), "choosing" in line and said.set()))
+    monkeypatch.setattr(working, "say", say)
     monkeypatch.setattr("commonlaw.discover", discover)
     run("discover", "--dataset", "linear-drag")
     assert any(re.match(r"commonlaw: Discovering \.\.\. choosing terms \(.* 48 % done", line) for line in lines)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,7 +141,7 @@ METHODS = {
     "best subset by BIC": cl.DerivativeRegression(solver="best-subset", rule="bic"),
     "scaled thresholds by BIC": cl.DerivativeRegression(solver="group-stlsq:normalize=True", rule="bic"),
 }
-CHANGES = {
+CHANGES: dict[str, dict[str, Any]] = {
     "origin of time": {"start": 1000.0},
     "unit of time": {"unit": 60.0},
     "unit of the states": {"scale": 1e3},

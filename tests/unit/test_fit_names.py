@@ -1,5 +1,7 @@
 """Equations that are fitted: what names in them mean, and coefficients in parentheses."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -142,8 +144,9 @@ def test_laws_are_compared_in_a_list_too(law, cups):
 
 
 def test_a_known_coefficient_that_is_no_number_is_refused_in_words(cups):
+    known: Any = {"T": "0.01/min"}
     with pytest.raises(CommonlawError, match="which is not a number"):
-        cl.discover(cups, order=1, library="poly:1", known={"T": "0.01/min"})
+        cl.discover(cups, order=1, library="poly:1", known=known)
 
 
 def test_intervals_have_units(law):
