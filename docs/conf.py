@@ -52,7 +52,7 @@ nb_merge_streams = True
 # The measured drops are not part of the project; where they cannot be had their page has no outputs, and says so
 try:
     commonlaw.datasets.ball_drops()
-    tags.add("measured_drops")  # noqa: F821
+    tags.add("measured_drops")  # noqa: F821 (Sphinx gives this file its tags)
 except commonlaw.CommonlawError:
     nb_execution_excludepatterns = ["tutorials/drops.md"]
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -98,9 +99,9 @@ class ModelStructure:
         return found
 
 
-def _number(key: Key, value: object) -> float:
+def _number(key: Key, value: Any) -> float:
     try:
-        return float(value)  # type: ignore[arg-type]
+        return float(value)
     except (TypeError, ValueError, OverflowError):
         raise CommonlawError(
             f"the known coefficient {key!r} is {str(value)[:60]!r}, which is not a number: give it in the units of the "
