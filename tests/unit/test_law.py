@@ -173,7 +173,7 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
 def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
     path, text = tmp_path / "law.json", drag.to_json()
     for damage, message in (
-        (text.replace('"version": 3', '"version": 9'), "law.json: the law is of version 9 .* reads versions up to 3"),
+        (text.replace('"version": 4', '"version": 9'), "law.json: the law is of version 9 .* reads versions up to 4"),
         (text[:200], "law.json: this is not a law or it is damaged"),
         ("[1, 2]", "law.json: this is not a law or it is damaged"),
         (text.replace("-9.8", "null"), "law.json: this is not a law or it is damaged"),

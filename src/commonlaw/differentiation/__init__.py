@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
 from commonlaw.differentiation.differences import CenteredDifference, FiniteDifference, ForwardDifference
-from commonlaw.differentiation.noise import noise_level
+from commonlaw.differentiation.noise import noise_degrees_of_freedom, noise_level
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
 from commonlaw.differentiation.spectral import SpectralDerivative
@@ -31,6 +31,7 @@ __all__ = [
     "WienerFilter",
     "default_differentiation",
     "format_differentiation",
+    "noise_degrees_of_freedom",
     "noise_level",
     "parse_differentiation",
 ]

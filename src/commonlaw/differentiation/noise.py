@@ -13,6 +13,7 @@ from commonlaw.errors import CommonlawError
 
 _LEAST = 8
 _HIGHEST = 10
+_TYPICAL_ORDER = 2
 _AGREE = 3.0
 """Standard errors within which two orders agree."""
 _FAR = 4.0
@@ -72,6 +73,17 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     by_order = enumerate(differences(t, x, highest), start=1)
     estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
     return _smallest_that_agrees(estimates, len(t) - highest)
+
+
+def noise_degrees_of_freedom(samples: int) -> float:
+    """Return those of the estimate that `noise_level` makes of so many samples; none if they are too few.
+
+    Of differences of second order, which most smooth states take: they are correlated, so that the estimate is worth
+    half as many independent ones.
+    """
+    if samples < _LEAST:
+        return 0.0
+    return (samples - _TYPICAL_ORDER) / _covariance(_TYPICAL_ORDER, _TYPICAL_ORDER)
 
 
 def _check(times: Floats, states: Floats) -> None:

@@ -91,6 +91,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate,
         provenance=replace(law.provenance, history=(*law.history, step), calls=(*law.provenance.calls, called)),
         explanation=None,
         with_discrepancy=whole,
+        other_laws=(),
     )
 
 

@@ -24,7 +24,7 @@ def residuals(law: Law, trials: Trials) -> Residuals:
     noise = _noise(trials) if law.noise is None else law.noise
     known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
     longest = max(map(len, trials))
-    forecast = replace(law, uncertainty=known).predict(trials, start=longest)
+    forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
     forecast = forecast.followed or forecast
     fitted = tuple(each.states for each in forecast.trajectories)
     states, errors = len(law.states), law.uncertainty.error_model

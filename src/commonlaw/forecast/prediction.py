@@ -1,6 +1,7 @@
 """From measured trials to forecasts, and how far off these may be."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.averaging import averaged as average
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.leaving import with_remarks
 from commonlaw.forecast.model_error import FilteredStart, model_error_std
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
-from commonlaw.law.forecast import Forecast
+from commonlaw.law.forecast import Forecast, Part
 from commonlaw.law.meeting import matched, matched_times
 from commonlaw.law.population import law_of
 from commonlaw.trials import Trial, Trials
@@ -35,6 +37,7 @@ def predict(
     seed: int = 0,
     input_between: str | None = None,
     discrepancy: bool = False,
+    averaged: bool = True,
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
     times = matched_times(law, trials, times)
@@ -47,11 +50,18 @@ def predict(
     if return_std:
         law.uncertainty.known_covariance()
         _noise_of(law)
-    followed, beginnings = begin(
-        law, with_logarithms(trials, law.schema.logarithmic), times, start, from_time, input_between
-    )
-    forecaster = _Forecaster(law, followed, tuple(beginnings), from_time, return_std, method, tolerance, seed)
-    found = forecaster.forecast()
+    followed = with_logarithms(trials, law.schema.logarithmic)
+
+    def forecast(law: Law) -> Forecast:
+        begun, beginnings = begin(law, followed, times, start, from_time, input_between)
+        return _Forecaster(law, begun, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
+
+    own, *others = law.plausible if averaged else law.plausible[:1]
+    parts = [Part(own.probability, forecast(law))]
+    for each in others:
+        with suppress(CommonlawError):  # Its start may not be fitted where that of the law is
+            parts.append(Part(each.probability, forecast(replace(each.law, provenance=law.provenance))))
+    found = average(parts)
     found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
     return with_remarks(law, found)
 
@@ -84,12 +94,16 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
     followed = with_logarithms(measured, law.schema.logarithmic)
     initial = np.append(followed.trials[0].states[0], start[states:])
     width, certain = len(variables), np.zeros((1, len(variables)))
-    sensitivity = np.zeros((width, int(law.support.sum())))
-    fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
     own = followed.trials[0]
     inputs = Inputs.of(own.times, own.inputs, law.schema.input_between)
-    beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
-    found = _Forecaster(law, followed, (beginning,), None, law.has_std, "auto", 1e-8, 0).forecast()
+
+    def forecast(each: Law) -> Forecast:
+        sensitivity = np.zeros((width, int(each.support.sum())))
+        fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
+        beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
+        return _Forecaster(each, followed, (beginning,), None, law.has_std, "auto", 1e-8, 0).forecast()
+
+    found = average([Part(each.probability, forecast(each.law)) for each in law.plausible])
     return found.as_measured(measured) if law.schema.logarithmic else found
 
 
@@ -112,8 +126,17 @@ class _Forecaster:
         found = simulate(problems, method=self.method, tolerance=self.tolerance, sensitivities=self.return_std)
         std, noise = (self._std(found), self.law.noise) if self.return_std else (None, None)
         again = None if self.law.order == 0 else self.at_more_times
-        errors = self.law.uncertainty.error_model
-        return Forecast(self.trials, self._whole(found), std, noise, self.from_time, errors, again)
+        known = self.law.uncertainty
+        return Forecast(
+            self.trials,
+            self._whole(found),
+            std,
+            noise,
+            self.from_time,
+            known.error_model,
+            again,
+            degrees_of_freedom=known.degrees_of_freedom,
+        )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:
         """Return the forecasts from the same beginnings at more times of each trial."""
@@ -220,4 +243,5 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
             f"one of {others}"
         )
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
-    return replace(law, objects=(name,)), trials.with_trials(trials.trials, note)
+    other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
+    return replace(law, objects=(name,), other_laws=other_laws), trials.with_trials(trials.trials, note)

@@ -46,6 +46,7 @@ def adapt(law: Law, trials: Trials) -> Law:
         uncertainty=uncertainty,
         properties=trials.properties,
         explanation=None,
+        other_laws=(),
         provenance=replace(law.provenance, history=(*law.history, step)),
     )
 

@@ -121,6 +121,7 @@ def written_alike(law: Law, schema: Schema) -> Law:
         coefficients=law.coefficients[:, :, used],
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None),
         provenance=Provenance(),
+        other_laws=(),
     )
 
 

@@ -1,18 +1,19 @@
 """How sure coefficients are."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.differentiation import noise_degrees_of_freedom
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.likelihood import ErrorModel, linearize, whitened
+from commonlaw.likelihood import ErrorModel, Estimate, linearize, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
@@ -36,6 +37,7 @@ def fitted_law(
         law,
         properties=problem.trials.properties or law.properties,
         explanation=None,
+        other_laws=(),
         coefficients=np.array([each.coefficients for each in state.estimates]),
         uncertainty=replace(
             law.uncertainty,
@@ -44,8 +46,30 @@ def fitted_law(
             unpooled=None,
             noise=problem.noise,
             error_model=errors,
+            degrees_of_freedom=degrees_of_freedom(problem, state),
         ),
     )
+
+
+def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | None:
+    """Return those of the estimate of each state's noise, shape (states,); None if the noise was given.
+
+    Of noise that was found with the law, the measurements less initial states and coefficients; of noise that
+    differences of neighbouring samples told, no more than these have.
+    """
+    if problem.noise_given:
+        return None
+    order, states = problem.models[0].order, len(problem.noise)
+    counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in problem.trials])
+    free = np.array([(each.coefficients != 0) & np.isnan(known) for each, known in _pairs(problem, state)])
+    left = (counts - order * (counts > 0)).sum(axis=0) - free.sum(axis=(0, 2))
+    if np.array_equal(problem.noise, problem.first_noise) and problem.tells_noise:
+        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own.tolist())) for own in counts.T])
+    return np.asarray(np.maximum(left, 1.0)).reshape(states)
+
+
+def _pairs(problem: SearchProblem, state: SearchState) -> Iterator[tuple[Estimate, Floats]]:
+    return zip(state.estimates, problem.known, strict=True)
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:

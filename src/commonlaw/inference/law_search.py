@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.averaging import other_laws
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, holds, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
@@ -226,4 +227,5 @@ def finish(
             history=history(frame, problem, state, compared),
         ),
     )
+    law = replace(law, other_laws=other_laws(problem, state, law))
     return law.partial_pooling(universal, partial_pooling)

@@ -221,6 +221,19 @@ def neighbours(problem: SearchProblem, state: SearchState) -> list[list[Compared
     )
 
 
+def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -> SearchState:
+    """Return other supports fitted under the errors of a state, from the coefficients that are linear about it.
+
+    Raises
+    ------
+    NotPositiveError
+        If the likelihood cannot be computed.
+    """
+    evidence = _evidence(problem, state.estimates, state.model_error)
+    start = _restricted(problem, evidence, state.estimates, supports)
+    return fitted(problem, start, supports, state.model_error)[0]
+
+
 def _as_few_say(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
     """Return the laws that some of many objects find, fitted to all; none where there are few objects.
 

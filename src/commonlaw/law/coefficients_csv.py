@@ -1,5 +1,6 @@
 """The coefficients of a law as a file for other programs."""
 
+import numpy as np
 import pandas as pd
 
 from commonlaw.law.law import Law
@@ -15,9 +16,12 @@ def coefficient_rows(law: Law) -> pd.DataFrame:
     """Return a row for each coefficient of a law, with its standard error, 95 % interval and unit.
 
     Columns are object, equation, term, value, standard error, low, high and unit, which is empty if it is not known.
+    Intervals are averaged over what the law could be, see `Law.intervals`.
     """
     names, units = (law.objects, law.left_hand_sides, law.terms.names), law.coefficient_units()
-    frame = interval_frame(*names, law.coefficients, law.standard_errors, None, 0.95)
+    unknown = np.full(law.coefficients.shape, np.nan)
+    ends = {"": (unknown, unknown) if law.covariance is None else law.interval_ends()}
+    frame = interval_frame(*names, law.coefficients, law.standard_errors, ends, None)
     frame.columns = ["value" if each == "coefficient" else each for each in frame.columns]
     frame["unit"] = [units.get(each, "") for each in zip(frame["equation"], frame["term"], strict=True)]
     return frame

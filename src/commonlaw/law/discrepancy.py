@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.law.numbers import with_error
+from commonlaw.law.quantiles import two_sided
 from commonlaw.law.smooth_basis import SmoothBasis
-from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.notebooks import ShownInNotebooks
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
 
         edges = np.linspace(self.basis.low, self.basis.high, points + 1)
         middles = (edges[:-1] + edges[1:]) / 2
-        counts, half = np.histogram(self.visited, edges)[0], normal_quantile(level) * self.std(middles)
+        counts, half = np.histogram(self.visited, edges)[0], two_sided(level) * self.std(middles)
         function = self(middles)
         columns = {
             self.basis.coordinate: middles,

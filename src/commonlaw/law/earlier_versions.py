@@ -1,4 +1,4 @@
-"""Saved laws of earlier versions of the schema, by the names of version 3."""
+"""Saved laws of earlier versions of the schema, by the names of version 4."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,8 +17,18 @@ _PROVENANCE = ("differentiation", "outcomes", "alternatives", "history")
 _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
-def renamed(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document of version 1 or 2, which need not be valid, by the names of version 3."""
+def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
+    """Return a document of an earlier version, which need not be valid, by the names of version 4.
+
+    Version 3 lacks what else a law could be, and the degrees of freedom of its noise.
+    """
+    found = _renamed(document) if version < 3 else {**document, "version": 4}
+    wider = found.get("with_discrepancy")
+    return found | {"with_discrepancy": {**wider, "version": 4}} if isinstance(wider, dict) else found
+
+
+def _renamed(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document of version 1 or 2."""
     moved = {*_UNCERTAINTY, *_PROVENANCE}
     provenance = {key: document[key] for key in _PROVENANCE if key in document}
     for key, rename in (("outcomes", _outcome), ("alternatives", _alternative)):
@@ -26,7 +36,7 @@ def renamed(document: dict[str, Any]) -> dict[str, Any]:
             provenance[key] = [rename(each) for each in provenance[key]]
     return {
         **{key: value for key, value in document.items() if key not in moved},
-        "version": 3,
+        "version": 4,
         "uncertainty": {name: document[key] for key, name in _UNCERTAINTY.items() if key in document},
         "provenance": provenance,
     }

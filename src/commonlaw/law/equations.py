@@ -123,31 +123,6 @@ class AbstractEquations(ShownInNotebooks, ABC):
         errors.flags.writeable = False
         return errors
 
-    def intervals(self, level: float = 0.95) -> "pd.DataFrame":
-        """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
-
-        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known.
-
-        Parameters
-        ----------
-        level
-            The probability that the coefficient lies between low and high, if its error is normally distributed.
-
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, or the level is not between 0 and 1.
-        """
-        from commonlaw.law.tables import interval_frame
-
-        self.uncertainty.known_covariance()
-        names, errors = (self.objects, self.left_hand_sides, self.terms.names), self.standard_errors
-        found = interval_frame(*names, self.coefficients, errors, self.uncertainty.inclusion_probabilities, level)
-        units = self.coefficient_units()
-        if units:
-            found["unit"] = [units.get(key, "") for key in zip(found["equation"], found["term"], strict=True)]
-        return found
-
     # How they are written
 
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
-from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.quantiles import mixture_interval
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
@@ -23,6 +23,17 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 1_000_000
 """Points of a curve; no screen has as many."""
+
+
+class Part(NamedTuple):
+    """The forecast by one of the laws that an average is over, and how probable that law is.
+
+    The weights are what it counts in each trial, where those that diverge do not count.
+    """
+
+    probability: float
+    forecast: "Forecast"
+    weights: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +62,10 @@ class Forecast(ShownInNotebooks):
     followed
         The same forecast with logarithms in place of the states that the law follows by these, if there are any; its
         errors are symmetric.
+    degrees_of_freedom
+        Of the estimate of each state's noise, shape (states,), see `Uncertainty`; None if the noise was given.
+    parts
+        What it is the average of, if the law could be another; the first is by the law itself.
     """
 
     trials: Trials
@@ -61,6 +76,8 @@ class Forecast(ShownInNotebooks):
     error_model: ErrorModel = NO_ERRORS
     at_more_times: Callable[[Sequence[Floats]], "Forecast"] | None = None
     followed: "Forecast | None" = None
+    degrees_of_freedom: Floats | None = None
+    parts: tuple[Part, ...] = ()
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -150,8 +167,20 @@ class Forecast(ShownInNotebooks):
         if self.followed is not None:
             ends, schema = self.followed.bands(level, measured), self.followed.trials.schema
             return tuple((natural(low, schema), natural(high, schema)) for low, high in ends)
-        pairs = zip(self._states(), self.margins(level, measured), strict=True)
-        return tuple((states - margin, states + margin) for states, margin in pairs)
+        parts = self.parts or (Part(1.0, self, (1.0,) * len(self.trials)),)
+        scales = [each.forecast._scales(measured) for each in parts]
+        centers = [each.forecast._states() for each in parts]
+        degrees = np.array([each.forecast._degrees() for each in parts])[:, np.newaxis, :]
+        return tuple(
+            mixture_interval(
+                np.array([each.weights[i] for each in parts]).reshape(-1, 1, 1),
+                np.array([own[i] for own in centers]),
+                np.array([own[i] for own in scales]),
+                degrees,
+                level,
+            )
+            for i in range(len(self.trials))
+        )
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
         """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`.
@@ -161,17 +190,23 @@ class Forecast(ShownInNotebooks):
         CommonlawError
             If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
         """
+        return tuple((high - low) / 2 for low, high in self.bands(level, measured))
+
+    def _scales(self, measured: bool) -> list[Floats]:
+        """Return what intervals are multiples of, for each trial, of shape (n, states); without what parts differ."""
         if self.std is None:
             raise CommonlawError(
                 "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
             )
-        if self.followed is not None:
-            return tuple((high - low) / 2 for low, high in self.bands(level, measured))
-        width, factor = len(self.trials.schema.states), normal_quantile(level) * self.error_model.widening
+        width, factor = len(self.trials.schema.states), self.error_model.widening
         if not measured:
-            return tuple(factor * each[:, :width] for each in self.std)
+            return [factor * each[:, :width] for each in self.std]
         pairs = zip(self.std, self.measurement_std(), strict=True)
-        return tuple(factor * np.hypot(std[:, :width], noise) for std, noise in pairs)
+        return [factor * np.hypot(std[:, :width], noise) for std, noise in pairs]
+
+    def _degrees(self) -> Floats:
+        states = len(self.trials.schema.states)
+        return np.full(states, np.inf) if self.degrees_of_freedom is None else self.degrees_of_freedom
 
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
         """Return how far measurements are off by themselves: standard deviations for each trial, of shape (n, states).
@@ -213,6 +248,7 @@ class Forecast(ShownInNotebooks):
             std=std,
             at_more_times=None if again is None else lambda times: again(times).as_measured(measured),
             followed=self,
+            parts=(),
         )
 
     def errors(self) -> "pd.DataFrame":

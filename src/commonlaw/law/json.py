@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import msgspec
 import numpy as np
@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.domain import Domain
-from commonlaw.law.earlier_versions import compared_with_the_best, renamed
+from commonlaw.law.earlier_versions import as_now, compared_with_the_best
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Alternative, Provenance, Step
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
@@ -24,11 +24,22 @@ from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
 from commonlaw.trials.trial import Property
 
-VERSION = 3
+VERSION = 4
 
 Properties = Mapping[str, Mapping[str, Property]]
 Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, Properties, Explanation | None]
 """What a law is made of: its fields, in order."""
+
+
+class Decoded(NamedTuple):
+    """What laws of a document are made of: the law, that with its discrepancy if it has one, and what else it could be.
+
+    The others come with their probabilities.
+    """
+
+    own: Fields
+    with_discrepancy: Fields | None
+    others: tuple[tuple[float, Fields], ...]
 
 
 class _Header(msgspec.Struct):
@@ -64,6 +75,7 @@ class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omi
     inclusion_probabilities: list[list[float]] | None = None
     error_model: _Errors | None = None
     unpooled: _OwnEstimates | None = None
+    degrees_of_freedom: list[float] | None = None
 
 
 class _Relation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -96,9 +108,19 @@ class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     domain: Domain = Domain()
 
 
+class _Other(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """What else a law could be: which terms (by their index) are in which equation, and by object what they have."""
+
+    probability: float
+    support: list[list[int]]
+    coefficients: dict[str, list[float]]
+    uncertainty: _Uncertainty
+    explanation: _Explanation | None = None
+
+
 class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[3] = 3
+    version: Literal[4] = 4
     order: Literal[0, 1, 2]
     schema: Schema
     rates: list[str]
@@ -109,6 +131,16 @@ class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     properties: dict[str, dict[str, float | str]] = {}
     explanation: _Explanation | None = None
     with_discrepancy: "_Law | None" = None
+    other_laws: list[_Other] = []
+
+
+class SavedOther(Protocol):
+    """See `PlausibleLaw`."""
+
+    @property
+    def probability(self) -> float: ...
+    @property
+    def law(self) -> "SavedLaw": ...
 
 
 class SavedLaw(Protocol):
@@ -134,6 +166,8 @@ class SavedLaw(Protocol):
     def explanation(self) -> Explanation | None: ...
     @property
     def with_discrepancy(self) -> "SavedLaw | None": ...
+    @property
+    def other_laws(self) -> Sequence[SavedOther]: ...
 
 
 def encode(law: SavedLaw) -> bytes:
@@ -163,14 +197,31 @@ def _document(law: SavedLaw) -> _Law:
         properties={name: {**values} for name, values in law.properties.items()},
         explanation=None if law.explanation is None else _saved_explanation(law.explanation),
         with_discrepancy=None if wider is None else _document(wider),
+        other_laws=[_saved_other(each.probability, each.law) for each in law.other_laws],
+    )
+
+
+def _saved_other(probability: float, law: SavedLaw) -> _Other:
+    support = np.any(law.coefficients != 0, axis=0)
+    return _Other(
+        probability=probability,
+        support=[np.flatnonzero(own).tolist() for own in support],
+        coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
+        uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
+        explanation=None if law.explanation is None else _saved_explanation(law.explanation),
     )
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
     covariance, own = uncertainty.covariance, uncertainty.unpooled
-    factors, noise, inclusion = (
+    factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
-        for each in (uncertainty.shared_factor, uncertainty.noise, uncertainty.inclusion_probabilities)
+        for each in (
+            uncertainty.shared_factor,
+            uncertainty.noise,
+            uncertainty.inclusion_probabilities,
+            uncertainty.degrees_of_freedom,
+        )
     )
     return _Uncertainty(
         covariance=None if covariance is None else _triangles(objects, covariance),
@@ -184,6 +235,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Unc
             coefficients=dict(zip(objects, own.coefficients.tolist(), strict=True)),
             covariance=_triangles(objects, own.covariance),
         ),
+        degrees_of_freedom=degrees,
     )
 
 
@@ -228,10 +280,10 @@ def _read_errors(saved: _Errors | None) -> ErrorModel:
     return ErrorModel(**given)
 
 
-def decode(content: bytes) -> tuple[Fields, Fields | None]:
-    """Return what the law of a JSON document is made of, and the one with its discrepancy if there is one.
+def decode(content: bytes) -> Decoded:
+    """Return what the law of a JSON document is made of, the one with its discrepancy, and what else it could be.
 
-    Documents of versions 1 and 2 are read too.
+    Documents of versions 1 to 3 are read too.
 
     Raises
     ------
@@ -242,7 +294,7 @@ def decode(content: bytes) -> tuple[Fields, Fields | None]:
         version = read_json(content, _Header).version
         if 1 <= version <= VERSION:
             raw = read_json(content, dict[str, Any])
-            document = msgspec.convert(raw if version == VERSION else renamed(raw), type=_Law)
+            document = msgspec.convert(as_now(raw, version), type=_Law)
     except (CommonlawError, msgspec.ValidationError) as error:
         raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
     if not 1 <= version <= VERSION:
@@ -250,12 +302,34 @@ def decode(content: bytes) -> tuple[Fields, Fields | None]:
             f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
             "read it with the release that wrote it, or discover the law again"
         )
-    if version < VERSION:
+    if version < 3:
         document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
     wider = document.with_discrepancy
     if wider is not None and wider.with_discrepancy is not None:
         raise CommonlawError("the law is damaged: the law with its discrepancy has one of its own")
-    return _fields(document), None if wider is None else _fields(wider)
+    own = _fields(document)
+    others = tuple((each.probability, _other_fields(each, own)) for each in document.other_laws)
+    return Decoded(own, None if wider is None else _fields(wider), others)
+
+
+def _other_fields(saved: _Other, own: Fields) -> Fields:
+    """Return what another law is made of, given what the law is made of that is saved with it."""
+    terms, schema, order, objects, coefficients, _, _, properties, _ = own
+    shape = (coefficients.shape[1], len(terms))
+    support = np.zeros(shape, dtype=np.bool_)
+    if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
+        raise CommonlawError("the law is damaged: what else it could be has other equations or terms")
+    for row, indices in zip(support, saved.support, strict=True):
+        row[indices] = True
+    rows = [saved.coefficients.get(name, []) for name in objects]
+    parameters = int(support.sum())
+    values = np.zeros_like(coefficients)
+    values[:, support] = _matrix(rows, "coefficients of what else it could be are", (len(objects), parameters))
+    if not np.array_equal(np.any(values != 0, axis=0), support):
+        raise CommonlawError("the law is damaged: what else it could be has terms without a coefficient")
+    uncertainty = _read_uncertainty(saved.uncertainty, objects, shape, parameters)
+    explanation = None if saved.explanation is None else _read_explanation(saved.explanation)
+    return terms, schema, order, objects, values, uncertainty, Provenance(), properties, explanation
 
 
 def _fields(document: _Law) -> Fields:
@@ -289,6 +363,7 @@ def _read_uncertainty(
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
         _read_errors(saved.error_model),
         None if saved.unpooled is None else _read_own_estimates(saved.unpooled, objects, parameters),
+        None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
     )
 
 

@@ -3,25 +3,26 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
 from commonlaw.law import text
+from commonlaw.law.averages import PlausibleLaw
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.from_text import Names, read_equations, stated_law
 from commonlaw.law.predictions import AbstractPredictions
-from commonlaw.law.provenance import Alternative, History, Provenance
+from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
-from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
+from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import Property, normalized
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class Law(AbstractPredictions):
         What decides the coefficients, if `explain` was asked.
     with_discrepancy
         The same law with a discrepancy as further terms, if `discrepancy` found these coefficients.
+    other_laws
+        What else it could be, with probabilities, see `plausible`.
 
     Raises
     ------
@@ -72,6 +75,7 @@ class Law(AbstractPredictions):
     properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
     explanation: Explanation | None = None
     with_discrepancy: "Law | None" = None
+    other_laws: "tuple[PlausibleLaw[Law], ...]" = ()
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -85,6 +89,7 @@ class Law(AbstractPredictions):
             raise CommonlawError(f"properties are given for {', '.join(others)}, which the law does not have")
         if self.explanation is not None:
             object.__setattr__(self, "explanation", self.explanation.checked(int(self.support.sum())))
+        self._check_others()
 
     def _check_names(self) -> None:
         if not self.objects or not len(self.terms):
@@ -121,8 +126,8 @@ class Law(AbstractPredictions):
         Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
         """
         mean = self.coefficients.mean(axis=0, keepdims=True)
-        found = self._of_others(("average",), mean, self.uncertainty.average())
-        return replace(found, explanation=None)
+        others = self.each_other(lambda law: law.average())
+        return replace(self._of_others(("average",), mean, self.uncertainty.average(), others), explanation=None)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only.
@@ -133,9 +138,16 @@ class Law(AbstractPredictions):
             If the law has no such object.
         """
         indices = [self.index(name) for name in objects]
-        return self._of_others(tuple(objects), self.coefficients[indices], self.uncertainty.select(indices))
+        others = self.each_other(lambda law: law.select(objects))
+        return self._of_others(tuple(objects), self.coefficients[indices], self.uncertainty.select(indices), others)
 
-    def _of_others(self, objects: tuple[str, ...], coefficients: Floats, uncertainty: Uncertainty) -> "Law":
+    def _of_others(
+        self,
+        objects: tuple[str, ...],
+        coefficients: Floats,
+        uncertainty: Uncertainty,
+        other_laws: "tuple[PlausibleLaw[Law], ...]",
+    ) -> "Law":
         """Return a law of other objects, their uncertainty still that of all terms in this law."""
         kept = np.any(coefficients != 0, axis=0)[self.support]
         return replace(
@@ -145,6 +157,7 @@ class Law(AbstractPredictions):
             uncertainty=uncertainty.restrict(kept),
             properties={name: self.properties[name] for name in objects if name in self.properties},
             explanation=self.explanation if kept.all() else None,
+            other_laws=other_laws,
         )
 
     def partial_pooling(self, universal: Bools | None = None, others: bool = True) -> "Law":
@@ -168,13 +181,16 @@ class Law(AbstractPredictions):
         """
         from commonlaw.law.partial_pooling import partially_pooled, pooling_step
 
+        pooled = self.each_other(lambda law: law.partial_pooling(universal, others))
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
         if found is None:
-            return self
+            return replace(self, other_laws=pooled) if pooled else self
         coefficients, uncertainty, shrinkage = found
         step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
         provenance = replace(self.provenance, history=(*self.history, step))
-        return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
+        return replace(
+            self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance, other_laws=pooled
+        )
 
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with fewer numbers: what in it is universal, follows the objects' properties, or is their own.
@@ -208,12 +224,26 @@ class Law(AbstractPredictions):
         <BLANKLINE>
         with v = x'
         """
-        from commonlaw.law.explaining import explained, explaining_step, offered, table_of
+        from commonlaw.law.explaining import offered
         from commonlaw.law.script import written
 
         if not self.shared:
             raise CommonlawError("the objects of this law have terms of their own: only shared ones can be explained")
         found, names = offered(properties, self.properties, self.objects, self.schema.object)
+        law, given = self._explained_by(found, names), "" if properties is None else written(properties)
+
+        def other(each: Law) -> Law:
+            with suppress(CommonlawError):  # It stays as it is where nothing decides its coefficients
+                return replace(each._explained_by(found, names), provenance=each.provenance)
+            return each
+
+        provenance = replace(law.provenance, calls=(*law.provenance.calls, f"law.explain({given})"))
+        return replace(law, provenance=provenance, other_laws=self.each_other(other))
+
+    def _explained_by(self, found: Properties, names: Sequence[str]) -> "Law":
+        """Return the law by properties of these names, without looking at what else it could be."""
+        from commonlaw.law.explaining import explained, explaining_step, table_of
+
         table = table_of(found, names, self.objects)
         keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
         units, given = self.coefficient_units(), {**self.schema.units, **found.units}
@@ -225,57 +255,11 @@ class Law(AbstractPredictions):
             self,
             coefficients=values,
             uncertainty=uncertainty,
-            provenance=replace(
-                self.provenance,
-                history=(*self.history, step),
-                calls=(*self.provenance.calls, f"law.explain({'' if properties is None else written(properties)})"),
-            ),
+            provenance=replace(self.provenance, history=(*self.history, step)),
             schema=replace(self.schema, units=given),
             properties=found.values,
             explanation=explanation,
         )
-
-    # What is known of it
-
-    @property
-    def covariance(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.covariance
-
-    @property
-    def noise(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.noise
-
-    @property
-    def inclusion_probabilities(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.inclusion_probabilities
-
-    @property
-    def differentiation(self) -> AbstractDifferentiator | None:
-        """See `Provenance`."""
-        return self.provenance.differentiation
-
-    @property
-    def outcomes(self) -> tuple[Outcome, ...]:
-        """See `Provenance`."""
-        return self.provenance.outcomes
-
-    @property
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """See `Provenance`."""
-        return self.provenance.alternatives
-
-    @property
-    def history(self) -> History:
-        """Every choice on the way to the law; it prints as a table."""
-        return History(self.provenance.history)
-
-    @property
-    def has_std(self) -> bool:
-        """Whether `predict` can return standard deviations: covariance and noise are known."""
-        return self.covariance is not None and self.noise is not None
 
     # What the law says
 
@@ -371,8 +355,9 @@ class Law(AbstractPredictions):
         """
         from commonlaw.law.json import decode
 
-        own, wider = decode(content.encode() if isinstance(content, str) else content)
-        return cls(*own, with_discrepancy=wider and cls(*wider))
+        own, wider, others = decode(content.encode() if isinstance(content, str) else content)
+        plausible = tuple(PlausibleLaw(probability, cls(*each)) for probability, each in others)
+        return cls(*own, with_discrepancy=wider and cls(*wider), other_laws=plausible)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law as JSON, whole or not at all.

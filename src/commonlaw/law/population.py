@@ -9,7 +9,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
 from commonlaw.law.law import Law
-from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.quantiles import two_sided
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import Property
@@ -51,6 +51,7 @@ def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
         uncertainty=replace(law.uncertainty, covariance=covariance, shared_factor=None, unpooled=None),
         properties={},
         explanation=None,
+        other_laws=law.each_other(lambda other: law_of(other, trials)[0]),
     )
     return found, tuple(each.note for each in drawn)
 
@@ -121,13 +122,11 @@ def _typical(law: Law, note: str) -> Population:
 
     More the fewer objects there are (Student's t, for the 95 % band).
     """
-    from scipy.special import stdtrit
-
     mean, count = law.average(), len(law.objects)
     covariance = mean.uncertainty.covariance
     if covariance is None or count == 1:
         return Population(mean.coefficients[0], covariance if covariance is None else covariance[0], note)
-    widened = (1 + 1 / count) * (stdtrit(count - 1, 0.975) / normal_quantile(0.95)) ** 2
+    widened = (1 + 1 / count) * float(two_sided(0.95, count - 1) / two_sided(0.95)) ** 2
     own = law.coefficients[:, law.support]
     scatter = widened * np.cov(own, rowvar=False).reshape(own.shape[1], own.shape[1])
     return Population(mean.coefficients[0], covariance[0] + scatter, note)

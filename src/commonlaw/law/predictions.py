@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
+from commonlaw.law.averages import AbstractAverages
 from commonlaw.law.discrepancy import Discrepancy
-from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.page import Page
 from commonlaw.law.residuals import Residuals
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class AbstractPredictions(AbstractEquations):
+class AbstractPredictions(AbstractAverages):
     """What a law predicts."""
 
     def vector_field(self, name: str) -> VectorField:
@@ -104,6 +104,7 @@ class AbstractPredictions(AbstractEquations):
         seed: int = 0,
         input_between: str | None = None,
         discrepancy: bool = False,
+        averaged: bool = True,
     ) -> Forecast:
         """Forecast each trial from its own initial state.
 
@@ -141,6 +142,9 @@ class AbstractPredictions(AbstractEquations):
             ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
         discrepancy
             Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
+        averaged
+            Whether forecasts are averaged over what the law could be, see `plausible`: each is the mean over these
+            laws, by their probabilities, and its interval is that of the mixture. Else they are those of this law.
 
         Raises
         ------
@@ -152,7 +156,7 @@ class AbstractPredictions(AbstractEquations):
         # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
-        how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy}
+        how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         forecast: Forecast = predict(self, trials, times=times, **options, **how)
         return forecast
 
@@ -269,52 +273,6 @@ class AbstractPredictions(AbstractEquations):
         units = self.schema.units
         rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
         return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
-
-    def draws(self, count: int = 1000, seed: int = 0) -> "pd.DataFrame":
-        """Return draws of the coefficients from what the trials tell of them, for quantities of one's own.
-
-        The distribution is normal, with the covariance of the law, of all objects together.
-
-        Parameters
-        ----------
-        count
-            How many draws of each object.
-        seed
-            The same seed gives the same draws.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row for each draw and object, which are its index; a column for each letter of `structure`.
-
-        Raises
-        ------
-        CommonlawError
-            If the law does not know how accurate its coefficients are, or no draw is asked for.
-
-        Examples
-        --------
-        The speed at which drops no longer accelerate, of each object:
-
-        >>> import commonlaw as cl
-        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
-        >>> draws = law.draws()
-        >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
-        >>> print(speeds.round(1).to_string(header=False, index_names=False))
-        Ball 1  89.6  103.0
-        Ball 2  31.9   33.3
-        Ball 3  31.5   33.1
-        Ball 4  19.3   19.8
-        Ball 5  13.8   14.1
-        """
-        from commonlaw.law.tables import MOST_DRAWS, draws_frame
-
-        if not 1 <= count <= MOST_DRAWS:
-            raise CommonlawError(f"{count} draws of the coefficients: ask for 1 to {MOST_DRAWS}")
-        whole = np.zeros((count, *self.coefficients.shape))
-        whole[..., self.support] = self.uncertainty.draws(self.coefficients[:, self.support], count, seed)
-        values = [each.of(whole) for each in self.named_coefficients]
-        return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
 
     def residuals(self, trials: Trials) -> Residuals:
         """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.

@@ -1,7 +1,7 @@
 """What a law says as tables."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,6 @@ import pandas as pd
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.provenance import Alternative
-from commonlaw.law.uncertainty import normal_quantile
 
 _MORE_TERMS = 2
 
@@ -53,25 +52,25 @@ def interval_frame(
     terms: Sequence[str],
     coefficients: Floats,
     errors: Floats,
+    ends: Mapping[str, tuple[Floats, Floats]],
     inclusion_probabilities: Floats | None,
-    level: float,
 ) -> pd.DataFrame:
     """Return the coefficients with their standard errors and intervals, see `Law.intervals`.
 
-    Coefficients and errors have the shape (objects, equations, terms), probabilities (equations, terms).
+    Coefficients, errors and the ends of intervals, by what is said of these, have the shape (objects, equations,
+    terms), probabilities (equations, terms).
     """
     i, j, k = np.nonzero(coefficients)
     values, own_errors = coefficients[i, j, k], errors[i, j, k]
-    half_widths = normal_quantile(level) * own_errors
-    columns = {
+    columns: dict[str, Sequence[object] | Floats] = {
         "object": [objects[each] for each in i.tolist()],
         "equation": [equations[each] for each in j.tolist()],
         "term": [terms[each] for each in k.tolist()],
         "coefficient": values,
         "standard error": own_errors,
-        "low": values - half_widths,
-        "high": values + half_widths,
     }
+    for said, (low, high) in ends.items():
+        columns |= {f"low{said}": low[i, j, k], f"high{said}": high[i, j, k]}
     if inclusion_probabilities is not None:
         columns["term probability"] = inclusion_probabilities[j, k]
     return pd.DataFrame(columns)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 
 _ASYMMETRY = 1e-6
@@ -60,6 +60,9 @@ class Uncertainty:
         Errors beside white noise, of the measurements and of the law itself.
     unpooled
         Each object's own estimates, where partial pooling or `Law.explain` has drawn them to others.
+    degrees_of_freedom
+        Of the estimate of each state's noise, shape (states,): errors in units of it follow Student's t distribution
+        with so many. None if the noise was given, for normal errors.
     """
 
     covariance: Floats | None = None
@@ -68,6 +71,7 @@ class Uncertainty:
     inclusion_probabilities: Floats | None = None
     error_model: ErrorModel = NO_ERRORS
     unpooled: OwnEstimates | None = None
+    degrees_of_freedom: Floats | None = None
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -91,7 +95,21 @@ class Uncertainty:
             what = "array of inclusion probabilities"
             inclusion = checked(inclusion, what, "equations, terms", support.shape, 0, 1)
         own, errors = self.unpooled and self.unpooled.checked(objects, size), self.error_model
-        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(errors, len(support)), own)
+        degrees = self.degrees_of_freedom
+        if degrees is not None:
+            degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
+        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(errors, len(support)), own, degrees)
+
+    def reach(self, states: int, level: float = 0.95) -> Floats:
+        """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).
+
+        Raises
+        ------
+        CommonlawError
+            If the share is not between 0 and 1.
+        """
+        degrees = np.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
+        return np.broadcast_to(two_sided(level, degrees), (states,))
 
     def known_covariance(self) -> Floats:
         """Return the covariance, shape (objects, parameters, parameters).
@@ -126,7 +144,9 @@ class Uncertainty:
         return OwnEstimates(coefficients, self.known_covariance())
 
     def draws(self, coefficients: Floats, count: int, seed: int) -> Floats:
-        """Return so many normal draws of all objects' parameters, shape (count, objects, parameters).
+        """Return so many draws of all objects' parameters, shape (count, objects, parameters).
+
+        They are normal, or of Student's t distribution with the fewest degrees of freedom of a state's noise.
 
         Parameters
         ----------
@@ -151,6 +171,10 @@ class Uncertainty:
         values, vectors = np.linalg.eigh(own)
         roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]  # Rounding leaves some just below zero
         found += np.einsum("dok,opk->dop", random.standard_normal(found.shape), roots)
+        if self.degrees_of_freedom is not None:
+            degrees = float(self.degrees_of_freedom.min())
+            relative = random.chisquare(degrees, count) / degrees
+            found = coefficients + (found - coefficients) / np.sqrt(relative)[:, np.newaxis, np.newaxis]
         return found
 
     def select(self, indices: Sequence[int]) -> "Uncertainty":
@@ -197,24 +221,6 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
                 f"the {name} of a law's errors is {getattr(errors, name)}, expected a number above zero"
             )
     return replace(errors, **found)
-
-
-def normal_quantile(level: float) -> float:
-    """Return how many standard deviations on both sides of the mean hold this share of a normal distribution.
-
-    Raises
-    ------
-    CommonlawError
-        If the share is not between 0 and 1.
-
-    Examples
-    --------
-    >>> round(normal_quantile(0.95), 2)
-    1.96
-    """
-    if not 0 < level < 1:
-        raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
-    return NormalDist().inv_cdf((1 + level) / 2)
 
 
 def checked(

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from commonlaw.law import Law
 from commonlaw.law.discrepancy import Discrepancy
-from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import COLORS, GREY, add_legend, frozen_layout, key, plain, styled
 
 _POINTS = 200
@@ -27,7 +27,7 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     """
     basis, more = found.basis, _BEYOND * found.basis.range
     along = np.linspace(basis.low - more, basis.high + more, _POINTS)
-    function, half = found(along), normal_quantile(0.95) * found.std(along)
+    function, half = found(along), two_sided(0.95) * found.std(along)
     figure = Figure(figsize=(5.4, 4.4), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(4, 1))
     upper = figure.add_subplot(grid[0])

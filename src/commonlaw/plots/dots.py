@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
-from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, number_text, plain, powers_of_ten, unit_text
@@ -31,6 +30,7 @@ class Coefficient:
     """One coefficient of every object: the index of its equation, its term, labels, and values of shape (objects,).
 
     A letter or unit that is not known is empty, and so are values NaN; standard errors that are not known are zero.
+    The ends of 95 % intervals are averaged over what the law could be.
     """
 
     equation: int
@@ -41,6 +41,8 @@ class Coefficient:
     learned: Floats
     true: Floats
     errors: Floats
+    low: Floats
+    high: Floats
 
     @property
     def label(self) -> str:
@@ -63,6 +65,7 @@ class DotPlot:
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
         law, labels, units = self.law, term_labels(self.law.terms), self.law.coefficient_units()
+        low, high = (law.coefficients,) * 2 if law.covariance is None else law.interval_ends()
         found = []
         for j, k in np.ndindex(law.support.shape):
             name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
@@ -72,7 +75,8 @@ class DotPlot:
                 errors = np.nan_to_num(law.standard_errors[:, j, k])
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.explanation is None else ""
-                found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors))
+                ends = low[:, j, k], high[:, j, k]
+                found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors, *ends))
         return found
 
     @property
@@ -133,7 +137,7 @@ class DotPlot:
         heights = np.arange(len(self.law.objects))
         panel.plot(each.learned, heights, **_DOT)
         panel.plot(each.true, heights, **_OPEN)
-        _draw_bars(panel, heights, each.learned, each.errors)
+        _draw_bars(panel, heights, each.errors, each.low, each.high)
         panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
         panel.set_ylim(len(heights) - 0.5, -0.5)
         panel.margins(x=0.15)
@@ -148,7 +152,7 @@ class DotPlot:
             heights = np.arange(len(group))
             panel.plot([each.learned[0] for each in group], heights, **_DOT)
             panel.plot([each.true[0] for each in group], heights, **_OPEN)
-            _draw_bars(panel, heights, *np.array([(each.learned[0], each.errors[0]) for each in group]).T)
+            _draw_bars(panel, heights, *np.array([(each.errors[0], each.low[0], each.high[0]) for each in group]).T)
             for height, each in enumerate(group):
                 _print_value(panel, height, each)
             panel.set_yticks(heights, [each.term for each in group])
@@ -181,11 +185,10 @@ class DotPlot:
         return differ
 
 
-def _draw_bars(panel: Axes, heights: ArrayLike, values: Floats, errors: Floats) -> None:
+def _draw_bars(panel: Axes, heights: ArrayLike, errors: Floats, low: Floats, high: Floats) -> None:
     """Draw the 95 % intervals of coefficients whose errors are known."""
     if errors.any():
-        half = normal_quantile(0.95) * errors
-        panel.hlines(heights, values - half, values + half, color=COLORS[0], linewidth=1.4)
+        panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
 
 
 def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
@@ -193,6 +196,6 @@ def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
     value, error = each.learned[0], each.errors[0]
     if np.isfinite(value):
         number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
-        index = (value + normal_quantile(0.95) * error, height)
+        index = (np.fmax(value, each.high[0]), height)
         text = f"{number} {each.unit}".rstrip()
         panel.annotate(text, index, (8, 0), textcoords="offset points", va="center", fontsize=9)

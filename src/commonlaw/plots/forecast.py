@@ -252,4 +252,16 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     trajectories = tuple(forecast.trajectories[i] for i in kept)
     more = None if again is None else at_more_times
     followed = None if followed is None else _of_objects(followed, objects)
-    return replace(forecast, trials=trials, trajectories=trajectories, std=std, at_more_times=more, followed=followed)
+    parts = tuple(
+        each._replace(forecast=_of_objects(each.forecast, objects), weights=tuple(each.weights[i] for i in kept))
+        for each in forecast.parts
+    )
+    return replace(
+        forecast,
+        trials=trials,
+        trajectories=trajectories,
+        std=std,
+        at_more_times=more,
+        followed=followed,
+        parts=parts,
+    )

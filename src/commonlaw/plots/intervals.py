@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.law import Law
-from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots.dots import Coefficient, DotPlot
 from commonlaw.plots.style import COLORS, add_legend, frozen_layout, styled
 
@@ -84,9 +83,9 @@ def _in_order(dots: DotPlot) -> Figure:
 
 def _draw_in_order(panel: Axes, each: Coefficient) -> None:
     order = np.argsort(each.learned)
-    values, half = each.learned[order], normal_quantile(0.95) * each.errors[order]
+    values, low, high = (own[order] for own in (each.learned, each.low, each.high))
     ranks = np.arange(len(values))
-    panel.fill_betweenx(ranks, values - half, values + half, color=COLORS[0], alpha=0.25, linewidth=0)
+    panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
     panel.plot(values, ranks, color=COLORS[0], linewidth=2)
     panel.set_xlabel(each.label)
     panel.locator_params(axis="x", nbins=4)

@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
 from commonlaw.law.explanation import dependence
-from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.quantiles import two_sided
 from commonlaw.names import in_line
 from commonlaw.plots.equations import left_hand_sides, term_labels
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
@@ -104,7 +104,8 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
     if law.explanation is None:
         raise CommonlawError("nothing is known of what decides this law's coefficients: draw law.explain()")
     own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
-    halves = normal_quantile(0.95) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    reach = law.uncertainty.reach(len(law.states))[np.nonzero(law.support)[0]]
+    halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
     units, lefts, terms = law.coefficient_units(), left_hand_sides(law), term_labels(law.terms)
     for i, ((j, k), relation) in enumerate(zip(np.argwhere(law.support), law.explanation.relations, strict=True)):
         if relation is not None:
@@ -160,7 +161,7 @@ def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
     curve = _curve(relation, along, column)
     panel.plot(along, each.sign * curve, color="black", zorder=1)
     if relation.scatter:
-        width = normal_quantile(0.95) * relation.scatter
+        width = two_sided(0.95) * relation.scatter
         share = curve / (relation.factors[0] * relation.typical)
         low, high = (curve * np.exp(s * width) if relation.relative else curve + s * width * share for s in (-1, 1))
         panel.fill_between(along, each.sign * low, each.sign * high, color=GREY, alpha=0.25, zorder=0)

@@ -10,7 +10,6 @@ from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.tables import readable_candidates
-from commonlaw.law.uncertainty import normal_quantile
 from commonlaw.plots import ForecastPanels, IntervalPanels, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
@@ -175,13 +174,13 @@ def _by_object(law: Law) -> pd.DataFrame:
     if not law.shared or len(law.objects) == 1:
         return law.to_frame().reset_index() if law.covariance is None else law.intervals()
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
-    values, errors = law.letter_values()
-    for (name, unit), own, known in zip(coefficient_names(law), values.T, errors.T, strict=True):
+    values, _ = law.letter_values()
+    low, high = law.letter_interval_ends()
+    for (name, unit), own, *ends in zip(coefficient_names(law), values.T, low.T, high.T, strict=True):
         head = f"{name} ({unit})" if unit else name
         columns[head] = own.tolist()
-        if np.isfinite(known).all() and known.any():
-            half = normal_quantile(0.95) * known
-            columns |= {f"{name} from": (own - half).tolist(), f"{name} to": (own + half).tolist()}
+        if np.isfinite(ends).all() and np.ptp(ends, axis=0).any():
+            columns |= {f"{name} from": ends[0].tolist(), f"{name} to": ends[1].tolist()}
     return pd.DataFrame(columns)
 
 

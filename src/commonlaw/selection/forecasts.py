@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.uncertainty import normal_quantile
+from commonlaw.law.quantiles import two_sided
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold
 from commonlaw.trials import Trial, Trials
 
@@ -102,14 +102,14 @@ class FreeForecast:
     @property
     def inside(self) -> float:
         """The share of the measurements in their 95 % intervals."""
-        return float(np.mean(np.abs(self.missed) <= normal_quantile(0.95)))
+        return float(np.mean(np.abs(self.missed) <= two_sided(0.95)))
 
     @property
     def widening(self) -> float:
         """The factor, at least one, by which the intervals must be wider to hold 95 %; one if too few can tell."""
         if len(self.missed) < ENOUGH:
             return 1.0
-        return max(1.0, float(np.quantile(np.abs(self.missed), 0.95)) / normal_quantile(0.95))
+        return max(1.0, float(np.quantile(np.abs(self.missed), 0.95)) / float(two_sided(0.95)))
 
     def as_good_as(self, best: "FreeForecast") -> bool:
         """Whether the score is within one standard error of another, the best."""
@@ -140,13 +140,15 @@ def free_forecast(law: Law, trials: Trials, first: Trials) -> FreeForecast | Non
     for count in dict.fromkeys(len(part) for _, part in pairs):
         alike = [trial for trial, part in pairs if len(part) == count]
         try:
-            forecast = law.predict(trials.with_trials(alike), start=count, return_std=True, tolerance=1e-6)
+            forecast = law.predict(
+                trials.with_trials(alike), start=count, return_std=True, tolerance=1e-6, averaged=False
+            )
         except CommonlawError:
             return None
         for trial, trajectory, margins in zip(
             alike, forecast.trajectories, forecast.margins(measured=True), strict=True
         ):
-            middle, std = trajectory.states[count:, : len(scale)], margins[count:] / normal_quantile(0.95)
+            middle, std = trajectory.states[count:, : len(scale)], margins[count:] / two_sided(0.95)
             if not (np.isfinite(middle).all() and np.isfinite(std).all()):
                 return None
             missed = (trial.states[count:] - middle) / std

@@ -1,0 +1,170 @@
+"""What a law says together with what else it could be."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import norm, t
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Law, Uncertainty
+from commonlaw.law.averages import PlausibleLaw
+from commonlaw.law.quantiles import mixture_interval, two_sided
+
+TIMES = np.linspace(0.0, 2.0, 9)
+NOISE = 0.01
+
+
+def law_of(decay: float, constant: float, variance: float = 1e-4, objects: tuple[str, ...] = ("cup", "mug")) -> Law:
+    """Return x' = constant + decay x, without the constant if that is zero."""
+    law = Law.from_text("x' = -1.0 x + 1.0")
+    terms = law.terms
+    values = np.zeros((len(objects), 1, len(terms)))
+    values[:, 0, terms.index("x")] = decay
+    values[:, 0, terms.index("1")] = constant
+    size = 1 + (constant != 0)
+    covariance = np.tile(variance * np.eye(size), (len(objects), 1, 1))
+    return Law(terms, law.schema, 1, objects, values, Uncertainty(covariance, noise=np.array([NOISE])))
+
+
+@pytest.fixture
+def law() -> Law:
+    """A law that could have a constant too, with a probability of 0.3."""
+    return replace(law_of(-1.0, 0.0), other_laws=(PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
+
+
+@pytest.fixture
+def trials() -> cl.Trials:
+    states = [np.exp(-TIMES)[:, np.newaxis]] * 2
+    return cl.Trials.from_arrays([TIMES] * 2, states, object=["cup", "mug"], names=["x"])
+
+
+def test_ends_of_a_mixture_are_its_quantiles():
+    weights, centers, scales = np.array([0.5, 0.2, 0.3]), np.array([0.0, 3.0, -1.0]), np.array([1.0, 0.1, 2.0])
+    degrees = np.array([np.inf, 4.0, 9.0])
+
+    def below(value: float) -> float:
+        parts = norm.cdf(value), t.cdf((value - 3) / 0.1, 4), t.cdf((value + 1) / 2, 9)
+        return float(weights @ np.array(parts))
+
+    low, high = mixture_interval(weights, centers, scales, degrees, 0.9)
+    assert low == pytest.approx(brentq(lambda value: below(value) - 0.05, -50, 50), rel=1e-9)
+    assert high == pytest.approx(brentq(lambda value: below(value) - 0.95, -50, 50), rel=1e-9)
+
+
+@pytest.mark.parametrize(("absent", "includes_zero"), [(0.01, False), (0.02, False), (0.03, True), (0.6, True)])
+def test_an_interval_includes_zero_where_the_term_may_well_not_be_there(absent, includes_zero):
+    weights = np.array([1 - absent, absent])
+    low, high = mixture_interval(weights, np.array([2.0, 0.0]), np.array([0.1, 0.0]), np.inf, 0.95)
+    assert (low <= 0) == includes_zero
+    if not includes_zero:
+        # What the certain value leaves of 2.5 % is the tail of the other
+        assert low == pytest.approx(2 + 0.1 * norm.ppf((0.025 - absent) / (1 - absent)))
+    assert high == pytest.approx(2 + 0.1 * norm.ppf(1 - 0.025 / (1 - absent)) if absent < 0.97 else 0)
+
+
+def test_few_degrees_of_freedom_make_intervals_wider_by_students_quantile():
+    plain = law_of(-1.0, 0.0)
+    few = replace(plain, uncertainty=replace(plain.uncertainty, degrees_of_freedom=np.array([5.0])))
+    row = few.intervals(0.95).iloc[0]
+    assert row["high"] - row["coefficient"] == pytest.approx(t.ppf(0.975, 5) * row["standard error"])
+    assert plain.intervals()["high"][0] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
+    assert two_sided(0.95, np.array([5.0, np.inf])).tolist() == pytest.approx([t.ppf(0.975, 5), norm.ppf(0.975)])
+
+
+def test_the_table_has_averaged_intervals_and_beside_them_those_given_the_terms(law):
+    row = law.intervals().iloc[0]
+    given = law.intervals(averaged=False).iloc[0]
+    assert (row["low given these terms"], row["high given these terms"]) == (given["low"], given["high"])
+    assert given["high"] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
+    weights = np.array([0.7, 0.3])
+    assert weights @ norm.cdf((row["low"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.025)
+    assert weights @ norm.cdf((row["high"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.975)
+    assert "low given these terms" not in law_of(-1.0, 0.0).intervals()
+
+
+def test_draws_come_from_every_law_by_its_probability(law):
+    draws = law.draws(4000)["a"].xs("cup", level="object")
+    assert np.mean(draws < -1.2) == pytest.approx(0.3, abs=0.03)
+    assert draws[draws < -1.2].mean() == pytest.approx(-1.4, abs=0.002)
+    assert law.draws(500, averaged=False)["a"].max() < -0.9
+    assert law.draws(500, averaged=False)["a"].min() > -1.1
+
+
+def test_forecasts_are_the_mean_and_the_quantiles_of_the_mixture(law, trials):
+    own, other = (each.law.predict(trials, return_std=True, averaged=False) for each in law.plausible)
+    found = law.predict(trials, return_std=True)
+    first, second = (each.trajectories[1].states for each in (own, other))
+    np.testing.assert_allclose(found.trajectories[1].states, 0.7 * first + 0.3 * second)
+    draws = np.random.default_rng(0).standard_normal((200_000, len(TIMES)))
+    chosen = np.random.default_rng(1).uniform(size=(len(draws), 1)) < 0.3
+    stds = [np.hypot(each.std[1][:, 0], NOISE) for each in (own, other)]
+    sample = np.where(chosen, second[:, 0] + stds[1] * draws, first[:, 0] + stds[0] * draws)
+    low, high = found.bands(0.9, measured=True)[1]
+    np.testing.assert_allclose(low[:, 0], np.quantile(sample, 0.05, axis=0), atol=2e-3)
+    np.testing.assert_allclose(high[:, 0], np.quantile(sample, 0.95, axis=0), atol=2e-3)
+    np.testing.assert_allclose(np.hypot(found.std[1][:, 0], NOISE), sample.std(axis=0), rtol=0.02)
+
+
+def test_forecasts_can_be_those_of_the_law_alone(law, trials):
+    alone = replace(law, other_laws=()).predict(trials, return_std=True)
+    found = law.predict(trials, return_std=True, averaged=False)
+    for one, other in zip(found.bands(measured=True), alone.bands(measured=True), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_curves_of_an_average_go_through_its_forecasts(law, trials):
+    found = law.predict(trials, return_std=True)
+    smooth = found.smooth(40)
+    at = np.searchsorted(smooth.trials[0].times, TIMES)
+    np.testing.assert_allclose(smooth.trajectories[0].states[at], found.trajectories[0].states, rtol=1e-6)
+    np.testing.assert_allclose(smooth.bands()[0][0][at], found.bands()[0][0], rtol=1e-6)
+
+
+def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trials):
+    wild = law_of(40.0, 0.0)
+    long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
+    law = replace(law_of(-1.0, 0.0), other_laws=(PlausibleLaw(0.2, wild),))
+    found, own = law.predict(long, return_std=True), law.predict(long, return_std=True, averaged=False)
+    np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
+    np.testing.assert_allclose(found.bands()[0], own.bands()[0])
+
+
+def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
+    for changed in (law.select(["mug"]), law.average(), law.partial_pooling(), Law.from_json(law.to_json())):
+        (other,) = changed.other_laws
+        assert other.probability == 0.3
+        assert other.law.objects == changed.objects
+        np.testing.assert_allclose(other.law.coefficients[0], law.other_laws[0].law.coefficients[0])
+    assert Law.from_json(law.to_json()).to_json() == law.to_json()
+
+
+def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
+    other = law.other_laws[0].law
+    with pytest.raises(CommonlawError, match="of the same objects and terms"):
+        replace(law, other_laws=(PlausibleLaw(0.3, other.select(["mug"])),))
+    with pytest.raises(CommonlawError, match="has the probability 0"):
+        replace(law, other_laws=(PlausibleLaw(0.0, other),))
+    with pytest.raises(CommonlawError, match="leave none for the law"):
+        replace(law, other_laws=(PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
+
+
+def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
+    generator = np.random.default_rng(5)
+    times = np.linspace(0, 3, 25)
+    states = np.exp(-0.8 * times) + 0.05 * generator.standard_normal(len(times))
+    trials = cl.Trials.from_arrays([times], [states[:, np.newaxis]], names=["x"])
+    law = cl.discover(trials, order=1, library="poly:2")
+    assert len(law.plausible) > 1
+    assert sum(each.probability for each in law.plausible) == pytest.approx(1)
+    assert all(one.probability >= other.probability for one, other in pairwise(law.plausible))
+    table = law.candidates().set_index("terms")["2 log B"]
+    own = table[", ".join(np.array(law.terms.names)[law.support[0]])]
+    for probability, other in law.other_laws:
+        behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
+        assert probability / law.plausible[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
+        refitted = cl.refine(replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]})
+        np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)
