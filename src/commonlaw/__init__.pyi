@@ -42,6 +42,7 @@ from .integration import (
 )
 from .law import (
     Law as Law,
+    PlausibleLaw as PlausibleLaw,
     Provenance as Provenance,
     Uncertainty as Uncertainty,
 )

@@ -10,8 +10,7 @@ from scipy.stats import norm, t
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, Uncertainty
-from commonlaw.law.averages import PlausibleLaw
+from commonlaw.law import Law, PlausibleLaw, Uncertainty
 from commonlaw.law.quantiles import mixture_interval, two_sided
 
 TIMES = np.linspace(0.0, 2.0, 9)
@@ -166,5 +165,7 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
     for probability, other in law.other_laws:
         behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
         assert probability / law.plausible[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
-        refitted = cl.refine(replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]})
+        refitted = cl.refine(
+            replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]}
+        )
         np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)

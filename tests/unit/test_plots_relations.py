@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
+from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.plots import plot_relations, relations, render
@@ -32,9 +33,8 @@ def test_coefficients_stand_against_what_they_follow_with_their_intervals(law):
     (line,) = [each for each in drag.lines if len(each.get_xdata()) > 2]
     np.testing.assert_allclose(line.get_ydata(), -law.explanation.relations[1].factors[0] / line.get_xdata())
     bars = next(each for each in gravity.collections if isinstance(each, LineCollection))
-    np.testing.assert_allclose(
-        np.ptp(bars.get_segments()[0][:, 1]), 2 * 1.96 * np.sqrt(own.covariance[0, 0, 0]), rtol=1e-3
-    )
+    reach = t.ppf(0.975, law.uncertainty.degrees_of_freedom[0])
+    np.testing.assert_allclose(np.ptp(bars.get_segments()[0][:, 1]), 2 * reach * np.sqrt(own.covariance[0, 0, 0]))
 
 
 def test_objects_collapse_onto_one_line_where_several_properties_decide(law):

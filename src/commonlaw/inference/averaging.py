@@ -10,8 +10,7 @@ from commonlaw.array_types import Bools
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.search import SearchState, evidence_of, fit_neighbour, neighbours
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.law import Law, Provenance
-from commonlaw.law.averages import PlausibleLaw
+from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.likelihood import NotPositiveError
 
 LEAST = 0.01
