@@ -54,7 +54,7 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     law, ranges = out.split("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
     assert (code, law, err) == (0, f"{cl.Law.load(tmp_path / 'law.json')}\n", "")
     assert [line.split()[0] for line in ranges.splitlines() if line.strip()][:4:2] == ["variable", "height"]
-    assert "Forecasts were off by less than half of the states' spread up to 1.13 ahead" in ranges
+    assert "Forecasts were off by less than half of the states' spread up to 2.6 ahead" in ranges
     code, out, err = run("show", "law.json", "--latex", "--average")
     assert "\\ddot{\\mathrm{height}} &= -9." in out
 

@@ -77,7 +77,7 @@ def test_the_verdict_is_on_what_was_held_out(run):
     for option, judged_on in (
         (("--hold-out", "trial=2"), "trials that were held out"),
         (("--learn-until", "2"), "later samples that were held out"),
-        ((), "the last 35 % of trials"),
+        ((), "whole trials"),
     ):
         document, *_ = learned(run, *option)
         verdict = document["verdict"]

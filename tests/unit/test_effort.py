@@ -51,7 +51,7 @@ def test_judging_many_trials_is_announced(monkeypatch):
     seconds = iter(np.arange(0.0, 10_000.0, 6.0))
     monkeypatch.setattr(effort, "monotonic", lambda: next(seconds))
     trials = cl.datasets.linear_drag(trials=20)
-    with pytest.warns(cl.LongWorkWarning, match="judging the law by forecasts of 100 trials .*: .*take fewer"):
+    with pytest.warns(cl.LongWorkWarning, match="judging the law by 100 forecasts .*: .*take fewer"):
         cl.datasets.truth_of("linear-drag").verdict(trials)
 
 

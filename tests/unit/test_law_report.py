@@ -50,7 +50,7 @@ def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report
     page = to_page(report).decode()
     assert "commonlaw report drops.csv" in page
     assert "4 trials of 2 objects, 196 samples. Learned from 98 samples of 2 trials." in page
-    assert "The verdict is on other forecasts: of trials that were held out, from the samples before." in page
+    assert "The verdict is on forecasts of trials that were held out, from their first samples." in page
     assert "held out" in page
     assert "&quot;drops.csv&quot;" in page or "'drops.csv'" in page or "&#39;drops.csv&#39;" in page
 

@@ -309,8 +309,9 @@ class AbstractPredictions(AbstractAverages):
     def verdict(self, trials: Trials, learned: Trials | None = None) -> LawVerdict:
         """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.
 
-        Forecasts are compared with persistence, the states as they were last measured. Each starts where the
-        law, fitted to the samples before, says; the coefficients stay as they are.
+        Trials are forecast over all that follows their first samples, so that growth is judged while it grows, and
+        compared with persistence, the states as they were last measured. Each forecast starts where the law, fitted
+        to the samples before, says; the coefficients stay as they are.
 
         Parameters
         ----------
@@ -318,9 +319,9 @@ class AbstractPredictions(AbstractAverages):
             What was measured.
         learned
             What of it the law was learned from, such as ``trials.until(70)`` or ``trials.select(trial=1)``: judged on
-            are the later samples, and held-out trials after their first fifth; objects that the law does not know have
-            the mean coefficients of the others. Without it, or if nothing was held out, judged on are the last 35 % of
-            all trials, which the verdict says.
+            are held-out trials, and later samples, these from the last that was learned too; objects that the law does
+            not know have the mean coefficients of the others. Without it, or if nothing was held out, judged on are all
+            trials, which the verdict says.
 
         Examples
         --------

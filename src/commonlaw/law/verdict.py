@@ -2,32 +2,47 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import isnan, sqrt
 from typing import NamedTuple
 
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.wording import counted
 
-NO_BETTER = 0.9
-"""Forecasts whose error is above this share of that of the last measured value are no better."""
+NEAR = 0.5
+"""Forecasts are good as far ahead as their errors stay within this share of the states' spread: three quarters of the
+variance are then explained."""
 
-_SMALL = 0.2
-"""Errors below this share of the states' spread are small, whatever the last measured value does."""
+NO_BETTER = 0.9
+"""Forecasts whose error is above this share of that of persistence are no better: of few trials, a tenth is chance."""
 
 _FEW = 5
-"""Fewer measurements are too few to judge by."""
+"""Fewer measurements are too few to judge by: their mean error is known to no better than half of it."""
 
 _NARROW, _FAILED, _MANY = 0.85, 0.5, 10
-"""Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least."""
+"""Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least.
+Of ten measurements bands of 95 % hold fewer than nine by chance in nine of a hundred cases, and half never."""
 
 _SHOWN = 3
 """Of a list in a sentence."""
 
 
 class StateError(NamedTuple):
-    """What the law's forecasts of a state and persistence are off, in its unit, empty if that is not known.
+    """The errors of forecasts of a state, and what they are shares of, in its unit.
 
-    The noise is how far measurements of it scatter by themselves, NaN if that is not known.
+    Parameters
+    ----------
+    state
+        Its name.
+    law, persistence
+        Root mean square errors of the law's forecasts and of persistence.
+    unit
+        Empty if it is not known.
+    noise
+        How far measurements scatter by themselves; NaN if that is not known.
+    spread
+        The standard deviation within the trials that were judged; NaN if the state does not change.
+    low, high
+        The range that was measured in them.
     """
 
     state: str
@@ -35,11 +50,28 @@ class StateError(NamedTuple):
     persistence: float
     unit: str
     noise: float
+    spread: float
+    low: float
+    high: float
 
     @property
     def unexplained(self) -> float:
-        """What the law's forecasts are off beyond the noise."""
+        """The error of the law's forecasts beyond the noise."""
         return sqrt(max(self.law**2 - self.noise**2, 0.0))
+
+    def share(self, error: float, ends: bool = True) -> str:
+        """Return an error with its unit, and as a share of the range that was measured, in words."""
+        ends_of = f", {_number(self.low)} to {self._with_unit(self.high)}" if ends else ""
+        share = _percent(error / (self.high - self.low))
+        return f"{self._with_unit(error)} in {self.state} ({share} of its range{ends_of})"
+
+    @property
+    def spread_in_words(self) -> str:
+        """The spread with its unit."""
+        return f"{self._with_unit(self.spread)} in {self.state}"
+
+    def _with_unit(self, value: float) -> str:
+        return _number(value, self.unit)
 
 
 @dataclass(frozen=True)
@@ -56,11 +88,11 @@ class LawVerdict(ShownInNotebooks):
     in_sample
         Whether the law was learned from it.
     segments
-        How many segments of trials were judged.
+        How many forecasts were judged; a trial may be forecast from several of its samples.
     diverged
         In how many of them the forecast ran away.
     measurements
-        How many measurements were compared.
+        How many measurements were compared, each counted once.
     horizon
         How far ahead the error stays within half of the spread; 0 if it never does.
     longest
@@ -68,11 +100,13 @@ class LawVerdict(ShownInNotebooks):
     time_unit
         Of both; "units of t", by the name of the column, if it is not known.
     error, persistence
-        What the law's forecasts and persistence are off up to the horizon, or if that is 0 everywhere.
+        Of the law's forecasts and of persistence.
     r_squared
         Mean over states of the share of their variation that all forecasts together explain, see `Forecast.score`.
+    r_squared_error
+        Its standard error, by how much the trials differ in it; NaN of a single trial.
     state_errors
-        What both are off for each state in its unit.
+        Both for each state in its unit, with the range that they are shares of.
     coverage
         Share of the measurements that lay in 95 % bands; None if the law has none.
     poorly_known
@@ -102,6 +136,7 @@ class LawVerdict(ShownInNotebooks):
     error: float
     persistence: float
     r_squared: float
+    r_squared_error: float
     state_errors: tuple[StateError, ...]
     coverage: float | None
     poorly_known: tuple[str, ...]
@@ -125,22 +160,25 @@ class LawVerdict(ShownInNotebooks):
         if self.measurements < _FEW:
             few = f"too few, {counted(self.measurements, 'measurement')}, to compare with"
             return few if self.measurements else "nothing was measured in what it forecasts"
-        still = self.persistence < _SMALL and self.error < _SMALL and self.horizon == self.longest
-        return "the states hardly move in what was judged" if still else ""
+        still = self.persistence <= NEAR and self.horizon == self.longest and self._is_no_better
+        return "the states hardly move in what was judged, and persistence forecasts them as well" if still else ""
 
     @property
     def against(self) -> tuple[str, ...]:
         """What speaks against using the law for forecasts."""
         found = []
         if self.diverged:
-            found.append(f"its forecasts run away in {self.diverged} of {counted(self.segments, 'segment')}")
+            found.append(f"its forecasts run away in {self.diverged} of {counted(self.segments, 'forecast')}")
         if not self.horizon and not self.diverged:
-            found.append("even the nearest are off by more than half of the states' spread")
+            found.append(f"even the nearest are off by more than half of the states' spread{self._spreads}")
         if self._is_no_better and not self.diverged:
             found.append("they are no better than persistence")
-        if self.r_squared < 0 < self.horizon and not self.diverged:
-            whole = f"over all that was judged, R^2 is {self.r_squared:.3g}"
-            found.append(f"beyond {self._time(self.horizon)} ahead they are worse than a mean of the states: {whole}")
+        if self.horizon and not self.diverged and self._is_no_better_than_mean:
+            error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
+            whole = f"over all that was judged, R^2 is {self.r_squared:.3g}{error}"
+            found.append(
+                f"beyond {self._time(self.horizon)} ahead they are no better than a mean of the states: {whole}"
+            )
         if self.coverage is not None and self.coverage < _FAILED and self.measurements >= _MANY:
             found.append(f"its 95 % bands held only {_percent(self.coverage)} of the measurements")
         return tuple(found)
@@ -155,13 +193,18 @@ class LawVerdict(ShownInNotebooks):
 
     @property
     def _is_no_better(self) -> bool:
-        return self.error > _SMALL and self.error > NO_BETTER * self.persistence
+        return self.error > NO_BETTER * self.persistence
+
+    @property
+    def _is_no_better_than_mean(self) -> bool:
+        """Whether R^2 is below zero, or above it by no more than the differences of trials would make it."""
+        return self.r_squared < 0 or self.r_squared < self.r_squared_error
 
     def _sentences(self) -> Iterator[str]:
         if self.usable is None:
             yield f"Whether this law can be used for forecasts could not be judged: {self.lacking}."
         elif self.usable:
-            beyond = ", beyond which it is off by more than half of the states' spread"
+            beyond = f", beyond which it is off by more than half of the states' spread{self._spreads}"
             end = ", the farthest that was judged" if self.horizon == self.longest else beyond
             seen = "By samples that it was learned from, this" if self.in_sample else "This"
             only = "" if self.exact else "; it is a summary, though, and not exact"
@@ -199,26 +242,34 @@ class LawVerdict(ShownInNotebooks):
 
     def _errors(self) -> Iterator[str]:
         seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
-        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'segment')}"
-        yield f"Judged on {self.judged_on}: {compared}{seen}."
+        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
+        yield f"Judged on {self.judged_on}: {compared} from the first samples of trials{seen}."
         if self.unknown_objects:
             yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
         if not self.diverged:
-            upto = f"Up to {self._time(self.horizon)} ahead" if self.horizon else "On the whole"
-            names = " and ".join(each.state for each in self.state_errors)
-            own = " and ".join(_number(each.law, each.unit) for each in self.state_errors)
-            worse = [each.state for each in self.state_errors if each.law > NO_BETTER * each.persistence]
-            last = " and ".join(_number(each.persistence, each.unit) for each in self.state_errors)
-            together = " in all, relative to their spreads," if len(self.state_errors) > 1 else ""
-            times = f":{together} {_number(self.persistence / self.error)} times as much" if self.error else ""
-            still = "persistence (the states stay as they were last measured)"
-            yield f"{upto}, forecasts of {names} are off by {own}, {still} by {last}{times}."
-            if worse and not self._is_no_better:
-                yield f"For {' and '.join(worse)} that is no better than persistence."
-            if not self.exact and all(each.noise > 0 for each in self.state_errors):
-                noise = " and ".join(_number(each.noise, each.unit) for each in self.state_errors)
-                rest = " and ".join(_number(each.unexplained, each.unit) for each in self.state_errors)
-                yield f"The measurements of {names} themselves scatter by {noise}; {rest} stays unexplained."
+            yield from self._accuracy()
+
+    def _accuracy(self) -> Iterator[str]:
+        known = [each for each in self.state_errors if each.high > each.low]
+        own = " and ".join(each.share(each.law) for each in known)
+        yield f"Over all of it, forecasts are accurate to {own}, by the root mean square."
+        last = " and ".join(each.share(each.persistence, ends=False) for each in known)
+        several = " in all, relative to the spreads" if len(known) > 1 else ""
+        better = (
+            f"better by a factor of {_number(self.persistence / self.error)}{several}"
+            if self.error
+            else "without error"
+        )
+        still = "Persistence (the states stay as they were last measured) is accurate to"
+        yield f"{still} {last}; the law is {'no better' if self._is_no_better else better}."
+        worse = [each.state for each in known if each.law > NO_BETTER * each.persistence]
+        if worse and not self._is_no_better:
+            yield f"For {' and '.join(worse)} it is no better than persistence."
+        if not self.exact and all(each.noise > 0 for each in known):
+            names = " and ".join(each.state for each in known)
+            noise = " and ".join(_number(each.noise, each.unit) for each in known)
+            rest = " and ".join(_number(each.unexplained, each.unit) for each in known)
+            yield f"The measurements of {names} themselves scatter by {noise}; {rest} stays unexplained."
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:
@@ -227,6 +278,11 @@ class LawVerdict(ShownInNotebooks):
             yield f"Its 95 % bands are too narrow: they held {_percent(self.coverage)} of the measurements."
         elif self.measurements >= _FEW:
             yield f"Its 95 % bands held {_percent(self.coverage)} of the measurements."
+
+    @property
+    def _spreads(self) -> str:
+        spreads = [each.spread_in_words for each in self.state_errors if each.spread > 0]
+        return f" ({' and '.join(spreads)})" if spreads else ""
 
     def _time(self, span: float) -> str:
         return _number(span, self.time_unit)
@@ -237,7 +293,9 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+    if 0 < share < 0.0001:
+        return "less than 0.01 %"
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def listed(parts: Sequence[str], separator: str = ", ") -> str:

@@ -50,7 +50,7 @@ def forecasts(case: LawCase) -> Section:
     followed = f"a start fitted to its first {case.start} samples, which the lines follow"
     begin = "its own initial state" if case.start is None else followed
     judged = case.verdict.judged_on
-    verdict = f" The verdict is on other forecasts: of {judged}, from the samples before." if judged else ""
+    verdict = f" The verdict is on forecasts of {judged}, from their first samples." if judged else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
     intro = (
         f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each over its whole length from "

@@ -33,7 +33,7 @@ def checked_start(law: Law, trials: Trials) -> int | None:
     A law of second order with a model error follows these samples: they are to be few, as they are no forecasts.
     """
     follows = law.order == 2 and law.uncertainty.error_model.of_law
-    return samples_before(min(map(len, trials))) if follows else None
+    return samples_before(min(map(len, trials)), law.order) if follows else None
 
 
 def is_of_training(forecast: Forecast, training: Trials) -> bool:

@@ -1,22 +1,20 @@
-"""From a law and trials to a verdict: forecasts of segments, and what they are off together."""
+"""From a law and trials to a verdict: forecasts of segments, and their errors together."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched
 from commonlaw.law.population import is_typical, law_of
-from commonlaw.law.verdict import LawVerdict, StateError, listed
+from commonlaw.law.verdict import NEAR, LawVerdict, StateError, listed
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
-from commonlaw.verdict.segments import Kind, SegmentErrors, forecast_errors, segments
-
-_WITHIN = 0.5
-"""Errors within this share of the states' spread count as forecasts."""
+from commonlaw.verdict.segments import Kind, Segment, SegmentErrors, forecast_errors, segments
+from commonlaw.wording import counted
 
 _PARTS, _MEASURED_IN_PART = 10, 3
 """How far ahead forecasts are good is told from the errors in so many parts, by how far ahead, of so many each."""
@@ -28,12 +26,12 @@ _POOR = 0.5
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.verdict`."""
     trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
-    kinds, judged, found, unjudged = [], [], [], []
-    parts = segments(trials, learned)
-    for segment in announced(parts, f"judging the law by forecasts of {len(parts)} trials", "take fewer trials"):
+    judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
+    parts = segments(trials, learned, law.order)
+    for segment in announced(parts, f"judging the law by {counted(len(parts), 'forecast')}", "take fewer trials"):
         trial = segment.trial
         if segment.first >= len(trial):
-            unjudged.append(f"{trial.label}: its {len(trial)} samples are too few")
+            unjudged.append(f"{trial.label}: too short, with {counted(len(trial), 'sample')}")
             continue
         single = trials.with_trials([trial])
         try:
@@ -41,45 +39,76 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             unjudged.append(str(error))
             continue
-        kinds.append(segment.kind)
-        judged.append(trial)
-    spread = _spread(judged, len(law.states))
+        judged.append(segment)
+    once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
+    spread = _spread(once, len(law.states))
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
-    near = errors.leads <= (horizon or np.inf)
-    own, last, noise = errors.errors[near], errors.persistence[near], errors.noise[near]
-    units = [trials.schema.units.get(name, "") for name in law.states]
-    told = {each.kind for each in law.outcomes}
-    counted = ~np.isnan(errors.errors)
+    kinds = [each.kind for each in judged]
+    known = {each.kind for each in law.outcomes}
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
         segments=len(found),
         diverged=sum(each.diverged for each in found),
-        measurements=int(counted.sum()),
+        measurements=_compared(judged, np.isfinite(spread)),
         horizon=horizon,
-        longest=float(np.max(errors.leads[counted.any(axis=1)], initial=0.0)),
+        longest=float(np.max(errors.leads[~np.isnan(errors.errors).all(axis=1)], initial=0.0)),
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
-        error=_rms(own / spread),
-        persistence=_rms(last / spread),
-        r_squared=_r_squared(errors.errors / spread),
-        state_errors=tuple(map(StateError, law.states, map(_rms, own.T), map(_rms, last.T), units, map(_rms, noise.T))),
+        error=_rms(errors.errors / spread),
+        persistence=_rms(errors.persistence / spread),
+        r_squared=_r_squared(found, spread),
+        r_squared_error=_r_squared_error(judged, found, spread),
+        state_errors=_by_state(trials, once, errors, spread),
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
-        unjudged=tuple(unjudged),
-        unknown_objects=tuple(dict.fromkeys(each.object for each in judged if is_typical(law, each.object, trials))),
-        exact=OutcomeKind.MODEL_ERROR not in told and not law.uncertainty.error_model.of_law,
-        none_exact=OutcomeKind.MODEL_ERROR in told,
-        few_samples=OutcomeKind.FEW_SAMPLES in told,
+        unjudged=tuple(dict.fromkeys(unjudged)),
+        unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
+        exact=OutcomeKind.MODEL_ERROR not in known and not law.uncertainty.error_model.of_law,
+        none_exact=OutcomeKind.MODEL_ERROR in known,
+        few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(each.where for each in law.outcomes if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )
 
 
+def _compared(judged: Sequence[Segment], states: Bools) -> int:
+    """Return how many measurements of these states are compared with forecasts, each of them once."""
+    seen = {(each.trial.object, each.trial.name): 0 for each in judged}
+    for each in judged:
+        key = each.trial.object, each.trial.name
+        seen[key] = max(seen[key], int(np.isfinite(each.trial.states[each.first :, states]).sum()))
+    return sum(seen.values())
+
+
+def _by_state(trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats) -> tuple[StateError, ...]:
+    """Return the errors of each state, with the range that was measured in the trials."""
+    schema, found = trials.schema, []
+    for j, name in enumerate(schema.states):
+        values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
+        values = values[np.isfinite(values)]
+        found.append(
+            StateError(
+                name,
+                _rms(errors.errors[:, j]),
+                _rms(errors.persistence[:, j]),
+                schema.units.get(name, ""),
+                _rms(errors.noise[:, j]),
+                float(spread[j]),
+                float(np.min(values, initial=np.inf)),
+                float(np.max(values, initial=-np.inf)),
+            )
+        )
+    return tuple(found)
+
+
 def _spread(trials: Sequence[Trial], states: int) -> Floats:
     """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
-    variances = [np.nanvar(each.states, axis=0) for each in trials if np.isfinite(each.states).any(axis=0).all()]
-    spread = np.sqrt(np.mean(variances, axis=0)) if variances else np.full(states, np.nan)
-    return np.where(spread > 0, spread, np.nan)
+    squares, counts = np.zeros(states), np.zeros(states)
+    for each in trials:
+        seen = np.isfinite(each.states)
+        means = np.nansum(each.states, axis=0) / np.maximum(seen.sum(axis=0), 1)
+        squares, counts = squares + np.nansum((each.states - means) ** 2, axis=0), counts + seen.sum(axis=0)
+    return np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1))
 
 
 def _joined(found: Sequence[SegmentErrors], spread: Floats) -> SegmentErrors:
@@ -101,7 +130,7 @@ def _horizon(leads: Floats, scaled: Floats) -> float:
     order = np.argsort(leads[rows], kind="stable")
     horizon = 0.0
     for part in np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART))):
-        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= _WITHIN:
+        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= NEAR:
             break
         horizon = float(leads[rows[part[-1]]])
     return horizon
@@ -112,10 +141,22 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def _r_squared(scaled: Floats) -> float:
-    """Return the mean of R^2 over states of errors relative to the spread, shape (n, states); NaN if there are none."""
-    known = [_rms(column) for column in scaled.T if not np.isnan(column).all()]
+def _r_squared(found: Sequence[SegmentErrors], spread: Floats) -> float:
+    """Return the mean of R^2 over states of all forecasts; NaN if there are none."""
+    known = [_rms(column) for column in (_joined(found, spread).errors / spread).T if not np.isnan(column).all()]
     return float(np.mean([1 - each**2 for each in known])) if known else float("nan")
+
+
+def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], spread: Floats) -> float:
+    """Return the standard error of R^2 by leaving out each trial in turn (jackknife); NaN of a single trial."""
+    names = [(each.trial.object, each.trial.name) for each in judged]
+    trials = list(dict.fromkeys(names))
+    if len(trials) < 2:
+        return float("nan")
+    pairs = list(zip(names, found, strict=True))
+    left = np.array([_r_squared([each for name, each in pairs if name != out], spread) for out in trials])
+    with np.errstate(invalid="ignore"):  # Of forecasts that diverge
+        return float(np.sqrt((len(trials) - 1) * np.mean((left - np.mean(left)) ** 2)))
 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:

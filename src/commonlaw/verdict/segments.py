@@ -1,4 +1,4 @@
-"""The segments of trials that a law is judged on, and what it forecasts there."""
+"""The forecasts that a law is judged by: where they begin, which measurements they are compared with, their errors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,14 +10,15 @@ from commonlaw.array_types import Floats
 from commonlaw.law import Law
 from commonlaw.trials import Trial, Trials
 
-SHARE = 0.35
-"""Share of each trial, its end, that a law is judged on where nothing was held out."""
+_BEFORE = 0.2
+"""Share of a trial, its beginning, that tells where a forecast starts: so much averages the noise of a start, and
+leaves growth that has just begun to be forecast."""
 
-_BEFORE, _LEAST_BEFORE = 0.2, 5
-"""Share of a held-out trial, its beginning, that tells where its forecast starts, and how many samples at least."""
+_RATES = 5
+"""Samples that tell the first rates of a law of second order at least: fewer leave them to the noise."""
 
 _MOST_BEFORE = 200
-"""So many samples before a segment tell where its forecast starts, as more take long and add little."""
+"""So many samples before a forecast tell where it starts, as more take long and add little."""
 
 _TOLERANCE = 1e-6
 """Relative error of a step, far below that of any measurement."""
@@ -28,26 +29,39 @@ class Kind(StrEnum):
 
     TRIAL = "trials that were held out"
     LATER = "later samples that were held out"
-    SEEN = f"the last {100 * SHARE:.0f} % of trials"
+    SEEN = "whole trials"
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A trial, without samples in which nothing was measured, and the index of the first one that is judged."""
+    """A forecast to be judged.
+
+    Parameters
+    ----------
+    trial
+        Without samples in which nothing was measured.
+    origin
+        Index of the first sample that is forecast; those before tell the start.
+    first
+        Index of the first sample that is compared.
+    kind
+        Where it comes from.
+    """
 
     trial: Trial
+    origin: int
     first: int
     kind: Kind
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentErrors:
-    """What the forecast of a segment was off.
+    """The errors of the forecast of a segment.
 
     Parameters
     ----------
     leads
-        How far ahead of the last sample before the segment, shape (n,).
+        How far ahead of the last sample before the forecast, shape (n,).
     errors
         Forecast less measured states, shape (n, states): infinite after a divergence, NaN where nothing was measured.
     persistence
@@ -68,60 +82,81 @@ class SegmentErrors:
     diverged: bool
 
 
-def segments(trials: Trials, learned: Trials | None) -> list[Segment]:
-    """Return what was held out of learning, trials or later samples; if nothing was, the end of each trial."""
+def segments(trials: Trials, learned: Trials | None, order: int) -> list[Segment]:
+    """Return the forecasts that judge a law: from the first samples of trials, over all that follows.
+
+    Of what was held out of learning, trials or later samples; if nothing was, of all trials. So growth is judged while
+    it grows, and where it has ended. Later samples are forecast from the end of what was learned, too.
+    """
     if learned is not None:
-        held_out = list(_held_out(trials, learned))
+        held_out = list(_held_out(trials, learned, order))
         if held_out:
             return held_out
-    measured = [trial.measured() for trial in trials]
-    return [Segment(each, int(np.ceil((1 - SHARE) * len(each))), Kind.SEEN) for each in measured]
+    return [Segment(each, at, at, Kind.SEEN) for each in map(Trial.measured, trials) for at in origins(each, order)]
 
 
-def samples_before(count: int) -> int:
-    """Return how many of the samples of a trial tell where its forecast starts."""
-    return max(_LEAST_BEFORE, int(np.ceil(_BEFORE * count)))
+def origins(trial: Trial, order: int) -> tuple[int, ...]:
+    """Return where forecasts of a trial begin: after its first sample, if that tells a start, and its first fifth.
+
+    One sample tells no rates: a law of second order begins after the first fifth, of five samples at least.
+    """
+    fifth = samples_before(len(trial), order)
+    if order == 2:
+        return (fifth,)
+    seen = np.isfinite(trial.states)
+    whole = np.flatnonzero((seen | ~seen.any(axis=0)).all(axis=1))
+    first = int(whole[0]) + 1 if len(whole) else fifth
+    return tuple(sorted({first, max(first, fifth)}))
 
 
-def _held_out(trials: Trials, learned: Trials) -> Iterator[Segment]:
+def samples_before(count: int, order: int) -> int:
+    """Return how many of the samples of a trial tell where its forecast starts, if these average the noise."""
+    return max(_RATES if order == 2 else 1, int(np.ceil(_BEFORE * count)))
+
+
+def _held_out(trials: Trials, learned: Trials, order: int) -> Iterator[Segment]:
     ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
         if end is None:
-            yield Segment(measured, samples_before(len(measured)), Kind.TRIAL)
+            for origin in origins(measured, order):
+                yield Segment(measured, origin, origin, Kind.TRIAL)
         elif measured.times[-1] > end:
-            yield Segment(measured, int(np.searchsorted(measured.times, end, side="right")), Kind.LATER)
+            first = int(np.searchsorted(measured.times, end, side="right"))
+            early = [each for each in origins(measured, order) if each < first]
+            for origin in (*early, first):
+                yield Segment(measured, origin, first, Kind.LATER)
 
 
 def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
-    """Return what the law's forecast of a segment of the only trial is off, from a start fitted to the samples before.
+    """Return the errors of the forecast of a segment of the only trial, its start fitted to the samples before.
 
     Raises
     ------
     CommonlawError
         If it cannot be forecast.
     """
-    trial, first, states = segment.trial, segment.first, len(law.states)
+    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
     fits = law.order > 0 and law.noise is not None
     forecast = law.predict(
         trials,
-        start=_MOST_BEFORE if fits and first > _MOST_BEFORE else None,
-        from_time=float(trial.times[first]),
+        start=_MOST_BEFORE if fits and origin > _MOST_BEFORE else None,
+        from_time=float(trial.times[origin]),
         return_std=law.has_std,
         tolerance=_TOLERANCE,
     )
-    ahead, measured = forecast.ahead[0], trial.states[first:]
-    errors = forecast.trajectories[0].states[ahead, :states] - measured
+    compared, measured = slice(first - len(trial), None), trial.states[first:]
+    errors = forecast.trajectories[0].states[compared, :states] - measured
     diverged = bool(forecast.outcomes)
     errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
     inside, noise = np.full((2, *errors.shape), np.nan)
     if forecast.std is not None:
-        noise = np.where(np.isfinite(measured), forecast.measurement_std(white=True)[0][ahead], np.nan)
-        low, high = (end[ahead] for end in forecast.bands(measured=True)[0])
+        noise = np.where(np.isfinite(measured), forecast.measurement_std(white=True)[0][compared], np.nan)
+        low, high = (end[compared] for end in forecast.bands(measured=True)[0])
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
-    leads = trial.times[first:] - trial.times[first - 1]
-    return SegmentErrors(leads, errors, _last(trial.states[:first]) - measured, inside, noise, diverged)
+    leads = trial.times[first:] - trial.times[origin - 1]
+    return SegmentErrors(leads, errors, _last(trial.states[:origin]) - measured, inside, noise, diverged)
 
 
 def _last(states: Floats) -> Floats:
