@@ -2,6 +2,7 @@
 
 BIN := .venv/bin
 STAMP := .venv/.installed
+KERNEL := hatch_build.py $(wildcard src/commonlaw/likelihood/kernel/*.[ch])
 DOCS_STAMP := .venv/.docs-installed
 BENCH_STAMP := .venv/.bench-installed
 RELEASE_STAMP := .venv/.release-installed
@@ -22,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice release-check clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -43,6 +44,9 @@ lint: $(STAMP) ## Style and format
 
 types: $(STAMP) ## Types, strictly
 	$(BIN)/mypy
+
+kernel: $(STAMP) ## Build the compiled kernel again, after its C sources changed
+	$(BIN)/python hatch_build.py
 
 layers: $(STAMP) ## Draw docs/layers.svg from the import contract
 	$(BIN)/python docs/layers.py
@@ -111,9 +115,10 @@ release-check: $(RELEASE_STAMP) ## Build wheel and sdist, check them, and find a
 
 clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) report .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -f src/commonlaw/likelihood/kernel/kernel.so src/commonlaw/likelihood/kernel/kernel.dll
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
+$(STAMP): pyproject.toml constraints.txt $(KERNEL) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,all]'
 	@touch $@
 

@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.evaluation import Plan
+from commonlaw.library.program import Program
 from commonlaw.library.term import AbstractTerm
 
 
@@ -109,6 +110,11 @@ class Terms:
     @cached_property
     def _plan(self) -> Plan:
         return Plan.of(self.terms)
+
+    @cached_property
+    def program(self) -> Program | None:
+        """The terms as a program of single operations; None if one has operations that programs do not have."""
+        return Program.of(self._plan, len(self.variables.names))
 
     def index(self, name: str) -> int:
         """Return the index of the term of that name.

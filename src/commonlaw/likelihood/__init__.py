@@ -1,10 +1,11 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
 from commonlaw.likelihood.collocation import jacobians
+from commonlaw.likelihood.computing import fit, linearize, whitened
 from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
-from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, fit, without_states
+from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
-from commonlaw.likelihood.linearization import Linearization, linearize, whitened
+from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel

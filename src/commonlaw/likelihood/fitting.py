@@ -22,10 +22,10 @@ from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError, SchurComplement, eliminate_states
 from commonlaw.likelihood.observation_model import ObservationModel
 
-_SHORTEST = 1e-4
+SHORTEST = 1e-4
 """Steps shorter than this share of the Gauss-Newton step are not tried."""
 
-_GAIN = 1e-3
+GAIN = 1e-3
 """A step that gains less than this in twice the log-likelihood, beside its thousandth part, is the last."""
 
 
@@ -153,7 +153,7 @@ def fit(
                 break
             gain = found.objective - better.objective
             found = better
-            if gain < _GAIN * (1 + 1e-3 * found.objective):
+            if gain < GAIN * (1 + 1e-3 * found.objective):
                 break
     return found
 
@@ -204,7 +204,7 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
         return None
     directions = [each.state_step + each.state_sensitivity @ own for each in parts]
     fraction = 1.0
-    while fraction > _SHORTEST:
+    while fraction > SHORTEST:
         coefficients = estimate.coefficients.copy()
         coefficients[support] += fraction * own
         moved = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
@@ -222,4 +222,15 @@ def _solve(matrix: Floats, right: Floats) -> Floats:
         relative = matrix / np.outer(scale, scale)
     if not np.isfinite(relative).all():
         raise NotPositiveError
-    return np.asarray(np.linalg.lstsq(relative, right / scale, rcond=1e-13)[0] / scale)
+    return least_norm(relative, right / scale) / scale
+
+
+def least_norm(matrix: Floats, right: Floats) -> Floats:
+    """Return the solution of least norm of a symmetric system whose diagonal is ones.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If numbers are not finite.
+    """
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])

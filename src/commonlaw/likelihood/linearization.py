@@ -6,6 +6,7 @@ residuals is twice the negative log-likelihood, with the states eliminated (gene
 and Dukic 2023 do the same in the weak form, where this takes every test function).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +68,11 @@ def linearize(
         If numbers are not finite, or too far apart.
     """
     count = estimate.coefficients.size if columns is None else int(columns.sum())
-    parts = whitened(model, estimate, model_error, columns)
+    return joined(whitened(model, estimate, model_error, columns), count)
+
+
+def joined(parts: Sequence[tuple[Floats, float]], count: int) -> Linearization:
+    """Return the linearisation with so many columns that rows and log-determinants of meshes make."""
     rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), count, count + 1)
     return Linearization(rows, sum(log_determinant for _, log_determinant in parts))
 
@@ -138,35 +143,41 @@ def _measured(
     """
     equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
-    noise = model.observation.noise * np.sqrt(np.mean(np.broadcast_to(mesh.scale, residuals.shape) ** 2, axis=0))
     weights = model.observation.weights(residuals, mesh.scale)
     seen, everywhere = weights > 0, np.ones((len(mesh), 1))
-    rates = _RATE * noise[: width - equations] / np.median(mesh.steps[mesh.contiguous])
-    vague = everywhere * np.concatenate([_MISSING * noise, rates]) ** 2
+    variances = everywhere * vague(model, mesh, latent)
     offsets = np.zeros((len(mesh), width))
     offsets[:, :equations] = np.where(mesh.observed, residuals, 0.0)
     if latent is not None:
         hidden = states[:, width:]
-        vague = np.column_stack([vague, everywhere * (_HIDDEN * latent.std) ** 2])
         offsets = np.column_stack([offsets, -hidden])
         if model.latent.correlated is not None:
             offsets[:, :equations] += np.where(mesh.observed, hidden[:, :equations], 0.0)
-        vague[:, width:] = np.where(latent.anchors > 0, latent.std**2, vague[:, width:])
-    unknown = np.ones(vague.shape, dtype=bool)
+        variances[:, width:] = np.where(latent.anchors > 0, latent.std**2, variances[:, width:])
+    unknown = np.ones(variances.shape, dtype=bool)
     unknown[:, :equations] = ~seen
     ends = np.append(False, mesh.contiguous)
-    unmeasured = float(np.sum(np.log(vague[ends]), where=unknown[ends]))
+    unmeasured = float(np.sum(np.log(variances[ends]), where=unknown[ends]))
     with np.errstate(divide="ignore"):
-        vague[:, :equations] = np.where(seen, 1 / weights, vague[:, :equations])
-    covariances = np.zeros((*vague.shape, vague.shape[1]))
-    diagonal = range(vague.shape[1])
-    covariances[:, diagonal, diagonal] = vague
+        variances[:, :equations] = np.where(seen, 1 / weights, variances[:, :equations])
+    covariances = np.zeros((*variances.shape, variances.shape[1]))
+    diagonal = range(variances.shape[1])
+    covariances[:, diagonal, diagonal] = variances
     if model.latent.correlated is not None:  # The less an error is, the more the state
         for j, error in zip(range(equations), range(width, width + equations), strict=True):
-            shared = np.where(seen[:, j], vague[:, error], 0.0)
+            shared = np.where(seen[:, j], variances[:, error], 0.0)
             covariances[:, j, j] += shared
             covariances[:, j, error] = covariances[:, error, j] = -shared
     return covariances, offsets, unmeasured
+
+
+def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Floats:
+    """Return the variance of states and latent processes that were not measured, shape (D + w,)."""
+    scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
+    noise = model.observation.noise * scale
+    rates = _RATE * noise[: model.width - model.equations] / np.median(mesh.steps[mesh.contiguous])
+    hidden = np.zeros(0) if latent is None else _HIDDEN * latent.std
+    return np.concatenate([_MISSING * noise, rates, hidden]) ** 2
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:

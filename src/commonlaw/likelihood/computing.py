@@ -1,0 +1,83 @@
+"""Fits and linearisations: by the compiled kernel where there is one and it can, otherwise with NumPy."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.likelihood import fitting, linearization
+from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
+from commonlaw.likelihood.kernel import fits, rows
+from commonlaw.likelihood.kernel.library import kernel
+from commonlaw.likelihood.kernel.packing import packed
+from commonlaw.likelihood.linearization import Linearization
+
+
+def fit(
+    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
+) -> Estimate:
+    """Return the estimate of largest likelihood, by Gauss-Newton steps, one model error after the other.
+
+    Parameters
+    ----------
+    model
+        Of one object.
+    start
+        Where to begin.
+    support
+        The coefficients that are free, shape (equations, terms); the others stay.
+    model_errors
+        Standard deviations of the model error in each step, relative to the noise, from large to small.
+    steps
+        At most so many for each model error.
+    """
+    library = kernel()
+    structures = None if library is None else packed(model)
+    if library is None or structures is None:
+        return fitting.fit(model, start, support, model_errors, steps)
+    return fits.fit(library, model, structures, start, support, model_errors, steps)
+
+
+def linearize(
+    model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
+) -> Linearization:
+    """Return the likelihood about an estimate.
+
+    Parameters
+    ----------
+    model
+        Of one object.
+    estimate
+        About which the law is linearised.
+    model_error
+        Standard deviation of the model error in each step, relative to the noise.
+    columns
+        Which coefficients are columns, shape (equations, terms); the others stay as they are. Default: all.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
+    count = estimate.coefficients.size if columns is None else int(columns.sum())
+    return linearization.joined(whitened(model, estimate, model_error, columns), count)
+
+
+def whitened(
+    model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
+) -> list[tuple[Floats, float]]:
+    """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
+
+    The targets are the innovations of the states: what each sample adds to those before it.
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
+    library = kernel()
+    structures = None if library is None else packed(model)
+    if library is None or structures is None:
+        return linearization.whitened(model, estimate, model_error, columns)
+    free = np.ones_like(estimate.coefficients, dtype=np.bool_) if columns is None else columns
+    return rows.whitened(library, model, structures, estimate, model_error, free)

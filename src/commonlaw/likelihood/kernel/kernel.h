@@ -1,0 +1,118 @@
+/* The compiled fit of one object: what fitting.py and linearization.py do, for terms that are programs.
+
+   Arrays are in C order. Sizes: d equations, D states (d, or 2 d with rates), w latent processes, W = D + w, n points of
+   a mesh, K terms, p parameters (the free coefficients). Structures are those of library.py, field by field. */
+#ifndef COMMONLAW_KERNEL_H
+#define COMMONLAW_KERNEL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#else
+#define EXPORTED __attribute__((visibility("default")))
+#endif
+
+#if defined(__GNUC__)
+#define INLINED static inline __attribute__((always_inline))
+#else
+#define INLINED static inline
+#endif
+
+enum { DONE = 0, NO_MEMORY = 1, NOT_POSITIVE = 2 };
+
+enum {
+    LANES = 8,    /* points that go through the terms together */
+    TOGETHER = 32 /* rows that are added to the information together, so that it is seldom loaded */
+};
+
+/* Terms, see library/program.py. */
+typedef struct {
+    int64_t variables, constants, operations, terms;
+    const double *values;   /* constants */
+    const int64_t *code;    /* operations x 3 */
+    const int64_t *outputs; /* terms */
+} Program;
+
+/* What is the same for all meshes of an object. */
+typedef struct {
+    int64_t equations, order, inputs, latent, held, correlated;
+    int64_t force;              /* the first latent process that is a force; negative without any */
+    double huber_threshold;
+    const double *unit;         /* D: of the model error */
+    const uint8_t *logarithmic; /* D: which states are logarithms */
+    Program program;
+} Model;
+
+/* One mesh: points of one or several segments. */
+typedef struct {
+    int64_t points;
+    const double *times, *middle_times, *steps, *relative_steps;
+    const double *measured, *std;                     /* n x d; not a number where nothing was measured */
+    const double *inputs, *middle_inputs;             /* n x inputs */
+    const double *latent_start, *latent_end, *anchors; /* n - 1 x w x w twice, n x w */
+    const uint8_t *contiguous;                        /* n - 1 */
+} Mesh;
+
+/* Fills the solution of least norm of a symmetric system of p rows; returns whether there is one. */
+typedef int (*LeastNorm)(int64_t p, const double *matrix, const double *right, double *solution);
+
+/* The law and its derivatives at a row of points. */
+typedef struct {
+    double *terms;       /* n x kept: of the kept terms */
+    double *derivatives; /* n x D */
+    double *by_states;   /* n x D x D */
+    double *share;       /* n x d: what a term adds to the derivative of its state; 1 unless that is a logarithm */
+} Values;
+
+enum { START, END, MIDDLE };
+
+/* Which operations have to be done for some coefficients. */
+typedef struct {
+    int64_t count, terms;
+    int64_t *operations;
+    int64_t *chosen;   /* the terms */
+    uint8_t *values;   /* registers whose value is wanted */
+    uint8_t *slopes;   /* registers whose derivatives are wanted */
+} Plan;
+
+typedef struct {
+    const Model *model;
+    int64_t d, D, w, W, p;
+    int64_t *equation, *column; /* p: of each parameter, the column among the kept terms */
+    Plan kept, other;
+    const uint8_t *free;
+    bool polynomial;
+    uint8_t *depends; /* registers x D: on which states a register depends */
+    double *registers, *slopes, *lanes;
+    double *middle_states;
+    Values at[3];
+    double *factor, *beside, *border;          /* of all points: W x W, W x W, W x (p + 1) */
+    double *information;                       /* (p + 1) x (p + 1): the last row is the gradient */
+    double *of_mesh;                           /* the same of one mesh */
+    double *rows, *blocks, *right, *next;      /* what elimination.c works on */
+} Workspace;
+
+/* workspace.c */
+bool open_workspace(Workspace *work, const Model *model, const uint8_t *free, const double *coefficients,
+                    int64_t longest, int64_t points, void **memory);
+
+/* field.c */
+void plan_terms(Workspace *work, Plan *plan, const double *coefficients, bool with_free);
+void field(Workspace *work, const Plan *plan, bool linear, int64_t n, const double *states, int64_t stride,
+           const double *inputs, const double *times, const double *coefficients, Values *out);
+
+/* collocation.c */
+void collocate(Workspace *work, const Mesh *mesh, const double *states, const double *coefficients, bool linear);
+double defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t a);
+double latent_defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t l);
+void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
+                    int64_t stride);
+
+/* elimination.c */
+bool eliminate(Workspace *work, const Mesh *mesh, const double *states, double model_error, double lift,
+               int64_t first);
+void follow(const Workspace *work, int64_t points, int64_t first, const double *own, double *direction);
+
+#endif

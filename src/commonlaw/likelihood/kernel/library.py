@@ -1,0 +1,111 @@
+"""The kernel's library: whether there is one, and its structures, field by field those of ``kernel.h``."""
+
+import ctypes
+import os
+from functools import cache
+from pathlib import Path
+
+from commonlaw.errors import CommonlawError
+
+VARIABLE = "COMMONLAW_KERNEL"
+"""Environment variable: ``numpy`` or ``compiled`` chooses; otherwise the kernel is used where there is one."""
+
+_FILES = ("kernel.so", "kernel.dll")
+
+LEAST_NORM = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_int64, *[ctypes.POINTER(ctypes.c_double)] * 3
+)  # p, matrix, right-hand side, solution
+_NUMBER, _ADDRESS = ctypes.c_int64, ctypes.c_void_p
+
+
+class ProgramStructure(ctypes.Structure):
+    """A `Program`."""
+
+    _fields_ = (
+        *((name, _NUMBER) for name in ("variables", "constants", "operations", "terms")),
+        *((name, _ADDRESS) for name in ("values", "code", "outputs")),
+    )
+
+
+class ModelStructure(ctypes.Structure):
+    """What is the same for all meshes of an object."""
+
+    _fields_ = (
+        *((name, _NUMBER) for name in ("equations", "order", "inputs", "latent", "held", "correlated", "force")),
+        ("huber_threshold", ctypes.c_double),
+        *((name, _ADDRESS) for name in ("unit", "logarithmic")),
+        ("program", ProgramStructure),
+    )
+
+
+class MeshStructure(ctypes.Structure):
+    """One mesh."""
+
+    _fields_ = (
+        ("points", _NUMBER),
+        *((name, _ADDRESS) for name in ("times", "middle_times", "steps", "relative_steps", "measured", "std")),
+        *((name, _ADDRESS) for name in ("inputs", "middle_inputs", "latent_start", "latent_end", "anchors")),
+        ("contiguous", _ADDRESS),
+    )
+
+
+def kernel() -> ctypes.CDLL | None:
+    """Return the kernel, None where NumPy is to be used.
+
+    Raises
+    ------
+    CommonlawError
+        If the environment demands a kernel and there is none, or something else than ``numpy`` or ``compiled``.
+    """
+    chosen = os.environ.get(VARIABLE, "")
+    if chosen == "numpy":
+        return None
+    if chosen not in ("", "compiled"):
+        raise CommonlawError(f"{VARIABLE}={chosen}: give numpy or compiled, or unset it to take what there is")
+    found = _loaded()
+    if found is None and chosen:
+        raise CommonlawError(
+            f"{VARIABLE}={chosen}, but there is no compiled kernel that fits this version: install commonlaw again "
+            "where there is a C compiler"
+        )
+    return found
+
+
+@cache
+def _loaded() -> ctypes.CDLL | None:
+    """Return the library beside this file, if there is one that has the same structures."""
+    folder = Path(__file__).parent
+    for path in (folder / name for name in _FILES):
+        if not path.exists():
+            continue
+        try:
+            library = ctypes.CDLL(str(path))
+            sizes = (ctypes.c_int64 * 3)()
+            library.commonlaw_sizes(sizes)
+        except (OSError, AttributeError):  # Made for another platform, or by another version
+            continue
+        if list(sizes) == [ctypes.sizeof(each) for each in (ProgramStructure, ModelStructure, MeshStructure)]:
+            library.commonlaw_sources.restype = ctypes.c_char_p
+            return _declared(library)
+    return None
+
+
+def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
+    """Return the library with the types of its functions' arguments."""
+    number, address, real = _NUMBER, _ADDRESS, ctypes.c_double
+    library.commonlaw_fit.argtypes = (
+        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure), number),  # model, meshes, how many
+        *(address, address, number, number, real, real, LEAST_NORM),  # free, errors, levels, steps, gain, shortest
+        *(address, address, address),  # states, coefficients, deviance and objective
+    )
+    library.commonlaw_jacobians.argtypes = (
+        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure)),
+        *(address, address, address),  # free, states, coefficients
+        *(address, address, address, address),  # defects, start, end, coefficients
+    )
+    library.commonlaw_whiten.argtypes = (
+        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure), address, real),  # states, model error
+        *(address, address, address, address),  # vague, stationary, start, end
+        *(address, number, address),  # rows, columns, log-determinant
+    )
+    return library

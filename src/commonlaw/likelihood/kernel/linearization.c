@@ -1,0 +1,219 @@
+/* The likelihood about an estimate as rows of unit covariance, as in linearization.py. */
+#include "kernel.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Fill the defects of all steps (n - 1 x W) and their derivatives, as collocation.py's jacobians. */
+EXPORTED int commonlaw_jacobians(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
+                                 const double *coefficients, double *defects, double *start, double *end,
+                                 double *border) {
+    Workspace work;
+    void *memory = NULL;
+    if (!open_workspace(&work, model, free_ones, coefficients, mesh->points, 1, &memory)) return NO_MEMORY;
+    const int64_t W = work.W, D = work.D, p = work.p, steps = mesh->points - 1;
+    collocate(&work, mesh, states, coefficients, true);
+    memset(defects, 0, sizeof(double) * (size_t)(steps * W));
+    memset(start, 0, sizeof(double) * (size_t)(steps * W * W));
+    memset(end, 0, sizeof(double) * (size_t)(steps * W * W));
+    memset(border, 0, sizeof(double) * (size_t)(steps * W * p));
+    for (int64_t i = 0; i < steps; ++i) {
+        if (!mesh->contiguous[i]) continue;
+        step_jacobians(&work, mesh, i, start + i * W * W, end + i * W * W, border + i * W * p, p);
+        for (int64_t a = 0; a < D; ++a) defects[i * W + a] = defect(&work, mesh, states, i, a);
+        for (int64_t l = 0; l < work.w; ++l) defects[i * W + D + l] = latent_defect(&work, mesh, states, i, l);
+    }
+    free(memory);
+    return DONE;
+}
+
+/* What is assumed of states and latent processes that were not measured: variances, and those of the latent processes
+   at the start of a segment. */
+typedef struct {
+    const double *vague, *stationary;
+} Prior;
+
+/* Fill what is known of one point: the covariance of its states and latent processes, W x W, and their centre less the
+   estimate. Returns the sum of the logarithms of variances of what was not measured. */
+static double measured_at(const Model *model, const Mesh *mesh, Prior prior, int64_t i, const double *states,
+                          double *covariance, double *offset) {
+    const int64_t d = model->equations, D = d * model->order, w = model->latent, W = D + w;
+    double unmeasured = 0;
+    memset(covariance, 0, sizeof(double) * (size_t)(W * W));
+    for (int64_t a = 0; a < W; ++a) {
+        const bool begun = a >= D && mesh->anchors[i * w + a - D] > 0;
+        covariance[a * W + a] = begun ? prior.stationary[a - D] : prior.vague[a];
+        offset[a] = a >= D ? -states[a] : 0;
+    }
+    for (int64_t a = d; a < W; ++a) unmeasured += log(covariance[a * W + a]);
+    for (int64_t j = 0; j < d; ++j) {
+        const double std = mesh->std[i * d + j], difference = mesh->measured[i * d + j] - states[j];
+        const double size = fabs((model->correlated ? difference - states[D + j] : difference) / std);
+        const double weight = isnan(size) ? 0 : 1 / fmax(size / model->huber_threshold, 1.0) / (std * std);
+        if (isfinite(mesh->measured[i * d + j])) offset[j] = difference;
+        if (!(weight > 0)) {
+            unmeasured += log(covariance[j * W + j]);
+            continue;
+        }
+        covariance[j * W + j] = 1 / weight;
+        if (!model->correlated) continue; /* The less an error is, the more the state */
+        const double shared = covariance[(D + j) * W + D + j];
+        covariance[j * W + j] += shared;
+        covariance[j * W + D + j] = covariance[(D + j) * W + j] = -shared;
+    }
+    return unmeasured;
+}
+
+/* Fill left times a symmetric matrix; all W x W. */
+static void times(const double *restrict left, const double *restrict matrix, double *restrict out, int64_t W) {
+    for (int64_t a = 0; a < W; ++a)
+        for (int64_t b = 0; b < W; ++b) {
+            double t = 0;
+            for (int64_t c = 0; c < W; ++c) t += left[a * W + c] * matrix[c * W + b];
+            out[a * W + b] = t;
+        }
+}
+
+/* Add left times the transpose of right. */
+static void add_times_transposed(const double *restrict left, const double *restrict right, double *restrict sum,
+                                 double sign, int64_t W) {
+    for (int64_t a = 0; a < W; ++a)
+        for (int64_t b = 0; b < W; ++b) {
+            double t = 0;
+            for (int64_t c = 0; c < W; ++c) t += left[a * W + c] * right[b * W + c];
+            sum[a * W + b] += sign * t;
+        }
+}
+
+/* The logarithm of the size of the determinant of a matrix, which is lost. */
+static double log_determinant(double *matrix, int64_t W) {
+    double total = 0;
+    for (int64_t c = 0; c < W; ++c) {
+        int64_t pivot = c;
+        for (int64_t a = c + 1; a < W; ++a)
+            if (fabs(matrix[a * W + c]) > fabs(matrix[pivot * W + c])) pivot = a;
+        total += log(fabs(matrix[pivot * W + c]));
+        for (int64_t b = c; b < W; ++b) {
+            const double spare = matrix[c * W + b];
+            matrix[c * W + b] = matrix[pivot * W + b];
+            matrix[pivot * W + b] = spare;
+        }
+        for (int64_t a = c + 1; a < W; ++a)
+            for (int64_t b = W - 1; b >= c; --b)
+                matrix[a * W + b] -= matrix[a * W + c] / matrix[c * W + c] * matrix[c * W + b];
+    }
+    return total;
+}
+
+/* Factor a block in place and divide rows by it; adds the logarithm of its determinant. */
+static bool divide(double *block, double *rows, int64_t columns, int64_t W, double *total) {
+    for (int64_t a = 0; a < W; ++a) {
+        for (int64_t b = 0; b <= a; ++b) {
+            double t = block[a * W + b];
+            for (int64_t c = 0; c < b; ++c) t -= block[a * W + c] * block[b * W + c];
+            if (a == b && !(t > 0 && t < INFINITY)) return false;
+            block[a * W + b] = a == b ? sqrt(t) : t / block[b * W + b];
+        }
+        *total += 2 * log(block[a * W + a]);
+        double *restrict own = rows + a * columns;
+        for (int64_t c = 0; c < a; ++c)
+            for (int64_t r = 0; r < columns; ++r) own[r] -= block[a * W + c] * rows[c * columns + r];
+        for (int64_t r = 0; r < columns; ++r) own[r] /= block[a * W + a];
+    }
+    return true;
+}
+
+typedef struct {
+    double *before, *after, *block, *beside, *by_start, *by_end, *offset, *next;
+} Parts;
+
+/* Fill the covariance of one step's defects and that with the step before; the first is not linked to any. */
+static void covariance_of(const Workspace *work, const Mesh *mesh, int64_t i, const double *start, const double *end,
+                          double model_error, Parts own) {
+    const int64_t W = work->W, D = work->D;
+    times(start, own.before, own.by_start, W);
+    memset(own.beside, 0, sizeof(double) * (size_t)(W * W));
+    if (i > 0) add_times_transposed(own.by_start, end - W * W, own.beside, 1, W);
+    times(end, own.after, own.by_end, W);
+    memset(own.block, 0, sizeof(double) * (size_t)(W * W));
+    add_times_transposed(own.by_start, start, own.block, 1, W);
+    add_times_transposed(own.by_end, end, own.block, 1, W);
+    for (int64_t a = 0; a < W; ++a) {
+        const double allowed = a < D ? model_error * work->model->unit[a] : 1;
+        const double variance = a < D ? allowed * allowed * mesh->relative_steps[i] : 1;
+        own.block[a * W + a] += mesh->contiguous[i] ? variance : 1;
+    }
+}
+
+/* Divide the link to the step before by that one's factor, from the right, and take what it explains. */
+static void take_before(const double *factor, Parts own, const double *rows_before, double *rows, int64_t columns,
+                        int64_t W) {
+    double *link = own.beside;
+    for (int64_t a = 0; a < W; ++a)
+        for (int64_t b = 0; b < W; ++b) {
+            for (int64_t c = 0; c < b; ++c) link[a * W + b] -= link[a * W + c] * factor[b * W + c];
+            link[a * W + b] /= factor[b * W + b];
+        }
+    add_times_transposed(link, link, own.block, -1, W);
+    for (int64_t a = 0; a < W; ++a)
+        for (int64_t c = 0; c < W; ++c)
+            for (int64_t r = 0; r < columns; ++r)
+                rows[a * columns + r] -= link[a * W + c] * rows_before[c * columns + r];
+}
+
+static bool whiten(const Workspace *work, const Mesh *mesh, Prior prior, const double *states, double model_error,
+                   const double *start, const double *end, double *rows, int64_t columns, Parts own, double *factor,
+                   double *result) {
+    const int64_t W = work->W;
+    double total = 0, turned = 0, unmeasured = 0;
+    measured_at(work->model, mesh, prior, 0, states, own.before, own.offset);
+    for (int64_t i = 0; i + 1 < mesh->points; ++i, start += W * W, end += W * W, rows += W * columns) {
+        const double logs =
+            measured_at(work->model, mesh, prior, i + 1, states + (i + 1) * W, own.after, own.next);
+        for (int64_t a = 0; a < W; ++a)
+            for (int64_t b = 0; b < W; ++b)
+                rows[a * columns + columns - 1] -= start[a * W + b] * own.offset[b] + end[a * W + b] * own.next[b];
+        covariance_of(work, mesh, i, start, end, model_error, own);
+        if (i > 0) take_before(factor, own, rows - W * columns, rows, columns, W);
+        if (!divide(own.block, rows, columns, W, &total)) return false;
+        memcpy(factor, own.block, sizeof(double) * (size_t)(W * W));
+        if (mesh->contiguous[i]) {
+            memcpy(own.by_end, end, sizeof(double) * (size_t)(W * W));
+            turned += log_determinant(own.by_end, W);
+            unmeasured += logs;
+        }
+        double *spare = own.before;
+        own.before = own.after;
+        own.after = spare;
+        spare = own.offset;
+        own.offset = own.next;
+        own.next = spare;
+    }
+    *result = total - 2 * turned - unmeasured;
+    return true;
+}
+
+/* Free rows [any columns | target], (n - 1) W of them, of the covariance of defects about an estimate, in place; the
+   target is that about the estimate, and moved to the centre of the measurements. `result` is the log-determinant. */
+EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double *states, double model_error,
+                              const double *vague, const double *stationary, const double *start, const double *end,
+                              double *rows, int64_t columns, double *result) {
+    Workspace work = {.model = model, .d = model->equations, .D = model->equations * model->order, .w = model->latent};
+    const int64_t W = work.W = work.D + work.w;
+    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 2 * W));
+    if (!memory) return NO_MEMORY;
+    double *vectors = memory + 7 * W * W;
+    Parts own = {memory,
+                 memory + W * W,
+                 memory + 2 * W * W,
+                 memory + 3 * W * W,
+                 memory + 4 * W * W,
+                 memory + 5 * W * W,
+                 vectors,
+                 vectors + W};
+    const bool done = whiten(&work, mesh, (Prior){vague, stationary}, states, model_error, start, end, rows, columns,
+                             own, memory + 6 * W * W, result);
+    free(memory);
+    return done ? DONE : NOT_POSITIVE;
+}

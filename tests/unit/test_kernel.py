@@ -1,0 +1,273 @@
+"""The compiled kernel computes what NumPy computes, and NumPy does where there is none."""
+
+import os
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonlaw.errors import CommonlawError
+from commonlaw.library import Terms, Variables, parse_library
+from commonlaw.library.grammar import FUNCTIONS
+from commonlaw.library.monomial import Monomial
+from commonlaw.likelihood import (
+    Estimate,
+    LatentProcesses,
+    NotPositiveError,
+    ObservationModel,
+    TrajectoryModel,
+    fit,
+    fitting,
+    linearization,
+    linearize,
+    meshes,
+)
+from commonlaw.likelihood.collocation import jacobians
+from commonlaw.likelihood.kernel import library as kernels, rows
+from commonlaw.likelihood.kernel.packing import packed
+from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, terms_of, trial
+
+ROOT = Path(__file__).parents[2]
+
+ERRORS = (1.0, 0.3, 0.03, 0.003)
+
+FUNCTIONS_OF_TERMS = {
+    **{name: f"{name}(x)" for name in FUNCTIONS},
+    "power": "x**2.5",
+    "negative power": "(1+x)**-3",
+    "whole power": "exp((1+y)**4/9)",
+    "zeroth power": "exp(x**0*y)",
+    "quotient": "x/(2+y)",
+    "nested": "exp(-(x-0.5)**2/0.3)+sqrt(1+y)*sin(2*x+t)",
+    "constants": "exp((3-2)*x*2**0.5)",
+}
+
+
+@pytest.fixture(scope="module")
+def library():
+    """The kernel; without it tests are skipped, or fail where CI is set."""
+    found = kernels._loaded()
+    if found is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("the kernel was not built: run python hatch_build.py")
+    return found
+
+
+def test_the_kernel_was_built_of_these_sources(library):
+    folder, digest = Path(kernels.__file__).parent, runpy.run_path(str(ROOT / "hatch_build.py"))["digest"]
+    assert library.commonlaw_sources().decode() == digest(sorted(folder.glob("*.[ch]"))), (
+        "the sources changed: run python hatch_build.py"
+    )
+
+
+def model_of(order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000):
+    """A model over irregular trials with inputs and gaps, and states and coefficients to begin with."""
+    generator = np.random.default_rng(len(text) + order)
+    equations, trials = len(names) // order, []
+    for n in (12, 9):
+        times = np.cumsum(generator.uniform(0.05, 0.2, n))
+        values = generator.uniform(0.5, 1.5, (n, equations))
+        values[1:-1][generator.random(values[1:-1].shape) < 0.15] = np.nan
+        trials.append(trial(times, values, generator.standard_normal((n, len(inputs))), str(n)))
+    found = meshes(trials, most=cut, input_between=between)
+    scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
+    terms = replace(
+        terms_of(text, names, inputs), variables=Variables(tuple(names), tuple(inputs), logarithmic=logarithmic)
+    )
+    noise, unit = np.full(equations, 0.1), np.linspace(0.1, 0.3, len(names))
+    states = tuple(generator.uniform(0.5, 1.5, (len(each), len(names))) for each in scaled)
+    coefficients = generator.uniform(-0.5, 0.5, (equations, len(terms)))
+    coefficients[:, 1::3] = 0
+    return TrajectoryModel(terms, order, scaled, ObservationModel(noise, 3.0), unit), Estimate(states, coefficients)
+
+
+def with_latent(pair, **levels):
+    model, estimate = pair
+    equations = np.ones(model.equations)
+    return model.with_latent(LatentProcesses(**{k: v * equations if v < 1 else v for k, v in levels.items()}), estimate)
+
+
+CASES = {
+    "first order": lambda: model_of(),
+    "second order": lambda: model_of(2, "poly:2", ("x", "y", "v", "w")),
+    "one state": lambda: model_of(1, "poly:3", ("x",)),
+    "many states": lambda: model_of(1, "poly:1", tuple("abcdefg")),
+    "without inputs": lambda: model_of(inputs=()),
+    "held inputs": lambda: model_of(between="held"),
+    "cubic inputs": lambda: model_of(between="cubic"),
+    "several meshes": lambda: model_of(2, "terms:1,x,v,u", ("x", "v"), cut=5),
+    "functions": lambda: model_of(text="terms:sin(x),exp(-y)*x,abs(y)/(1+x**2),t*x"),
+    "logarithms": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("x", "y")),
+    "one logarithm": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("y",)),
+    "logarithms, held inputs": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("x",), between="held"),
+    "memory": lambda: with_latent(model_of(), correlated=0.1, memory=1.0),
+    "force": lambda: with_latent(model_of(2, "terms:1,x,v,u", ("x", "v")), force=0.2, force_time=1.0),
+    "both": lambda: with_latent(model_of(), correlated=0.1, memory=1.0, force=0.2, force_time=1.0),
+    "both, held inputs": lambda: with_latent(
+        model_of(2, "terms:1,x,v", ("x", "v"), between="held"), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
+    ),
+    "both, logarithms": lambda: with_latent(
+        model_of(text="terms:x,y,u", logarithmic=("x",)), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
+    ),
+    "terms that are alike": lambda: model_of(text="terms:x,abs(x),y"),
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request, monkeypatch, library):
+    """A model, an estimate, and which coefficients are free."""
+    assert library is not None
+    monkeypatch.setenv(kernels.VARIABLE, "compiled")
+    model, estimate = CASES[request.param]()
+    free = np.ones(estimate.coefficients.shape, dtype=bool)
+    free[:, -1] = False
+    return model, estimate, free
+
+
+def disturbed(estimate, size):
+    generator = np.random.default_rng(0)
+    return replace(estimate, states=tuple(z * (1 + size * generator.standard_normal(z.shape)) for z in estimate.states))
+
+
+def agree(found, expected, again, message):
+    """Two computations differ by 1e-8 at most, or by what another rounding in the second one makes of it."""
+    found, expected, again = (np.asarray(each, dtype=float) for each in (found, expected, again))
+    allowed = 1e-8 * np.abs(expected).max(initial=1e-300) + 100 * np.abs(again - expected).max(initial=0.0)
+    np.testing.assert_array_less(np.abs(found - expected), allowed + np.zeros(found.shape) + 1e-300, message)
+
+
+def test_fits_are_those_of_numpy(case):
+    model, start, free = case
+    found, expected = fit(model, start, free, ERRORS), fitting.fit(model, start, free, ERRORS)
+    again = fitting.fit(model, disturbed(start, 1e-13), free, ERRORS)
+    assert np.isfinite(expected.objective)
+    for name in ("deviance", "objective", "coefficients"):
+        agree(getattr(found, name), getattr(expected, name), getattr(again, name), name)
+    for own, theirs, other in zip(found.states, expected.states, again.states, strict=True):
+        agree(own, theirs, other, "states")
+    assert not np.allclose(found.coefficients[free], start.coefficients[free])
+    np.testing.assert_array_equal(found.coefficients[~free], start.coefficients[~free])
+
+
+def test_linearizations_are_those_of_numpy(case):
+    model, estimate, free = case
+    for columns in (None, free, np.zeros_like(free)):
+        found = linearize(model, estimate, 0.1, columns)
+        expected = linearization.linearize(model, estimate, 0.1, columns)
+        again = linearization.linearize(model, disturbed(estimate, 1e-13), 0.1, columns)
+        agree(found.log_determinant, expected.log_determinant, again.log_determinant, "log-determinant")
+        products = [each.problem.factor.T @ each.problem.factor for each in (found, expected, again)]
+        agree(products[0], products[1], products[2], "information")
+
+
+def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
+    model, estimate, free = case
+    for index, (mesh, states, latent) in enumerate(model.parts(estimate)):
+        found = rows.jacobians(library, model, packed(model), index, estimate, free)
+        expected = jacobians(model.field(estimate.coefficients, free), mesh, states, latent)
+        for name in ("defects", "start", "end", "coefficients"):
+            own, theirs = getattr(found, name)[mesh.contiguous], getattr(expected, name)[mesh.contiguous]
+            np.testing.assert_allclose(own, theirs, rtol=1e-11, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(("order", "text", "names"), DIFFICULT)
+def test_libraries_of_all_kinds_are_programs(library, order, text, names):
+    field, mesh, states = difficult(order, text, names)
+    equations = len(names) // order
+    model = TrajectoryModel(field.terms, order, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
+    estimate = Estimate((states,), field.coefficients)
+    found, expected = (
+        rows.jacobians(library, model, packed(model), 0, estimate, field.free),
+        jacobians(field, mesh, states),
+    )
+    np.testing.assert_allclose(found.defects, expected.defects, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(found.start, expected.start, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("text", FUNCTIONS_OF_TERMS.values(), ids=FUNCTIONS_OF_TERMS)
+def test_every_function_of_terms_is_in_programs(library, text):
+    model, estimate = model_of(text=f"terms:{text},y", inputs=())
+    estimate = replace(estimate, coefficients=np.array([[0.7, 0.1], [-0.4, 0.3]]))
+    free = np.ones((2, 2), dtype=bool)
+    (mesh,), (states,) = model.meshes, estimate.states
+    found = rows.jacobians(library, model, packed(model), 0, estimate, free)
+    expected = jacobians(model.field(estimate.coefficients, free), mesh, states)
+    for name in ("defects", "start", "end"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-11, atol=1e-12, err_msg=name)
+    on = mesh.contiguous
+    np.testing.assert_allclose(found.coefficients[on], expected.coefficients[on], rtol=1e-11, atol=1e-12)
+
+
+class Unheard(Monomial):
+    """A term that is written in no way that programs know."""
+
+    def parts(self):
+        return np.fmod, Monomial(self.exponents), Monomial((1, 0))
+
+
+@pytest.mark.usefixtures("library")
+def test_terms_that_no_program_says_are_fitted_with_numpy(monkeypatch):
+    monkeypatch.setenv(kernels.VARIABLE, "compiled")
+    variables = Variables(("x",))
+    model = TrajectoryModel(
+        Terms(variables, (Unheard((1, 0)), Monomial((0, 0)))),
+        1,
+        meshes([trial(np.arange(5.0), np.ones((5, 1)))]),
+        ObservationModel(np.ones(1)),
+        np.ones(1),
+    )
+    assert model.terms.program is None
+    start, free = Estimate((np.full((5, 1), 2.0),), np.zeros((1, 2))), np.array([[False, True]])
+    assert fit(model, start, free, ERRORS).objective == fitting.fit(model, start, free, ERRORS).objective
+
+
+@pytest.mark.usefixtures("library")
+def test_the_environment_chooses_who_computes(monkeypatch):
+    model, start = of_prey(prey()[1])
+    monkeypatch.setenv(kernels.VARIABLE, "numpy")
+    np.testing.assert_array_equal(
+        fit(model, start, SUPPORT, ERRORS).coefficients, fitting.fit(model, start, SUPPORT, ERRORS).coefficients
+    )
+    monkeypatch.setenv(kernels.VARIABLE, "fortran")
+    with pytest.raises(CommonlawError, match="give numpy or compiled"):
+        fit(model, start, SUPPORT, ERRORS)
+
+
+def test_without_a_kernel_numpy_computes_unless_it_is_demanded(monkeypatch):
+    model, start = of_prey(prey()[1])
+    monkeypatch.setattr(kernels, "_loaded", lambda: None)
+    monkeypatch.delenv(kernels.VARIABLE, raising=False)
+    assert fit(model, start, SUPPORT, ERRORS).objective == fitting.fit(model, start, SUPPORT, ERRORS).objective
+    monkeypatch.setenv(kernels.VARIABLE, "compiled")
+    with pytest.raises(CommonlawError, match="where there is a C compiler"):
+        fit(model, start, SUPPORT, ERRORS)
+
+
+def test_a_library_of_other_structures_is_not_used(monkeypatch):
+    monkeypatch.setattr(kernels, "MeshStructure", kernels.ProgramStructure)
+    assert kernels._loaded.__wrapped__() is None
+
+
+@pytest.mark.usefixtures("library")
+def test_the_same_fit_gives_the_same_bits():
+    model, start = of_prey(prey()[1])
+    one, other = (fit(model, start, SUPPORT, ERRORS) for _ in range(2))
+    assert one.coefficients.tobytes() == other.coefficients.tobytes()
+    assert one.states[0].tobytes() == other.states[0].tobytes()
+
+
+@pytest.mark.usefixtures("library")
+def test_numbers_beyond_all_bounds_end_as_with_numpy(monkeypatch):
+    monkeypatch.setenv(kernels.VARIABLE, "compiled")
+    model, start = model_of(text="terms:exp(x),y")
+    far = replace(start, states=tuple(np.full_like(each, 800.0) for each in start.states))
+    free = np.ones(start.coefficients.shape, dtype=bool)
+    assert fit(model, far, free, ERRORS).objective == fitting.fit(model, far, free, ERRORS).objective == np.inf
+    with pytest.raises(NotPositiveError):
+        linearize(model, far, 0.1)
+
+
+def test_polynomials_share_what_they_have_in_common():
+    program = parse_library("poly:3").bind(Variables(("x", "y"))).program
+    assert len(program.code) == 7  # Ten terms but for 1, x and y
