@@ -18,16 +18,26 @@ def data() -> None:
 
 @data.command(works=False)
 @with_source
+@click.option(
+    "--order",
+    type=click.IntRange(0, 2),
+    help="Of the laws for which to say what the trials cannot tell apart; 0 says nothing.  [default: 2 for a single "
+    "state, 1 for several]",
+)
+@click.option("--library", metavar="SPEC", help="Their candidate terms, as in discover.  [default: poly:3]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def check(source: Source, as_json: bool) -> None:
+def check(source: Source, order: int | None, library: str | None, as_json: bool) -> None:
     """Say what is in FILE, what data checks find, and what --clip would cut.
+
+    Where trials visit little more than one curve, variables stand in for each other on it, and laws in the one and in
+    the other fit alike: that is said too, with the starts that would tell.
 
     \b
     Example:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height
     """
     trials = source.select(source.load())
-    report = trials.check()
+    report = trials.check(order=order, library=library)
     if as_json:
         print_json(report.to_dict())
         return

@@ -74,7 +74,7 @@ def _law(law: Law) -> str:
 
 
 def _trials(trials: Trials) -> str:
-    frame = trials.check().to_frame().iloc[:, :5]
+    frame = trials.check(order=0).to_frame().iloc[:, :5]
     few = trials.select(object=list(trials.objects[:_OBJECTS]))
     return _joined(repr(trials), _table(frame), _drawn(lambda: plot_trials(few)))
 

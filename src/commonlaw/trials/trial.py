@@ -1,5 +1,6 @@
 """One run of one object, and the names of what was measured in it."""
 
+import math
 import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -257,6 +258,30 @@ def normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, di
         for name, values in properties.items()
         if values
     }
+
+
+def check_properties(properties: Mapping[str, Mapping[str, Property]], objects: Sequence[str], schema: Schema) -> None:
+    """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used."""
+    orphans = [name for name in properties if name not in objects]
+    if orphans:
+        raise CommonlawError(
+            f"properties are given for objects without trials: {', '.join(orphans)}; "
+            f"objects with trials: {', '.join(objects)}"
+        )
+    columns = {schema.object, schema.trial, schema.time, *schema.states, *schema.inputs}
+    first: dict[str, tuple[str, Property]] = {}
+    for name, values in properties.items():
+        for key, value in values.items():
+            if key in columns:
+                raise CommonlawError(f"{key!r} is the name of a column and of a property: rename one of them")
+            if value == "" or (isinstance(value, float) and not math.isfinite(value)):
+                raise CommonlawError(f"property {key!r} of {name} is {value!r}: leave out what is not known")
+            other, known = first.setdefault(key, (name, value))
+            if type(known) is not type(value):
+                raise CommonlawError(
+                    f"property {key!r} is {known!r} for {other} and {value!r} for {name}: give numbers for all "
+                    "objects or text for all, and leave out what is not known"
+                )
 
 
 def _property(what: str, value: object) -> Property:

@@ -1,10 +1,10 @@
 """The collection of trials that everything downstream takes."""
 
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
@@ -25,6 +25,7 @@ from commonlaw.trials.trial import (
     Trial,
     TrialData,
     check_noise_columns,
+    check_properties,
     chosen_indices,
     normalized,
     property_names,
@@ -86,7 +87,7 @@ class Trials(ShownInNotebooks):
                     raise CommonlawError(f"{trial.label} has {values.shape[1]} {kind}, expected {', '.join(names)}")
             check_noise_columns(trial, self.schema)
         object.__setattr__(self, "properties", normalized(self.properties))
-        self._check_properties()
+        check_properties(self.properties, self.objects, self.schema)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
@@ -274,15 +275,29 @@ class Trials(ShownInNotebooks):
         bare = tuple(replace(trial, noise=np.empty((0, 0))) for trial in self.trials)
         return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
-    def check(self, tolerance: float | None = None) -> Report:
-        """Return figures of every trial and what data checks find.
+    def check(
+        self,
+        tolerance: float | None = None,
+        *,
+        order: int | None = None,
+        library: Any = None,
+    ) -> Report:
+        """Return figures of every trial, what data checks find, and which variables trials cannot tell apart.
 
         Parameters
         ----------
         tolerance
             How far a step may be from the median step before `clip_irregular` would clip there.
+        order
+            Of the laws for which variables are to be told apart; 0 looks for none. Default: 2 for a single state, and 1
+            for several.
+        library
+            Their candidate terms, see `discover`. Default: polynomials of degree 3, or of a lower one where trials have
+            few samples.
         """
-        return check(self._data, tolerance)
+        found = resolve_name("commonlaw.discovery.data_check:variables_not_told_apart")(self, order, library)
+        report = check(self._data, tolerance)
+        return replace(report, found=(*report.found, *found))
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas frame with a row for each sample.
@@ -352,30 +367,6 @@ class Trials(ShownInNotebooks):
         if not rest:
             raise CommonlawError("the split leaves nothing on the other side: every trial fits the conditions")
         return chosen, self.with_trials(rest)
-
-    def _check_properties(self) -> None:
-        objects = set(self.objects)
-        orphans = [name for name in self.properties if name not in objects]
-        if orphans:
-            raise CommonlawError(
-                f"properties are given for objects without trials: {', '.join(orphans)}; "
-                f"objects with trials: {', '.join(self.objects)}"
-            )
-        schema = self.schema
-        columns = {schema.object, schema.trial, schema.time, *schema.states, *schema.inputs}
-        first: dict[str, tuple[str, Property]] = {}
-        for name, values in self.properties.items():
-            for key, value in values.items():
-                if key in columns:
-                    raise CommonlawError(f"{key!r} is the name of a column and of a property: rename one of them")
-                if value == "" or (isinstance(value, float) and not math.isfinite(value)):
-                    raise CommonlawError(f"property {key!r} of {name} is {value!r}: leave out what is not known")
-                other, known = first.setdefault(key, (name, value))
-                if type(known) is not type(value):
-                    raise CommonlawError(
-                        f"property {key!r} is {known!r} for {other} and {value!r} for {name}: give numbers for all "
-                        "objects or text for all, and leave out what is not known"
-                    )
 
     def _test(self, name: str, wanted: object) -> Callable[[Trial], bool]:
         """Return the function that says whether a trial fits one condition."""

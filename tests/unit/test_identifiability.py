@@ -1,0 +1,113 @@
+"""Which variables trials cannot tell apart, before any law."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.identifiability import stand_ins
+
+_BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
+"""Linear and quadratic drag."""
+
+
+def drops(
+    heights: dict[str, Sequence[float]], noise: float = 0.05, seed: int = 0, scales: Floats | None = None
+) -> cl.Trials:
+    """Return drops of balls from rest, each of 40 samples in 2.7 s, their heights multiplied by scales."""
+    random, times, states, names = np.random.default_rng(seed), np.arange(40) / 15, [], []
+    for ball, (linear, square) in _BALLS.items():
+        for height in heights.get(ball, ()):
+            path = solve_ivp(
+                lambda _, y, b=linear, c=square: [y[1], -9.8 - b * y[1] + c * y[1] ** 2],
+                (0, times[-1]),
+                [height, 0],
+                t_eval=times,
+                rtol=1e-9,
+            ).y[0]
+            scale = 1.0 if scales is None else scales[len(states)]
+            states.append(scale * path + noise * random.standard_normal(len(times)))
+            names.append(ball)
+    return cl.Trials.from_arrays([times] * len(states), states, object=names, names=["x"], units={"x": "m"})
+
+
+def both(*heights: float, **options: float) -> cl.Trials:
+    return drops(dict.fromkeys(_BALLS, heights), **options)
+
+
+@pytest.mark.parametrize("library", ["poly:2", None])
+def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_they_can(library: str | None) -> None:
+    (found,) = stand_ins(both(47, 47), 2, library)
+    assert found.sets == (("x",), ("v",))
+    assert not found.by_trial
+    # Both leave the noise: neither is better than what was measured allows
+    assert found.left == pytest.approx([0.05, 0.05], rel=0.25)
+    assert found.left_by_all == pytest.approx(0.05, rel=0.25)
+    assert found.starts["x"] == pytest.approx((47, 47), abs=0.15)
+    assert not stand_ins(both(47, 38), 2, library)
+
+
+def test_an_object_that_visits_more_tells_for_all() -> None:
+    assert stand_ins(drops({"golf": [47, 47], "tennis": [47, 47]}), 2, "poly:2")
+    assert not stand_ins(drops({"golf": [47, 47], "tennis": [47, 30]}), 2, "poly:2")
+
+
+def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocities_are_one_curve() -> None:
+    alike, apart = both(47, 47, noise=0.04), both(47, 36, noise=0.04)
+    random, memory = np.random.default_rng(1), np.exp(-1 / 15 / 0.3)
+    for given, expected in ((alike, True), (apart, False)):
+        states = []
+        for trial in given:
+            errors = [random.standard_normal()]
+            for shock in random.standard_normal(len(trial) - 1):
+                errors.append(memory * errors[-1] + np.sqrt(1 - memory**2) * shock)
+            states.append(trial.states[:, 0] + 0.06 * np.array(errors))
+        names = [trial.object for trial in given]
+        times = [trial.times for trial in given]
+        assert bool(stand_ins(cl.Trials.from_arrays(times, states, object=names), 2, "poly:2")) is expected
+
+
+def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told() -> None:
+    (found,) = stand_ins(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
+    assert found.sets == (("x",), ("v",))
+    assert found.by_trial
+
+
+def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
+    random, times = np.random.default_rng(0), np.linspace(0, 20, 80)
+
+    def rates(_: float, y: Floats) -> list[float]:
+        infected = 1.5 * y[0] * y[1]
+        return [-infected, infected - 0.5 * y[1], 0.5 * y[1]]
+
+    paths = [solve_ivp(rates, (0, 20), [1 - i, i, 0], t_eval=times, rtol=1e-9).y.T for i in (0.01, 0.05)]
+    states = [each + 0.003 * random.standard_normal(each.shape) for each in paths]
+    trials = cl.Trials.from_arrays([times, times], states, names=["S", "I", "R"])
+    found = {each.state: each.sets for each in stand_ins(trials, 1, "poly:2")}
+    assert {("S", "I"), ("S", "R")} <= set(found["I"])
+
+
+def test_a_damped_oscillation_tells_its_variables_by_one_trial() -> None:
+    random, times = np.random.default_rng(0), np.linspace(0, 12, 100)
+    path = np.exp(-0.1 * times) * np.cos(times) + 0.02 * random.standard_normal(100)
+    assert not stand_ins(cl.Trials.from_arrays(times, path), 2)
+
+
+def test_trials_too_short_for_all_terms_say_nothing() -> None:
+    short = cl.Trials.from_arrays([0.0, 1, 2, 3, 4, 5], [5.0, 4, 3.5, 3, 2.6, 2.3])
+    assert stand_ins(short, 2, "poly:3") == ()
+
+
+def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:
+    trials = both(47, 47)
+    (said,) = (str(each) for each in trials.check(library="poly:2").found if each.column == "x")
+    assert said.startswith("laws for x'' in x alone or in v alone fit alike: they leave 0.0")
+    assert "all trials start alike, at x = 4" in said
+    assert said.endswith("trials from other starts, such as at other values of x, would tell")
+    assert not any("fit alike" in each for each in trials.check(order=0).findings)
+    with pytest.raises(CommonlawError, match="order 3 is not supported"):
+        trials.check(order=3)
