@@ -87,4 +87,4 @@ def test_the_verdict_is_on_what_was_held_out(run):
     assert document["verdict"]["unknown_objects"] == ["a"]
     code, out, _ = run("discover", "decays.csv", "--library", "poly:1", "--learn-until", "2")
     assert code == 0
-    assert "\nThis law can be used for forecasts up to 2" in out
+    assert "\nThis law can be used for forecasts up to" in out

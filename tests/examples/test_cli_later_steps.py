@@ -25,8 +25,9 @@ def table(tmp_path):
     ("step", "options", "words"),
     [
         ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
-        ("commonlaw.law.law.Law.verdict", [], "the law was not judged"),
-        ("commonlaw.verdict.checked_forecast", [], "the law was not checked by forecasts, nor drawn"),
+        ("commonlaw.verdict.find", [], "the law was not checked"),
+        ("commonlaw.verdict.findings.judge", [], "the law was not judged"),
+        ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts, nor drawn"),
         ("commonlaw.plots.plot_law", ["--plot", "law.svg"], "law.svg was not made"),
     ],
 )
@@ -45,7 +46,7 @@ def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypat
         assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
         raise SystemExit(130)
 
-    monkeypatch.setattr("commonlaw.law.law.Law.verdict", interrupted)
+    monkeypatch.setattr("commonlaw.verdict.findings.judge", interrupted)
     code, _, _ = run("discover", "drops.csv", *QUICK, "--save", "found.json")
     assert code == 130
     assert cl.Law.load(tmp_path / "found.json").support.sum() == 2

@@ -36,7 +36,8 @@ def found(law, drops):
 def test_the_law_comes_first_and_its_rivals_after_it(drops):
     law = cl.discover(drops, order=2, library="poly:1")
     made = list(results(law, drops, drops, lambda _: None))
-    assert [each.law for each in made[0].candidates] == [law]
+    assert [each.law for each in made[0].candidates] == [made[0].law]
+    np.testing.assert_array_equal(made[0].law.coefficients, law.coefficients)
     assert [len(each.candidates) for each in made] == list(range(1, len(made) + 1))
     assert len(made) > 2
     for before, after in pairwise(made):
@@ -109,7 +110,7 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     assert other["score"] < first["score"]
     taken = after.of_candidate(1)
     assert taken.law.structure() == ("x'' = a",)
-    assert taken.checked.score() == pytest.approx(other["score"])
+    assert taken.findings.forecast.score() == pytest.approx(other["score"])
     assert after.of_candidate(0) is after
     for terms, words in (([], "1 equation "), ([["w"]], "unknown term 'w'")):
         with pytest.raises(cl.CommonlawError, match=words):
@@ -228,5 +229,5 @@ def check_program(question, table):
     np.testing.assert_array_equal(scope["law"].coefficients, made.law.coefficients)
     assert (scope["law"].explanation is None) == (made.law.explanation is None)
     assert [*scope["law"].verdict(scope.get("measured", scope["trials"]), scope["trials"]).sentences] == [
-        *made.law.verdict(made.trials, made.training).sentences
+        *made.findings.sentences
     ]

@@ -13,6 +13,7 @@ from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
 from commonlaw.report.law_sections import candidates, coefficients, forecasts
 from commonlaw.report.markup import formula
+from commonlaw.verdict import find
 
 SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "data-checks", "choices", "again"]
 
@@ -29,7 +30,7 @@ def law(drops):
 
 @pytest.fixture(scope="module")
 def report(law, drops):
-    return law_report(law, drops, drops.select(trial=1), "commonlaw report drops.csv", "drops.csv")
+    return law_report(find(law, drops, drops.select(trial=1)), "commonlaw report drops.csv", "drops.csv")
 
 
 def blocks_of(report, name):
@@ -93,7 +94,7 @@ def test_numbers_in_words_have_their_units_and_digits(report, law, drops):
 def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
     trials = cl.datasets.lotka_volterra(growth=(1.0,), trials=1, samples=60, noise=0.1)
     law = cl.fit("x' = a x - b x y; y' = -c y + d x y", trials)
-    shown = blocks_of(law_report(law, trials), "residuals")
+    shown = blocks_of(law_report(find(law, trials)), "residuals")
     (gallery,) = [each for each in shown if isinstance(each, Gallery)]
     (fold,) = [each for each in shown if isinstance(each, Fold) and each.title == "Residuals of y"]
     assert [len(each.pictures) for each in (gallery, *fold.blocks)] == [6, 6]
@@ -126,7 +127,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
         properties={},
     )
     trials = replace(drops, trials=tuple(copies), properties={})
-    case = LawCase(many, trials, trials, str)
+    case = LawCase(find(many, trials), str)
     blocks = forecasts(case).blocks
     gallery, rest = (next(each for each in blocks if isinstance(each, kind)) for kind in (Gallery, Fold))
     kinds = [re.search(r"\((\w+)\)", each.caption)[1] for each in gallery.pictures]
@@ -142,7 +143,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
     names = [text.get_text() for text in panel.texts]
     assert len(folded) == 2
     assert len(names) == 21 - 12
-    assert all(case.misses[names[i]] <= case.misses[names[i + 1]] for i in range(8))
+    assert all(case.relative_errors[names[i]] <= case.relative_errors[names[i + 1]] for i in range(8))
     assert names[0] in folded[1].caption
     assert len(panel.lines) == 2 * 9
 
@@ -150,7 +151,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
 def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):
     runaway = cl.Law.from_text("x'' = a v^3", {"a": 5.0})
     trials = cl.Trials.from_arrays(drops[0].times, drops[0].states[:, 0], names=["x"])
-    report = law_report(runaway, trials)
+    report = law_report(find(runaway, trials))
     assert report.summary.startswith("**Do not use this law for forecasts")
     assert "run away" in str(blocks_of(report, "forecasts")[0])
     assert "diverged after" in table_of(report, "forecast-errors")
@@ -169,7 +170,7 @@ def test_names_cannot_write_into_the_page(drops):
 def test_a_law_that_was_explained_shows_its_relations():
     drops = cl.datasets.linear_drag(trials=1, noise=0.02)
     explained = cl.fit("x'' = -g - c v", drops).explain([])
-    report = law_report(explained, drops)
+    report = law_report(find(explained, drops))
     assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
     assert "\\ddot{x}" in report.summary
     assert table_of(report, "values").columns[1] == "of 1 (m/s²)"
@@ -181,7 +182,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     names = ["one", "two"]
     law = cl.Law.from_text("x'' = a + b v + c x", {each: dict.fromkeys(names, 2.0) for each in "abc"})
     trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0)] * 2, object=names)
-    shown = coefficients(LawCase(law, trials, trials, str)).blocks
+    shown = coefficients(LawCase(find(law, trials), str)).blocks
     (gallery,) = [each for each in shown if isinstance(each, Gallery)]
     captions = [each.caption.replace("\\", "") for each in gallery.pictures]
     assert captions == [f"Coefficients before {term} in x''." for term in ("1", "v", "x")]
@@ -191,7 +192,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
 
 def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
     law = cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}})
-    report = law_report(law, drops)
+    report = law_report(find(law, drops))
     assert report.summary.startswith("**This law can be used for forecasts")
     assert "Forecasts of 4 trials that it is compared with" in blocks_of(report, "forecasts")[0].text
     assert "The law was given, and compared with trials" in blocks_of(report, "ranges")[0].text
@@ -201,10 +202,10 @@ def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
 
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
-    report = law_report(law, drops)
+    report = law_report(find(law, drops))
     assert law.letter_values()[1].all()
     sure = replace(law.uncertainty, covariance=0 * law.covariance, shared_factor=None, unpooled=None)
-    known = law_report(replace(law, uncertainty=sure), drops)
+    known = law_report(find(replace(law, uncertainty=sure), drops))
     assert blocks_of(known, "coefficients")[1].text == "Known, and not fitted: c."
     assert "c from" not in table_of(known, "values")
     assert "c from" in table_of(report, "values")
@@ -236,6 +237,6 @@ def test_long_equations_go_on_in_further_lines():
 def test_candidates_that_were_more_probable_before_they_were_fitted_are_explained(law, drops):
     listed = [replace(each, measures={"2 log B": 4.0 * each.chosen}) for each in law.alternatives]
     second = replace(law, provenance=replace(law.provenance, alternatives=tuple(listed)))
-    said = [LawCase(each, drops, drops, str) for each in (law, second)]
+    said = [LawCase(find(each, drops), str) for each in (law, second)]
     before = "these numbers are from before that"
     assert [before in str(candidates(each).blocks) for each in said] == [False, True]

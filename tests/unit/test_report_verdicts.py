@@ -10,6 +10,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.report import law_report
 from commonlaw.report.document import Table
+from commonlaw.verdict import find
 
 TIMES = np.arange(60) * 0.1
 
@@ -51,7 +52,7 @@ def numbers_agree(top, law, trials):
 
 def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(drops):
     law = cl.discover(drops, order=2, library="poly:1")
-    report = law_report(law, drops)
+    report = law_report(find(law, drops))
     top = top_of(report)
     assert top.startswith("**By samples that it was learned from, this law can be used for forecasts up to 2.6 s ahead")
     assert numbers_agree(top, law, drops) < 0.06
@@ -62,7 +63,7 @@ def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(
 
 def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leaves(drops):
     law = cl.discover(drops, order=2, library="terms:x")
-    report = law_report(law, drops)
+    report = law_report(find(law, drops))
     top = top_of(report)
     assert "; it is a summary, though, and not exact.**" in top
     assert "does not explain the measurements to within their errors, as no other law of the terms" in top
@@ -89,7 +90,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
     states = np.random.default_rng(seed).normal(size=(4, 60))
     noise = cl.Trials.from_arrays([TIMES] * 4, list(states), units={"t": "s", "x": "m"})
     law = cl.discover(noise)
-    report = law_report(law, noise)
+    report = law_report(find(law, noise))
     top = top_of(report)
     assert top.startswith("**Do not use this law for forecasts: ")
     assert "It says that x' stays zero: none of the terms that were offered proved its worth." in top
@@ -104,7 +105,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
 def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
     times = np.arange(5.0)
     few = cl.Trials.from_arrays(times, np.exp(-times), units={"t": "s", "x": "m"})
-    top = top_of(law_report(cl.discover(few), few))
+    top = top_of(law_report(find(cl.discover(few), few)))
     assert top.startswith("**Whether this law can be used for forecasts could not be judged: too few, 4 measurements")
     assert "It has as many terms as so few samples can tell apart." in top
     assert "bands" not in top

@@ -15,13 +15,12 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
-from commonlaw.law.meeting import matched
 from commonlaw.law.numbers import with_error
 from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, equation_parts
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
-from commonlaw.verdict import checked_forecast, is_of_training
+from commonlaw.verdict import Findings, find
 from commonlaw.wording import counted
 
 _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
@@ -46,16 +45,17 @@ class ShownLaw:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a search found: the law, its trials, forecasts that check it or why there are none, and its candidates."""
+    """What a search found: a law with what it is good for, and its candidates."""
 
-    law: Law
-    trials: Trials
-    training: Trials
-    checked: Forecast | None
-    lacking: tuple[str, ...]
+    findings: Findings
     about: dict[str, Any]
     """What the page is sent beside the candidates."""
     candidates: tuple[ShownLaw, ...] = ()
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self.findings.law
 
     @property
     def shown(self) -> dict[str, Any]:
@@ -83,8 +83,7 @@ class Found:
         law = self.candidate(index)
         if law is self.law:
             return self
-        checked, lacking = checked_forecast(law, self.trials, self.training, bands=True)
-        return replace(self, law=law, checked=checked, lacking=lacking)
+        return replace(self, findings=find(law, self.findings.trials, self.findings.training))
 
     def with_laws(self, laws: Iterable[ShownLaw]) -> "Found":
         """Return this with more candidates, after those that there are."""
@@ -93,16 +92,14 @@ class Found:
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
-    trials, training = matched(law, trials), matched(law, training)
     show(Stage("judging the law", SEARCHED))
-    verdict = law.verdict(trials, training)
-    show("forecasting")
-    forecast, lacking = checked_forecast(law, trials, training, bands=True)
+    findings = find(law, trials, training)
+    law, forecast = findings.law, findings.forecast
     trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
-    schema = trials.schema
+    schema = findings.trials.schema
     about = {
-        "verdict": [in_page(each) for each in verdict.sentences],
-        "held_out": forecast is not None and not is_of_training(forecast, training),
+        "verdict": [in_page(each) for each in findings.sentences],
+        "held_out": forecast is not None and findings.is_held_out,
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
         "order": law.order,
@@ -114,12 +111,12 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
-        "lacking": [in_page(each) for each in lacking],
+        "lacking": [in_page(each) for each in findings.lacking],
         "outcomes": [in_page(str(each)) for each in law.outcomes],
         "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
     }
-    made = Found(law, trials, training, forecast, lacking, about)
-    for each in candidates_in_turn(law, training, _CANDIDATES, part(show, SEARCHED, 1.0)):
+    made = Found(findings, about)
+    for each in candidates_in_turn(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
         made = made.with_laws([_shown(each, made)])
         yield made
 
@@ -136,7 +133,7 @@ def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
 def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Iterator[ShownLaw]:
     """Yield the law of other terms with all that the page needs of it."""
     show(f"fitting {counted(int(support.sum()), 'term')}")
-    candidate = candidate_law(found.law, found.training, support)
+    candidate = candidate_law(found.law, found.findings.training, support)
     show("forecasting with it")
     made = _shown(candidate, found)
     yield replace(made, shown=made.shown | {"own": True})
@@ -145,7 +142,8 @@ def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Itera
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     """Return a candidate with what the page shows of it."""
     law = candidate.law
-    forecast = None if found.checked is None else _forecast(law, found.checked)
+    checked = found.findings.forecast
+    forecast = None if checked is None else _forecast(law, checked)
     score = None if forecast is None else forecast.score()
     shown = {
         "size": candidate.size,

@@ -227,7 +227,7 @@ def _report(found: Found, source: Source | None) -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
     with _one_draws:
-        made = law_report(found.law, found.trials, found.training, table=source or "", words=in_page, rivals=rivals)
+        made = law_report(found.findings, table=source or "", words=in_page, rivals=rivals)
         return to_page(made).decode()
 
 
@@ -241,9 +241,9 @@ def _forecasts(found: Found, _: Source | None) -> str:
 
 
 def _forecast_of(found: Found) -> Forecast:
-    if found.checked is None:
-        raise CommonlawError("; ".join(found.lacking))
-    return found.checked
+    if found.findings.forecast is None:
+        raise CommonlawError("; ".join(found.findings.lacking))
+    return found.findings.forecast
 
 
 _LIGHT = (_first, _question, _state, _found, _cancel, _fit_state, _cancel_fit)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,10 @@ from commonlaw.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from commonlaw.forecast import Forecast
     from commonlaw.law import Law
-    from commonlaw.law.verdict import LawVerdict
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials
+    from commonlaw.verdict import Findings
 
 _output = partial(option, "Output")
 
@@ -89,56 +88,41 @@ def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass(frozen=True)
 class Learned:
-    """What was learned from, the law, its forecasts of trials held out or learned from, and the true law if known.
+    """What was found out about a law, the true law if it is known, and laws compared, see `commonlaw.compare`."""
 
-    A verdict says what the law is good for, the start how many first samples told where forecasts start, None for those
-    that `Law.predict` takes, and words what the check lacked; laws may be compared, see
-    `commonlaw.compare`.
-    """
-
-    training: "Trials"
-    law: "Law"
-    forecast: "Forecast | None"
+    findings: "Findings"
     truth: "Law | None"
-    verdict: "LawVerdict | None"
-    start: int | None
-    lacking: tuple[str, ...] = ()
     compared: "pd.DataFrame | None" = None
 
     @classmethod
     def check(
         cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool, later: LaterSteps
     ) -> "Learned":
-        """Return a law with forecasts, and their bands if wanted, see `checked_forecast`."""
+        """Return a law with its findings, forecasts with bands if wanted, and the true law of a data set."""
         from commonlaw.datasets import truth_of
-        from commonlaw.verdict import checked_forecast, checked_start
+        from commonlaw.verdict import Findings, find
 
-        name, start = source.dataset, checked_start(law, trials)
+        name = source.dataset
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
-        verdict = later.take("the law was not judged", lambda: law.verdict(trials, training), None)
-        unchecked: tuple[Forecast | None, tuple[str, ...]] = None, ()
-        checking = partial(checked_forecast, law, trials, training, bands)
-        forecast, lacking = later.take("the law was not checked by forecasts, nor drawn", checking, unchecked)
-        if verdict is not None:
-            law = replace(law, provenance=law.provenance.judged(verdict))
-        return cls(training, law, forecast, truth, verdict, start, lacking)
+        unchecked = Findings(law, trials, training)
+        findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
+        return cls(findings, truth)
 
     @property
-    def forecast_of(self) -> str:
-        """Whether the forecasts are of trials ``"held out"``, or of those of ``"training"``."""
-        from commonlaw.verdict import is_of_training
-
-        return "training" if self.forecast and is_of_training(self.forecast, self.training) else "held out"
+    def law(self) -> "Law":
+        """The law."""
+        return self.findings.law
 
     def figure(self, plots: Any) -> "Figure | None":
         """Return a figure of the law and its forecasts, if there are any."""
-        return plots.plot_law(self.law, self.forecast, truth=self.truth) if self.forecast else None
+        forecast = self.findings.forecast
+        return plots.plot_law(self.law, forecast, truth=self.truth) if forecast else None
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
         from commonlaw.law.tables import BAYES_FACTOR, readable_candidates
 
-        law, training = self.law, self.training
+        law, training = self.law, self.findings.training
         say(
             f"{counted(len(training), 'trial')} of {counted(len(law.objects), 'object')}, "
             f"{counted(sum(map(len, training)), 'sample')}\n"
@@ -157,26 +141,25 @@ class Learned:
                 say(f"\n{BAYES_FACTOR}.")
         if self.compared is not None:
             print_compared(self.compared)
-        kind, learned = "held-out trial", ""
-        if self.forecast_of == "training":
-            later = self.forecast and sum(map(len, self.forecast.trials)) > sum(map(len, training))
-            kind, learned = "trial", f" it was learned from{', later samples included' if later else ''}"
-        if self.forecast:
-            say(
-                f"\nForecasts of {counted(len(self.forecast.trials), kind)}{learned}, each from {self._begin}: "
-                f"R^2 = {self.forecast.score():.5g}"
-            )
-        if self.verdict:
-            say(f"\n{self.verdict}")
+        self._show_checks()
 
-    @property
-    def _begin(self) -> str:
-        """Where the forecasts start, in words."""
-        return "its own initial state" if self.start is None else f"a start fitted to its first {self.start} samples"
+    def _show_checks(self) -> None:
+        """Print how well the law forecasts, and the verdict."""
+        found, kind, learned = self.findings, "held-out trial", ""
+        if not found.is_held_out:
+            later = ", later samples included" if found.has_later_samples else ""
+            kind, learned = "trial", f" it was learned from{later}"
+        begin = "its own initial state" if found.start is None else f"a start fitted to its first {found.start} samples"
+        if found.forecast:
+            of = counted(len(found.forecast.trials), kind)
+            say(f"\nForecasts of {of}{learned}, each from {begin}: R^2 = {found.forecast.score():.5g}")
+        if found.verdict:
+            say(f"\n{found.verdict}")
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
-        law, forecast = self.law, self.forecast
+        law, found = self.law, self.findings
+        forecast, verdict = found.forecast, found.verdict
         return {
             "law": json.loads(law.to_json()),
             "equations": {name: list(law.equations(name)) for name in law.objects},
@@ -185,21 +168,21 @@ class Learned:
             "truth": None if self.truth is None else json.loads(self.truth.to_json()),
             "forecast": forecast
             and {
-                "of": self.forecast_of,
+                "of": "held out" if found.is_held_out else "training",
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
             "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
-            "verdict": self.verdict
-            and asdict(self.verdict) | {"usable": self.verdict.usable, "sentences": self.verdict.sentences},
-            "notes": list(self.training.notes),
+            "verdict": verdict and asdict(verdict) | {"usable": verdict.usable, "sentences": verdict.sentences},
+            "notes": list(found.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
         }
 
     def notes(self) -> list[object]:
         """Return what else there is to know."""
-        outcomes = self.forecast.outcomes if self.forecast else ()
-        return [*self.training.notes, *self.law.outcomes, *self.lacking, *outcomes]
+        found = self.findings
+        outcomes = found.forecast.outcomes if found.forecast else ()
+        return [*found.training.notes, *self.law.outcomes, *found.lacking, *outcomes]
 
     def _coefficient_columns(self) -> dict[str, list[object]]:
         """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""
@@ -219,14 +202,14 @@ class Learned:
                     for part in each.parts
                 ]
                 columns[f"true {each.name}"] = each.value(true).tolist()
-        if self.forecast is None:
+        if self.findings.forecast is None:
             return columns
-        missed = self.forecast.errors().pivot_table(
+        errors_of = self.findings.forecast.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
         for state in law.states:
             head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
-            columns[head] = missed[state].reindex(law.objects).tolist()
+            columns[head] = errors_of[state].reindex(law.objects).tolist()
         return columns
 
 

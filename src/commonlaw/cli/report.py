@@ -45,6 +45,7 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
     """
     from commonlaw.law import Law
     from commonlaw.report import check_packages, law_report, to_page
+    from commonlaw.verdict import find
 
     if save and law_path:
         raise click.UsageError("--save writes the law that is found, and with --law none is looked for: leave one out")
@@ -62,7 +63,8 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
         command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
 
         def page() -> bytes:
-            made = law_report(law, trials, training, command, source.path or "", in_options, show)
+            show("judging the law")
+            made = law_report(find(law, trials, training), command, source.path or "", in_options, show)
             return to_page(made, lambda name: show(f"drawing {name}"))
 
         later.write(out, page)

@@ -9,11 +9,10 @@ import pandas as pd
 
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Forecast, Law
-from commonlaw.law.verdict import LawVerdict
 from commonlaw.report.document import Block, Fold, Table
 from commonlaw.report.markup import literal
 from commonlaw.trials import Trials
-from commonlaw.verdict import checked_forecast, checked_start, is_of_training
+from commonlaw.verdict import Findings
 
 _LONG = 12
 """Rows from which on a table is folded."""
@@ -25,85 +24,69 @@ class LawCase:
 
     Parameters
     ----------
-    law
-        The law.
-    trials
-        All that was measured.
-    training
-        What of it the law was learned from.
+    findings
+        The law, with what it is good for.
     words
         Turns messages of the library into the words of whoever asked for the report.
     rivals
         Candidates that were fitted before, the law among them.
     """
 
-    law: Law
-    trials: Trials
-    training: Trials
+    findings: Findings
     words: Callable[[str], str]
     rivals: tuple[CandidateLaw, ...] = ()
 
-    @cached_property
-    def verdict(self) -> LawVerdict:
-        """What the law is good for."""
-        return self.law.verdict(self.trials, self.training)
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self.findings.law
+
+    @property
+    def trials(self) -> Trials:
+        """All that was measured."""
+        return self.findings.trials
 
     @property
     def forecast(self) -> Forecast | None:
-        """Forecasts of trials held out, or of those that the law was learned from; None if there are none."""
-        return self._checked[0]
-
-    @property
-    def lacking(self) -> tuple[str, ...]:
-        """Why there are none."""
-        return self._checked[1]
-
-    @cached_property
-    def _checked(self) -> tuple[Forecast | None, tuple[str, ...]]:
-        return checked_forecast(self.law, self.trials, self.training, bands=True)
-
-    @property
-    def start(self) -> int | None:
-        """How many first samples tell where forecasts start, see `checked_start`."""
-        return checked_start(self.law, self.trials)
+        """Forecasts that check the law; None if there are none."""
+        return self.findings.forecast
 
     @property
     def forecast_of(self) -> str:
         """What the forecasts are of, in words."""
         if not self.law.provenance.is_learned:
             return "that it is compared with"
-        if self.forecast and is_of_training(self.forecast, self.training):
-            later = sum(map(len, self.forecast.trials)) > sum(map(len, self.training))
-            return f"that it was learned from{', later samples included' if later else ''}"
-        return "that were held out"
+        if self.findings.is_held_out:
+            return "that were held out"
+        return f"that it was learned from{', later samples included' if self.findings.has_later_samples else ''}"
 
     @cached_property
-    def misses(self) -> pd.Series:
-        """What forecasts of each object are off, root mean square in units of the states' spread, the best first."""
+    def relative_errors(self) -> pd.Series:
+        """Root mean square errors of forecasts of each object, in units of the states' spread, the best first."""
         assert self.forecast is not None
         name = self.trials.schema.object
         errors = self.forecast_errors
         states = np.concatenate([trial.states for trial in self.forecast.trials])
         spread = pd.Series(np.nanstd(states, axis=0), self.law.states).replace(0.0, np.nan)
         squared = (errors["rms error"] / errors["state"].map(spread)) ** 2
-        misses: pd.Series = squared.groupby(errors[name], sort=False).mean().pow(0.5)
-        return misses.sort_values(kind="stable")
+        relative: pd.Series = squared.groupby(errors[name], sort=False).mean().pow(0.5)
+        return relative.sort_values(kind="stable")
 
     @cached_property
     def forecast_errors(self) -> pd.DataFrame:
-        """What the forecasts of each trial are off, see `Forecast.errors`."""
+        """Errors of the forecasts of each trial, see `Forecast.errors`."""
         assert self.forecast is not None
         return self.forecast.errors()
 
     @cached_property
     def _rms(self) -> pd.DataFrame:
-        """What forecasts are off, root mean square, a row for each object and a column for each state."""
+        """Root mean square errors of forecasts, a row for each object and a column for each state."""
         errors = self.forecast_errors
         squared = (errors["rms error"] ** 2).groupby([errors[self.trials.schema.object], errors["state"]]).mean()
         return squared.pow(0.5).unstack("state")[list(self.law.states)]
 
-    def off(self, name: str) -> str:
-        """What forecasts of an object are off, root mean square, in the states' units, in words."""
+    def error_in_words(self, name: str) -> str:
+        """Return the root mean square error of forecasts of an object, in the states' units, in words."""
         units = self.trials.schema.units
         rms = self._rms.loc[name]
         if np.isinf(rms).any():

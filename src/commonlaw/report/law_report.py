@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
-from commonlaw.law.meeting import matched
 from commonlaw.law.page import Page
 from commonlaw.law.script import Source
 from commonlaw.report import law_sections, leftovers, making
@@ -15,17 +14,17 @@ from commonlaw.report.law_case import LawCase, listed
 from commonlaw.report.markup import literal
 from commonlaw.report.write import to_page
 from commonlaw.trials import Trials
+from commonlaw.verdict import Findings, find
 
 
 def law_page(law: Law, trials: Trials, learned: Trials | None = None) -> Page:
     """Return the report of a law as a page, see `Law.report`."""
-    return Page(to_page(law_report(law, trials, learned)).decode())
+    check_packages()
+    return Page(to_page(law_report(find(law, trials, learned))).decode())
 
 
 def law_report(
-    law: Law,
-    trials: Trials,
-    learned: Trials | None = None,
+    findings: Findings,
     command: str = "",
     table: str | Source = "trials.csv",
     words: Callable[[str], str] = str,
@@ -36,12 +35,8 @@ def law_report(
 
     Parameters
     ----------
-    law
-        The law.
-    trials
-        What was measured.
-    learned
-        What of it the law was learned from; all by default.
+    findings
+        The law, with what it is good for.
     command, table
         The command that asked for the report, and the file of the trials, as the report shows them; empty if there is
         none.
@@ -53,10 +48,8 @@ def law_report(
         Candidates that were fitted before, the law among them; fitted for the report if there are none.
     """
     check_packages()
-    trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
-    case = LawCase(law, trials, learned or trials, words, tuple(rivals))
-    progress("judging the law")
-    first, *others = map(literal, case.verdict.sentences)
+    case, law = LawCase(findings, words, tuple(rivals)), findings.law
+    first, *others = map(literal, findings.sentences)
     summary = f"**{first}**{law_markdown(law)}{listed(others)}"
     title = f"A law of {', '.join(law.states)}"
     parts = (

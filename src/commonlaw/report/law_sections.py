@@ -42,14 +42,14 @@ def forecasts(case: LawCase) -> Section:
     """Return the part on trials as measured beside forecasts."""
     title, forecast = "Measured and forecast", case.forecast
     if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.lacking])),))
+        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.lacking])),))
     bands = ""
     if forecast.std is not None:
         bands = " Bands should hold 95 % of the measurements."
     diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
-    followed = f"a start fitted to its first {case.start} samples, which the lines follow"
-    begin = "its own initial state" if case.start is None else followed
-    judged = case.verdict.judged_on
+    followed = f"a start fitted to its first {case.findings.start} samples, which the lines follow"
+    begin = "its own initial state" if case.findings.start is None else followed
+    judged = case.findings.verdict.judged_on if case.findings.verdict else ""
     verdict = f" The verdict is on forecasts of {judged}, from their first samples." if judged else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
     intro = (
@@ -77,11 +77,11 @@ def _finite(score: float) -> str:
 
 def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
     """Yield small pictures of the best, typical and worst objects, and the rest of them folded."""
-    panels, names = ForecastPanels(forecast), [str(name) for name in case.misses.index]
+    panels, names = ForecastPanels(forecast), [str(name) for name in case.relative_errors.index]
     places = {name: i for i, name in enumerate(forecast.trials.objects)}
 
     def picture(name: str, kind: str = "") -> Picture:
-        off = literal(case.off(name)).replace(r"\.", ".")
+        off = literal(case.error_in_words(name)).replace(r"\.", ".")
         caption = f"**{literal(name)}**{kind}: {off}"
         return Picture(f"forecast-{places[name] + 1}", caption, partial(panels.draw, name))
 
@@ -99,12 +99,12 @@ def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
 
 def _overviews(case: LawCase, panels: ForecastPanels, names: Sequence[str]) -> Gallery:
     """Return the forecasts of very many objects, few lines of each, the best first."""
-    names = [name for name in case.misses.index.astype(str) if name in set(names)]
+    names = [name for name in case.relative_errors.index.astype(str) if name in set(names)]
     parts = [names[i : i + _IN_OVERVIEW] for i in range(0, len(names), _IN_OVERVIEW)]
     pictures = [
         Picture(
             f"forecasts-{i + 1}",
-            f"From {literal(f'{part[0]}, {case.off(part[0])}, to {part[-1]}, {case.off(part[-1])}')}.",
+            f"From {literal(', to '.join(f'{name}, {case.error_in_words(name)}' for name in (part[0], part[-1])))}.",
             partial(panels.overview, part),
         )
         for i, part in enumerate(parts)
@@ -147,7 +147,7 @@ def _intervals(law: Law, caption: str) -> Block:
 
 
 def _interval(case: LawCase) -> str:
-    if case.verdict.exact:
+    if case.findings.is_exact:
         return "Each 95 % interval holds the true coefficient with a probability of 95 %, if the law holds."
     return (
         "As the law is not exact, these are not true values, but those that describe the measurements best; their 95 % "
@@ -191,7 +191,7 @@ def candidates(case: LawCase) -> Section:
         text = "The terms were given, and nothing else was compared."
         return Section("candidates", "What else it could be", (Text(text),))
     if case.rivals or len(law.objects) <= _REFITTED:
-        blocks += _refitted(case, case.rivals or candidate_laws(law, case.training, most=6))
+        blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     table = Table("compared", _what_compared(case), readable_candidates(law.alternatives))
     return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
 
@@ -200,7 +200,7 @@ def _what_compared(case: LawCase) -> str:
     """Return what the measures of candidates mean, and which of them decided."""
     listed = case.law.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
-    exact = case.verdict.exact
+    exact = case.findings.is_exact
     if any("2 log B" in each.measures for each in listed):
         wrong = "" if exact else ", if one of them were exact"
         caption += f" 2 log B is 0 for the most probable, and above 10 for those out of the question{wrong}."
@@ -238,21 +238,21 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     )
     if case.forecast_of == "that it was learned from":
         caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
-    if not case.verdict.exact:
+    if not case.findings.is_exact:
         caption += " No law is exact: the law was fitted together with its errors, the others as if they were exact."
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
 def _score(case: LawCase, law: Law, forecast: Forecast) -> float:
     try:
-        return law.predict(forecast.trials, start=case.start).score()
+        return law.predict(forecast.trials, start=case.findings.start).score()
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
 
 
 def ranges(case: LawCase) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
-    law, trials = case.law, case.training
+    law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
     visited = law.provenance.domain.visited or Domain.of(trials, law.rates).visited
     columns = {**visited, "length of a trial": (min(length), max(length))}
@@ -267,7 +267,7 @@ def ranges(case: LawCase) -> Section:
     learned = "The law was learned from the ranges below, and says nothing certain outside of them. "
     given = "The law was given, and compared with trials in the ranges below. "
     text = (learned if law.provenance.is_learned else given) + " ".join(
-        literal(each) for each in case.verdict.sentences[:1]
+        literal(each) for each in case.findings.sentences[:1]
     )
     if law.provenance.is_learned and law.explanation is None and len(law.objects) > 1:
         text += " Of objects that were not measured it knows the mean coefficients only."

@@ -64,7 +64,7 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
         yield Text("A function that all objects lack was not looked for, as there are many objects.")
         return
     try:
-        found = case.law.discrepancy(case.training)
+        found = case.law.discrepancy(case.findings.training)
     except _FAILURES as error:
         yield Text(f"A function that all objects lack could not be looked for: {case.said(error)}.")
         return

@@ -29,8 +29,8 @@ def data_checks(case: LawCase) -> Section:
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
-    learned, some = sum(map(len, case.training)), counted(len(case.training), "trial")
-    held_out = "" if case.training is trials else f" Learned from {learned} samples of {some}."
+    learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
+    held_out = "" if case.findings.training is trials else f" Learned from {learned} samples of {some}."
     frame = found.to_frame().drop(columns="clipped")
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
@@ -53,7 +53,7 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
     asked = f"The command:{code(command, 'sh')}" if command else ""
     text = asked
     if table:
-        is_whole = case.training is case.trials or isinstance(table, Source)
+        is_whole = case.findings.training is case.trials or isinstance(table, Source)
         some = "" if is_whole else ", which learns from all trials of the table"
         text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
     made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])

@@ -1,0 +1,140 @@
+"""What is found out about a law by trials: the verdict, forecasts that check it, and what they were held out of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.law import Forecast, Law
+from commonlaw.law.meeting import matched
+from commonlaw.law.verdict import LawVerdict
+from commonlaw.trials import Trials
+from commonlaw.verdict.judge import judge
+from commonlaw.verdict.segments import samples_before
+
+T = TypeVar("T")
+
+_NOT_JUDGED, _NOT_CHECKED = "the law was not judged", "the law was not checked by forecasts, nor drawn"
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """A law with what it is good for: all that the command line, a report and the app say of it.
+
+    Parameters
+    ----------
+    law
+        The law, which knows how far ahead its forecasts are good.
+    trials
+        All that was measured, in the units of the law.
+    training
+        What of it the law was learned from.
+    verdict
+        What the law is good for; None if it could not be judged.
+    forecast
+        Of trials that were held out, or if there are none, of those that the law was learned from, later samples
+        included; None if there are no forecasts.
+    start
+        How many first samples told where these begin, None for those that `Law.predict` takes.
+    lacking
+        Why there is no verdict or no forecast.
+    """
+
+    law: Law
+    trials: Trials
+    training: Trials
+    verdict: LawVerdict | None = None
+    forecast: Forecast | None = None
+    start: int | None = None
+    lacking: tuple[str, ...] = ()
+
+    @property
+    def is_held_out(self) -> bool:
+        """Whether the forecasts are of trials that the law was not learned from."""
+        if self.forecast is None:
+            return True
+        first = self.forecast.trials[0]
+        return (first.object, first.name) not in _names(self.training)
+
+    @property
+    def has_later_samples(self) -> bool:
+        """Whether the forecasts are of trials that the law was learned from, with later samples of them."""
+        if self.forecast is None or self.is_held_out:
+            return False
+        return sum(map(len, self.forecast.trials)) > sum(map(len, self.training))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict in words, or why there is none."""
+        return self.lacking if self.verdict is None else self.verdict.sentences
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the law leaves no more than errors of measurement, as far as it was judged."""
+        return self.verdict is None or self.verdict.exact
+
+
+def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = True) -> Findings:
+    """Judge a law and check it by forecasts; what cannot be done is told in `Findings.lacking`.
+
+    Parameters
+    ----------
+    law
+        The law.
+    trials
+        What was measured.
+    learned
+        What of it the law was learned from; all by default.
+    bands
+        Whether the forecasts are to have bands, where the law knows how accurate it is.
+
+    Raises
+    ------
+    CommonlawError
+        If the trials are not of the variables of the law.
+    """
+    whole = matched(law, trials)
+    training = whole if learned is None or learned is trials else matched(law, learned)
+    lacking = list[str]()
+    verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
+    start = _start(law, whole)
+    checking = partial(law.predict, _checked(law, whole, training), return_std=bands and law.has_std, start=start)
+    forecast = _tried(_NOT_CHECKED, checking, lacking)
+    if verdict is not None:
+        law = replace(law, provenance=law.provenance.judged(verdict))
+    return Findings(law, whole, training, verdict, forecast, start, tuple(lacking))
+
+
+def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
+    """Return what a step gives; if it cannot, None, and add why."""
+    try:
+        return step()
+    except CommonlawError as error:
+        lacking.append(f"{failure}: {error}")
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        lacking.append(f"{failure}: {type(error).__name__}: {error}")
+    return None
+
+
+def _checked(law: Law, trials: Trials, training: Trials) -> Trials:
+    """Return the trials that were held out, or if there is none whose object the law knows, those learned from."""
+    learned_from = _names(training)
+    others = [each for each in trials if (each.object, each.name) not in learned_from]
+    held_out = [each for each in others if each.object in law.objects]
+    return trials.with_trials(held_out or [each for each in trials if (each.object, each.name) in learned_from])
+
+
+def _start(law: Law, trials: Trials) -> int | None:
+    """Return how many first samples tell where the forecasts start, None for those that `Law.predict` takes.
+
+    A law of second order with a model error follows these samples: they are to be few, as they are no forecasts.
+    """
+    follows = law.order == 2 and law.uncertainty.error_model.of_law
+    return samples_before(min(map(len, trials)), law.order) if follows else None
+
+
+def _names(trials: Trials) -> set[tuple[str, str]]:
+    return {(each.object, each.name) for each in trials}
