@@ -152,7 +152,9 @@ def test_fits_are_those_of_numpy(case):
     np.testing.assert_array_equal(found.coefficients[~free], start.coefficients[~free])
 
 
-def test_linearizations_are_those_of_numpy(case):
+@pytest.mark.parametrize("most", [0, 20_000], ids=["by LAPACK", "in one call"])
+def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
+    monkeypatch.setattr(rows, "_MOST", most)
     model, estimate, free = case
     for columns in (None, free, np.zeros_like(free)):
         found = linearize(model, estimate, 0.1, columns)

@@ -119,9 +119,7 @@ class SearchProblem:
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(each[:, : model.width] for each in start.states)
             pairs = zip(model.meshes, states, strict=True)
-            meshes = [
-                replace(mesh, scale=self._scale(mesh, own[:, : len(noise)], noise, errors)) for mesh, own in pairs
-            ]
+            meshes = [mesh.with_scale(self._scale(mesh, own[:, : len(noise)], noise, errors)) for mesh, own in pairs]
             observation = replace(model.observation, noise=noise)
             own = replace(model, meshes=meshes, observation=observation)
             own, start = own.with_latent(errors.latent, replace(start, states=states))

@@ -59,8 +59,12 @@ def linearize(
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    count = estimate.coefficients.size if columns is None else int(columns.sum())
-    return linearization.joined(whitened(model, estimate, model_error, columns), count)
+    library = kernel()
+    structures = None if library is None else packed(model)
+    if library is None or structures is None:
+        return linearization.linearize(model, estimate, model_error, columns)
+    free = np.ones(estimate.coefficients.shape, dtype=np.bool_) if columns is None else columns
+    return rows.linearize(library, model, structures, estimate, model_error, free)
 
 
 def whitened(

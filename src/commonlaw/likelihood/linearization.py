@@ -19,14 +19,14 @@ from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
-_MISSING = 100.0
+MISSING = 100.0
 """Noise of a state that was not measured, relative to that of those that were. It says next to nothing, and is small
 enough to be eliminated without rounding."""
 
-_HIDDEN = 1000.0
+HIDDEN = 1000.0
 """The same of latent processes, relative to their standard deviation."""
 
-_RATE = 3.0
+RATE = 3.0
 """Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
 it."""
 
@@ -175,9 +175,9 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
     """Return the variance of states and latent processes that were not measured, shape (D + w,)."""
     scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
     noise = model.observation.noise * scale
-    rates = _RATE * noise[: model.width - model.equations] / np.median(mesh.steps[mesh.contiguous])
-    hidden = np.zeros(0) if latent is None else _HIDDEN * latent.std
-    return np.concatenate([_MISSING * noise, rates, hidden]) ** 2
+    rates = RATE * noise[: model.width - model.equations] / mesh.typical_step
+    hidden = np.zeros(0) if latent is None else HIDDEN * latent.std
+    return np.concatenate([MISSING * noise, rates, hidden]) ** 2
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:

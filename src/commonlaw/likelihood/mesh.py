@@ -7,6 +7,7 @@ from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.integration import Inputs
@@ -49,7 +50,7 @@ class Mesh:
     middle: Floats | None = None
     held: bool = False
 
-    @property
+    @cached_property
     def still(self) -> Bools:
         """Which measurements are of a state that is the same throughout its segment, shape (n, d)."""
         first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
@@ -75,6 +76,13 @@ class Mesh:
         """Return the mesh of one segment with inputs that are known at any time."""
         return replace(self, inputs=inputs.at(self.times), middle=_in_middle(inputs, self.times)[:-1], held=inputs.held)
 
+    def with_scale(self, scale: Floats) -> "Mesh":
+        """Return the mesh with other standard deviations; what follows from the rest is not computed again."""
+        found = replace(self, scale=scale)
+        found.__dict__.update({name: getattr(self, name) for name in ("still", "observed", "steps", "relative_steps")})
+        found.__dict__.update(typical_step=self.typical_step, grid=self.grid)
+        return found
+
     def __len__(self) -> int:
         return len(self.times)
 
@@ -86,12 +94,37 @@ class Mesh:
     @cached_property
     def relative_steps(self) -> Floats:
         """Steps relative to the median step, 1 between segments, shape (n - 1,)."""
-        return np.where(self.contiguous, self.steps / np.median(self.steps[self.contiguous]), 1.0)
+        return np.where(self.contiguous, self.steps / self.typical_step, 1.0)
+
+    @cached_property
+    def typical_step(self) -> float:
+        """The median step in time."""
+        return float(np.median(self.steps[self.contiguous]))
+
+    @cached_property
+    def grid(self) -> "Grid":
+        """What the kernel takes of the mesh whatever measurements are worth."""
+        middle = (self.inputs[:-1] + self.inputs[1:]) / 2 if self.middle is None else self.middle
+        middle_times = (self.times[:-1] + self.times[1:]) / 2
+        found = (self.times, middle_times, self.steps, self.relative_steps, self.measured, self.inputs, middle)
+        arrays = tuple(np.ascontiguousarray(each, dtype=np.float64) for each in found)
+        return Grid(arrays, np.ascontiguousarray(self.contiguous, dtype=np.uint8))
 
     @cached_property
     def observed(self) -> Bools:
         """Which states were measured, shape (n, d)."""
         return np.isfinite(self.measured)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Arrays of a mesh, one number behind the other, in this order, and where points are contiguous, as bytes.
+
+    Times, those in the middle, steps, relative steps, what was measured, inputs, inputs in the middle.
+    """
+
+    arrays: tuple[Floats, ...]
+    contiguous: NDArray[np.uint8]
 
 
 def meshes(

@@ -41,6 +41,7 @@ typedef struct {
     int64_t force;              /* the first latent process that is a force; negative without any */
     double huber_threshold;
     const double *unit;         /* D: of the model error */
+    const double *latent_std;   /* w: of stationary latent processes */
     const uint8_t *logarithmic; /* D: which states are logarithms */
     Program program;
 } Model;
@@ -48,11 +49,13 @@ typedef struct {
 /* One mesh: points of one or several segments. */
 typedef struct {
     int64_t points;
+    double typical_step;
     const double *times, *middle_times, *steps, *relative_steps;
-    const double *measured, *std;                     /* n x d; not a number where nothing was measured */
-    const double *inputs, *middle_inputs;             /* n x inputs */
+    const double *measured;                            /* n x d; not a number where nothing was measured */
+    const double *inputs, *middle_inputs;              /* n x inputs */
+    const uint8_t *contiguous;                         /* n - 1 */
+    const double *std;                                 /* n x d */
     const double *latent_start, *latent_end, *anchors; /* n - 1 x w x w twice, n x w */
-    const uint8_t *contiguous;                        /* n - 1 */
 } Mesh;
 
 /* Fills the solution of least norm of a symmetric system of p rows; returns whether there is one. */

@@ -33,7 +33,7 @@ class ModelStructure(ctypes.Structure):
     _fields_ = (
         *((name, _NUMBER) for name in ("equations", "order", "inputs", "latent", "held", "correlated", "force")),
         ("huber_threshold", ctypes.c_double),
-        *((name, _ADDRESS) for name in ("unit", "logarithmic")),
+        *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic")),
         ("program", ProgramStructure),
     )
 
@@ -43,10 +43,17 @@ class MeshStructure(ctypes.Structure):
 
     _fields_ = (
         ("points", _NUMBER),
-        *((name, _ADDRESS) for name in ("times", "middle_times", "steps", "relative_steps", "measured", "std")),
-        *((name, _ADDRESS) for name in ("inputs", "middle_inputs", "latent_start", "latent_end", "anchors")),
-        ("contiguous", _ADDRESS),
+        ("typical_step", ctypes.c_double),
+        *((name, _ADDRESS) for name in ("times", "middle_times", "steps", "relative_steps")),
+        *((name, _ADDRESS) for name in ("measured", "inputs", "middle_inputs", "contiguous", "std")),
+        *((name, _ADDRESS) for name in ("latent_start", "latent_end", "anchors")),
     )
+
+
+class Vagueness(ctypes.Structure):
+    """Standard deviations of what was not measured: of states, rates and latent processes, in their units."""
+
+    _fields_ = (("missing", ctypes.c_double), ("rate", ctypes.c_double), ("hidden", ctypes.c_double))
 
 
 def kernel() -> ctypes.CDLL | None:
@@ -105,7 +112,12 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
     )
     library.commonlaw_whiten.argtypes = (
         *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure), address, real),  # states, model error
-        *(address, address, address, address),  # vague, stationary, start, end
+        *(Vagueness, address, address),  # what was not measured; start, end
         *(address, number, address),  # rows, columns, log-determinant
+    )
+    library.commonlaw_linearize.argtypes = (
+        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure)),
+        *(address, address, address, real, Vagueness),  # free, states, coefficients, model error
+        *(address, address),  # factor, log-determinant
     )
     return library

@@ -28,22 +28,38 @@ EXPORTED int commonlaw_jacobians(const Model *model, const Mesh *mesh, const uin
     return DONE;
 }
 
-/* What is assumed of states and latent processes that were not measured: variances, and those of the latent processes
-   at the start of a segment. */
+/* How large the standard deviations of what was not measured are, in its units, see linearization.py. */
 typedef struct {
-    const double *vague, *stationary;
-} Prior;
+    double missing, rate, hidden;
+} Vagueness;
+
+/* Fill the variances of states and latent processes that were not measured. */
+static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, double *vague) {
+    const int64_t d = model->equations, D = d * model->order;
+    for (int64_t j = 0; j < d; ++j) {
+        double variance = 0;
+        for (int64_t i = 0; i < mesh->points; ++i) variance += mesh->std[i * d + j] * mesh->std[i * d + j];
+        variance /= (double)mesh->points;
+        vague[j] = beyond.missing * beyond.missing * variance;
+        const double rate = beyond.rate / mesh->typical_step;
+        if (D > d) vague[d + j] = rate * rate * variance;
+    }
+    for (int64_t l = 0; l < model->latent; ++l) {
+        const double std = beyond.hidden * model->latent_std[l];
+        vague[D + l] = std * std;
+    }
+}
 
 /* Fill what is known of one point: the covariance of its states and latent processes, W x W, and their centre less the
    estimate. Returns the sum of the logarithms of variances of what was not measured. */
-static double measured_at(const Model *model, const Mesh *mesh, Prior prior, int64_t i, const double *states,
+static double measured_at(const Model *model, const Mesh *mesh, const double *vague, int64_t i, const double *states,
                           double *covariance, double *offset) {
     const int64_t d = model->equations, D = d * model->order, w = model->latent, W = D + w;
     double unmeasured = 0;
     memset(covariance, 0, sizeof(double) * (size_t)(W * W));
     for (int64_t a = 0; a < W; ++a) {
         const bool begun = a >= D && mesh->anchors[i * w + a - D] > 0;
-        covariance[a * W + a] = begun ? prior.stationary[a - D] : prior.vague[a];
+        covariance[a * W + a] = begun ? model->latent_std[a - D] * model->latent_std[a - D] : vague[a];
         offset[a] = a >= D ? -states[a] : 0;
     }
     for (int64_t a = d; a < W; ++a) unmeasured += log(covariance[a * W + a]);
@@ -162,15 +178,15 @@ static void take_before(const double *factor, Parts own, const double *rows_befo
                 rows[a * columns + r] -= link[a * W + c] * rows_before[c * columns + r];
 }
 
-static bool whiten(const Workspace *work, const Mesh *mesh, Prior prior, const double *states, double model_error,
+static bool whiten(const Workspace *work, const Mesh *mesh, const double *vague, const double *states, double model_error,
                    const double *start, const double *end, double *rows, int64_t columns, Parts own, double *factor,
                    double *result) {
     const int64_t W = work->W;
     double total = 0, turned = 0, unmeasured = 0;
-    measured_at(work->model, mesh, prior, 0, states, own.before, own.offset);
+    measured_at(work->model, mesh, vague, 0, states, own.before, own.offset);
     for (int64_t i = 0; i + 1 < mesh->points; ++i, start += W * W, end += W * W, rows += W * columns) {
         const double logs =
-            measured_at(work->model, mesh, prior, i + 1, states + (i + 1) * W, own.after, own.next);
+            measured_at(work->model, mesh, vague, i + 1, states + (i + 1) * W, own.after, own.next);
         for (int64_t a = 0; a < W; ++a)
             for (int64_t b = 0; b < W; ++b)
                 rows[a * columns + columns - 1] -= start[a * W + b] * own.offset[b] + end[a * W + b] * own.next[b];
@@ -197,13 +213,13 @@ static bool whiten(const Workspace *work, const Mesh *mesh, Prior prior, const d
 /* Free rows [any columns | target], (n - 1) W of them, of the covariance of defects about an estimate, in place; the
    target is that about the estimate, and moved to the centre of the measurements. `result` is the log-determinant. */
 EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double *states, double model_error,
-                              const double *vague, const double *stationary, const double *start, const double *end,
-                              double *rows, int64_t columns, double *result) {
+                              Vagueness beyond, const double *start, const double *end, double *rows, int64_t columns,
+                              double *result) {
     Workspace work = {.model = model, .d = model->equations, .D = model->equations * model->order, .w = model->latent};
     const int64_t W = work.W = work.D + work.w;
-    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 2 * W));
+    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 3 * W));
     if (!memory) return NO_MEMORY;
-    double *vectors = memory + 7 * W * W;
+    double *vectors = memory + 7 * W * W, *vague = vectors + 2 * W;
     Parts own = {memory,
                  memory + W * W,
                  memory + 2 * W * W,
@@ -212,8 +228,91 @@ EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double
                  memory + 5 * W * W,
                  vectors,
                  vectors + W};
-    const bool done = whiten(&work, mesh, (Prior){vague, stationary}, states, model_error, start, end, rows, columns,
-                             own, memory + 6 * W * W, result);
+    fill_vague(model, mesh, beyond, vague);
+    const bool done =
+        whiten(&work, mesh, vague, states, model_error, start, end, rows, columns, own, memory + 6 * W * W, result);
     free(memory);
     return done ? DONE : NOT_POSITIVE;
+}
+
+/* Turn rows, `stride` numbers apart, into orthonormal columns and their upper triangle, by the modified way of Gram and
+   Schmidt (Bjorck 1967): the triangle is as good as that of reflections. */
+static void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride, double *triangle) {
+    for (int64_t k = 0; k < columns; ++k) {
+        double *restrict shares = triangle + k * columns, square = 0;
+        for (int64_t b = 0; b < columns; ++b) shares[b] = 0;
+        for (int64_t i = 0; i < count; ++i) square += rows[i * stride + k] * rows[i * stride + k];
+        const double norm = sqrt(square), scale = norm > 0 ? 1 / norm : 0;
+        for (int64_t i = 0; i < count; ++i) {
+            double *restrict row = rows + i * stride;
+            row[k] *= scale;
+            for (int64_t b = k + 1; b < columns; ++b) shares[b] += row[k] * row[b];
+        }
+        for (int64_t i = 0; i < count; ++i) {
+            double *restrict row = rows + i * stride;
+            for (int64_t b = k + 1; b < columns; ++b) row[b] -= row[k] * shares[b];
+        }
+        shares[k] = norm;
+    }
+}
+
+/* Fill rows with the columns of the free coefficients and the target about the estimate; false if not finite. */
+static bool fill_rows(const double *border, const double *defects, const double *own, int64_t count, int64_t p,
+                      double *rows) {
+    double total = 0;
+    for (int64_t i = 0; i < count; ++i) {
+        double target = -defects[i], *row = rows + i * (p + 1);
+        for (int64_t r = 0; r < p; ++r) {
+            row[r] = border[i * p + r];
+            target += row[r] * own[r];
+            total += row[r] * 0;
+        }
+        row[p] = target;
+        total += target * 0;
+    }
+    return total == 0;
+}
+
+/* Fill the triangular factor of [columns | target] that are freed of the covariance: `basis` is that of the columns
+   before, and `white` that of [basis | target] after that. */
+static void join_factors(const double *basis, const double *white, int64_t p, double *factor) {
+    const int64_t columns = p + 1;
+    memset(factor, 0, sizeof(double) * (size_t)(columns * columns));
+    for (int64_t a = 0; a < columns; ++a) {
+        for (int64_t c = a; c < p; ++c)
+            for (int64_t b = c; b < p; ++b) factor[a * columns + b] += white[a * columns + c] * basis[c * p + b];
+        factor[a * columns + p] = white[a * columns + p];
+    }
+}
+
+/* Linearise the likelihood of one mesh: the factor of its rows, (p + 1) x (p + 1), and the log-determinant. */
+EXPORTED int commonlaw_linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
+                                 const double *coefficients, double model_error, Vagueness beyond, double *factor,
+                                 double *result) {
+    const int64_t W = model->equations * model->order + model->latent, steps = mesh->points - 1, count = steps * W;
+    const int64_t all = model->equations * model->program.terms;
+    int64_t p = 0;
+    for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
+    const int64_t size = count + 2 * count * W + count * p + count * (p + 1) + p * p + (p + 1) * (p + 1) + p;
+    double *defects = malloc(sizeof(double) * (size_t)(size + 1));
+    if (!defects) return NO_MEMORY;
+    double *start = defects + count, *end = start + count * W, *border = end + count * W, *rows = border + count * p;
+    double *basis = rows + count * (p + 1), *white = basis + p * p, *own = white + (p + 1) * (p + 1);
+    for (int64_t k = 0, r = 0; k < all; ++k)
+        if (free_ones[k]) own[r++] = coefficients[k];
+    int failed = commonlaw_jacobians(model, mesh, free_ones, states, coefficients, defects, start, end, border);
+    if (!failed && !fill_rows(border, defects, own, count, p, rows)) failed = NOT_POSITIVE;
+    if (!failed) {
+        /* Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in */
+        orthogonalize(rows, count, p, p + 1, basis);
+        failed = commonlaw_whiten(model, mesh, states, model_error, beyond, start, end, rows, p + 1, result);
+    }
+    if (!failed) {
+        for (int64_t i = 0; i < steps; ++i)
+            if (!mesh->contiguous[i]) memset(rows + i * W * (p + 1), 0, sizeof(double) * (size_t)(W * (p + 1)));
+        orthogonalize(rows, count, p + 1, p + 1, white);
+        join_factors(basis, white, p, factor);
+    }
+    free(defects);
+    return failed;
 }

@@ -1,6 +1,5 @@
 """Models and meshes as the kernel takes them: contiguous arrays and their addresses, made once for each."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -13,7 +12,7 @@ from commonlaw.library.program import Program
 from commonlaw.likelihood.fitting import TrajectoryModel
 from commonlaw.likelihood.kernel.library import MeshStructure, ModelStructure, ProgramStructure
 from commonlaw.likelihood.latent import LatentSteps
-from commonlaw.likelihood.mesh import Mesh
+from commonlaw.likelihood.mesh import Grid, Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +43,13 @@ def address(array: NDArray[Any]) -> int:
 
 
 def _packed(model: TrajectoryModel, program: Program) -> Packed:
-    meshes = [
-        _mesh(mesh, model.observation.noise, steps)
-        for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)
-    ]
+    noise = model.observation.noise
+    meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = _floats(model.unit), np.zeros(model.width, dtype=np.uint8)
-    logarithmic[list(model.terms.variables.columns(model.terms.variables.logarithmic))] = 1
-    force = next((each.force for each in model.latent_steps if each is not None), None)
+    if model.terms.variables.logarithmic:
+        logarithmic[list(model.terms.variables.columns(model.terms.variables.logarithmic))] = 1
+    latent = model.latent_steps[0]
+    std = np.zeros(0) if latent is None else _floats(latent.std)
     structure = ModelStructure(
         model.equations,
         model.order,
@@ -58,41 +57,41 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
         model.latent.width,
         any(each.held for each in model.meshes),
         model.latent.correlated is not None,
-        -1 if force is None else force,
+        -1 if latent is None or latent.force is None else latent.force,
         float(model.observation.huber_threshold),
         address(unit),
+        address(std),
         address(logarithmic),
         _program(program),
     )
-    return Packed(
-        structure, (MeshStructure * len(meshes))(*(own for own, _ in meshes)), (unit, logarithmic, program, meshes)
-    )
+    kept = (unit, std, logarithmic, program, meshes)
+    return Packed(structure, (MeshStructure * len(meshes))(*(own for own, _ in meshes)), kept)
+
+
+_PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()
 
 
 def _program(program: Program) -> ProgramStructure:
-    counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
-    return ProgramStructure(*counts, address(program.constants), address(program.code), address(program.outputs))
+    if program not in _PROGRAMS:
+        counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
+        arrays = (program.constants, program.code, program.outputs)
+        _PROGRAMS[program] = ProgramStructure(*counts, *map(address, arrays))
+    return _PROGRAMS[program]
 
 
-def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshStructure, Sequence[NDArray[Any]]]:
-    """Return the structure of a mesh, and the arrays that it points into."""
-    middle = (mesh.inputs[:-1] + mesh.inputs[1:]) / 2 if mesh.middle is None else mesh.middle
-    nothing = np.zeros(0)
-    hidden = (nothing,) * 3 if latent is None else (latent.start, latent.end, latent.anchors)
-    arrays = [
-        mesh.times,
-        (mesh.times[:-1] + mesh.times[1:]) / 2,
-        mesh.steps,
-        mesh.relative_steps,
-        mesh.measured,
-        np.broadcast_to(noise * mesh.scale, mesh.measured.shape),
-        mesh.inputs,
-        middle,
-        *hidden,
-    ]
-    kept: list[NDArray[Any]] = [_floats(each) for each in arrays]
-    kept.append(np.ascontiguousarray(mesh.contiguous, dtype=np.uint8))
-    return MeshStructure(len(mesh), *(address(each) for each in kept)), kept
+_GRIDS: "WeakKeyDictionary[Grid, tuple[int, ...]]" = WeakKeyDictionary()
+"""Addresses of arrays; those that a grid would carry itself would be wrong in another process."""
+
+
+def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshStructure, object]:
+    """Return the structure of a mesh, and what it points into."""
+    grid = mesh.grid
+    if grid not in _GRIDS:
+        _GRIDS[grid] = (*map(address, grid.arrays), address(grid.contiguous))
+    std = _floats(np.broadcast_to(noise * mesh.scale, mesh.measured.shape))
+    hidden = () if latent is None else tuple(map(_floats, (latent.start, latent.end, latent.anchors)))
+    places = tuple(map(address, hidden)) or (0, 0, 0)
+    return MeshStructure(len(mesh), mesh.typical_step, *_GRIDS[grid], address(std), *places), (grid, std, hidden)
 
 
 def _floats(values: Floats) -> Floats:

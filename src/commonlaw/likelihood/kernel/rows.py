@@ -5,13 +5,43 @@ import ctypes
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.likelihood.collocation import Jacobians
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
+from commonlaw.likelihood.kernel.library import Vagueness
 from commonlaw.likelihood.kernel.packing import Packed, address
-from commonlaw.likelihood.linearization import vague
+from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _NOT_POSITIVE = 2
+
+_MOST = 20_000
+"""Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
+
+_VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
+
+
+def linearize(
+    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
+) -> Linearization:
+    """Return what `commonlaw.likelihood.linearization.linearize` returns, to rounding and signs of rows."""
+    columns = int(free.sum()) + 1
+    sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
+    if max(sizes) * columns > _MOST or min(sizes) <= columns:
+        return joined(whitened(library, model, packed, estimate, model_error, free), columns - 1)
+    free, coefficients = np.ascontiguousarray(free, dtype=np.bool_), _floats(estimate.coefficients)
+    problems, log_determinant, result = [], 0.0, np.empty(1)
+    for mesh, own, values in zip(model.meshes, packed.meshes, estimate.states, strict=True):
+        factor, states = np.empty((columns, columns)), _floats(values)
+        inside = (address(each) for each in (free, states, coefficients))
+        failed = library.commonlaw_linearize(
+            *(packed.model, own, *inside, model_error, _VAGUENESS, address(factor), address(result))
+        )
+        _check(failed)
+        rows = int(np.count_nonzero(mesh.contiguous)) * (model.width + model.latent.width)
+        problems.append(LeastSquaresProblem(np.asfortranarray(factor), columns - 1, rows))
+        log_determinant += float(result[0])
+    return Linearization(merge(problems), log_determinant)
 
 
 def whitened(
@@ -29,8 +59,7 @@ def jacobians(
     Where steps have no length, between segments, the derivatives by coefficients are zero.
     """
     steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
-    states = np.ascontiguousarray(estimate.states[index], dtype=np.float64)
-    coefficients = np.ascontiguousarray(estimate.coefficients, dtype=np.float64)
+    states, coefficients = _floats(estimate.states[index]), _floats(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
     shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
     found = [np.empty(shape) for shape in shapes]
@@ -49,7 +78,7 @@ def _whitened(
     model_error: float,
     free: Bools,
 ) -> tuple[Floats, float]:
-    mesh, latent = model.meshes[index], model.latent_steps[index]
+    mesh = model.meshes[index]
     linear = jacobians(library, model, packed, index, estimate, free)
     columns = linear.coefficients.reshape(linear.defects.size, -1)
     target = columns @ estimate.coefficients[free] - linear.defects.ravel()
@@ -58,17 +87,23 @@ def _whitened(
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
     basis, mixed = np.linalg.qr(columns)
     rows = np.column_stack([basis, target])
-    states, result = np.ascontiguousarray(estimate.states[index], dtype=np.float64), np.empty(1)
-    stationary = np.zeros(0) if latent is None else latent.std**2
-    assumed = vague(model, mesh, latent), stationary
-    inside = (address(each) for each in (*assumed, linear.start, linear.end, rows))
+    states, result = _floats(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
-        *(packed.model, packed.meshes[index], address(states), model_error), *inside, rows.shape[1], address(result)
+        *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
+        *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
-    if failed:
-        raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError
+    _check(failed)
     whole = np.empty((len(columns), columns.shape[1] + 1), order="F")
     whole[:, :-1], whole[:, -1] = rows[:, :-1] @ mixed, rows[:, -1]
     if not mesh.contiguous.all():
         whole = np.asfortranarray(whole[np.repeat(mesh.contiguous, linear.defects.shape[1])])
     return whole, float(result[0])
+
+
+def _check(failed: int) -> None:
+    if failed:
+        raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError
+
+
+def _floats(values: Floats) -> Floats:
+    return np.ascontiguousarray(values, dtype=np.float64)
