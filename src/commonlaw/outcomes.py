@@ -31,6 +31,8 @@ class OutcomeKind(StrEnum):
     """What objects are to share was found from one of them."""
     RATES = "rates"
     """A measured column is the rate of another, and no state of its own."""
+    RESIDUALS = "residuals"
+    """The errors that were taken do not explain what a law leaves of the measurements."""
     SAMPLES = "samples"
     """A law was fitted to some of the samples, as they are many."""
     SCALE = "scale"

@@ -95,7 +95,7 @@ class _Levels:
             errors = ErrorModel(correlated=values[d:-1], memory=float(values[-1]))
         elif kind == "force":
             errors = ErrorModel(force=values[d:-1], force_time=float(values[-1]))
-        return before.with_errors(values[:d], errors, "by the largest evidence, together with the law")
+        return before.with_errors(values[:d], errors, "level of largest evidence for errors of this kind, with the law")
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""

@@ -1,11 +1,14 @@
 """What is said of a law: the choices on the way to it, and what else was to choose from."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference.error_search import kind_of
+from commonlaw.inference.first_noise import by_columns
 from commonlaw.inference.mesh_refinement import FINEST
+from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
@@ -51,22 +54,8 @@ def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
 
 
 def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
-    """Return what a user should know of a law that these trials gave."""
-    found = []
-    if not state.by_evidence:
-        choice = model_error_step(problem, state).choice
-        error = "" if choice == "none" else f", and has a model error, {choice}"
-        found.append(
-            Outcome(
-                OutcomeKind.MODEL_ERROR,
-                "",
-                "the measurements depart from every law of this library by more than errors of measurement; the law "
-                f"is one of those that forecast held-out segments as well as the best{error}",
-                "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a "
-                "summary",
-            )
-        )
-    found += outcomes_of_samples(problem)
+    """Return what a user should know of a law that was chosen by these trials."""
+    found = [*outcomes_of_fit(problem, state, _CHOSEN if state.by_evidence else _BY_FORECASTS)]
     found += [
         Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
@@ -84,6 +73,46 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
         if support.sum() == most < min(MOST_TERMS, problem.allowed.sum(axis=1).max())
     ]
     return tuple(found)
+
+
+_GIVEN = "from this law by more than errors of measurement"
+_CHOSEN = "from this law, the best of its library, by more than errors of measurement"
+_BY_FORECASTS = (
+    "from every law of this library by more than errors of measurement; the law is one of those that forecast held-out "
+    "segments as well as the best"
+)
+
+
+def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _GIVEN) -> tuple[Outcome, ...]:
+    """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
+
+    The words say from what the measurements depart where errors of the measurements do not explain them.
+    """
+    found = []
+    of_law = state.has_model_error or problem.errors.of_law
+    if of_law or not state.by_evidence:
+        error = f", and has a model error, {model_error_step(problem, state).choice}" if of_law else ""
+        remedy = (
+            "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a summary"
+        )
+        found.append(Outcome(OutcomeKind.MODEL_ERROR, "", f"the measurements depart {departs}{error}", remedy))
+    elif left := _left(problem, state):
+        remedy = "standard errors and bands may be too narrow: offer terms for what is missing, or errors='auto'"
+        found.append(
+            Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
+        )
+    return (*found, *outcomes_of_samples(problem))
+
+
+def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
+    """Return outcomes of a law without those that a fit to other measurements decides anew."""
+    kinds = OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS, OutcomeKind.SAMPLES
+    return tuple(each for each in outcomes if each.kind not in kinds)
+
+
+def _left(problem: SearchProblem, state: SearchState) -> str:
+    """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
+    return unexplained(problem, state) if kind_of(problem.errors) == "white" else ""
 
 
 def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
@@ -138,7 +167,8 @@ def history(
 
 def noise_step(problem: SearchProblem) -> Step:
     """Return what noise was taken."""
-    return Step("noise", levels_in_words(problem.noise, problem.trials.schema), problem.noise_reason)
+    reason = f"as given{by_columns(problem.trials.schema)}" if problem.noise_given else problem.noise_reason
+    return Step("noise", levels_in_words(problem.noise, problem.trials.schema), reason)
 
 
 def levels_in_words(levels: Floats, schema: Schema) -> str:
@@ -154,7 +184,7 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
 def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
     """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
     schema = problem.trials.schema
-    why = "by the largest evidence, together with the law"
+    why = _levels(state)
     names, errors = schema.states, problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()
     found = []
@@ -178,14 +208,24 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
 
 def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     """Return what error the law itself has."""
-    why, errors, schema = "by the largest evidence, together with the law", problem.errors, problem.trials.schema
+    why, errors, schema = _levels(state), problem.errors, problem.trials.schema
     if errors.force is not None:
         levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
         time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
         return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
     if state.has_model_error:
         return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
-    return Step("model error", "none", "the trajectories are solutions of the law, up to errors of measurement")
+    left = _left(problem, state)
+    fine = "errors of measurement explain what solutions of the law leave"
+    if not state.by_evidence:
+        left = "errors of measurement alone did not pass the check by forecasts"
+    return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
+
+
+def _levels(state: SearchState) -> str:
+    """Return why errors beside white noise are what they are."""
+    chosen = "" if state.by_evidence else "; the kind was chosen by forecasts of held-out segments"
+    return f"levels of largest evidence for errors of this kind{chosen}"
 
 
 def _why(law: Law, listed: Sequence[ComparedSupport]) -> str:

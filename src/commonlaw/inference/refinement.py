@@ -14,7 +14,13 @@ from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_course import best_course, on_course
 from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
-from commonlaw.inference.provenance import fit_steps, noise_step, outcomes_of_samples, sample_steps
+from commonlaw.inference.provenance import (
+    fit_steps,
+    noise_step,
+    outcomes_of_fit,
+    sample_steps,
+    without_outcomes_of_fit,
+)
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem, prepare
@@ -130,7 +136,10 @@ def refine(
     chosen = *steps, *sample_steps(found.problem), noise_step(found.problem), *fit_steps(found.problem, found.state)
     provenance = replace(
         law.provenance,
-        outcomes=(*with_outcomes_of_zero(law.outcomes, refined, trials), *outcomes_of_samples(found.problem)),
+        outcomes=(
+            *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
+            *outcomes_of_fit(found.problem, found.state),
+        ),
         history=(*law.history, *chosen),
         calls=calls,
         domain=Domain.of(trials, law.rates),

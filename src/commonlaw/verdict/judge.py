@@ -65,7 +65,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         unjudged=tuple(dict.fromkeys(unjudged)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
         exact=OutcomeKind.MODEL_ERROR not in known and not law.uncertainty.error_model.of_law,
-        none_exact=OutcomeKind.MODEL_ERROR in known,
+        none_exact=OutcomeKind.MODEL_ERROR in known and bool(law.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(each.where for each in law.outcomes if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )

@@ -1,0 +1,62 @@
+"""What a fit says of itself: its reasons are the ones that decided, and what it does not explain is told."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.outcomes import OutcomeKind
+
+TIMES = np.arange(40) * 0.1
+NOISE = 0.02
+
+
+@pytest.fixture(scope="module")
+def swayed():
+    """Decays that something unknown sways, slowly."""
+    draws = np.random.default_rng(0)
+    curves = [
+        start * np.exp(-0.5 * TIMES) + 0.3 * np.sin(2 * TIMES + start) + NOISE * draws.standard_normal(40)
+        for start in (5.0, 6.0)
+    ]
+    return cl.Trials.from_arrays([TIMES] * 2, curves, names=["x"], units={"x": "m", "t": "s"})
+
+
+@pytest.fixture(scope="module")
+def white(swayed):
+    return cl.fit("x' = -k x", swayed, errors="white")
+
+
+def step(law, stage):
+    return next(each for each in law.history if each.stage == stage)
+
+
+def kinds(law):
+    return [each.kind for each in law.outcomes]
+
+
+def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(white):
+    assert kinds(white) == [OutcomeKind.RESIDUALS]
+    assert "remember each other" in white.outcomes[0].text
+    assert "remember each other" in step(white, "model error").reason
+
+
+def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(swayed):
+    given = cl.fit("x' = -k x", swayed)
+    assert OutcomeKind.MODEL_ERROR in kinds(given)
+    assert "depart from this law" in str(given)
+    verdict = given.verdict(swayed)
+    assert (verdict.exact, verdict.none_exact) == (False, False)
+
+
+def test_noise_that_was_given_is_said_to_be_given(swayed):
+    for errors in ("white", "correlated"):
+        law = cl.fit("x' = -k x", swayed, noise={"x": 0.3}, errors=errors)
+        assert law.noise[0] == 0.3
+        assert step(law, "noise").reason == "as given"
+
+
+def test_a_law_that_is_fitted_again_keeps_no_outcome_of_the_fit_before(white):
+    draws = np.random.default_rng(1)
+    clean = 5 * np.exp(-0.5 * TIMES) + NOISE * draws.standard_normal(40)
+    trials = cl.Trials.from_arrays(TIMES, clean, names=["x"], units={"x": "m", "t": "s"})
+    assert kinds(cl.refine(white.select(white.objects[:1]), trials)) == []
