@@ -17,14 +17,14 @@ from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
     LawSearch,
-    best_course,
+    best_interpolation,
     error_kinds,
     finish,
     known_noise,
     objection,
-    on_course,
     search_supports,
     with_error_models,
+    with_interpolation,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
@@ -60,8 +60,8 @@ class TrajectoryLikelihood(AbstractMethod):
         measurement are shares of the state, and so is their noise; forecasts and their bands stay above zero. The law
         itself is in the units of the states.
     input_between
-        The course of inputs between samples: ``"held"``, ``"linear"`` or ``"cubic"``, see `Law.predict`. ``"auto"``:
-        straight lines, unless the evidence of the law for another is strong.
+        The interpolation of inputs between samples: ``"held"``, ``"linear"`` or ``"cubic"``, see `Law.predict`.
+        ``"auto"``: straight lines, unless the evidence of the law for another is strong.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -128,14 +128,14 @@ class TrajectoryLikelihood(AbstractMethod):
         assert isinstance(trials, Trials)
         as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
         trials = with_logarithms(trials, self.positive)
-        trials = on_course(trials, "linear" if self.input_between == "auto" else self.input_between)
+        trials = with_interpolation(trials, "linear" if self.input_between == "auto" else self.input_between)
         kinds = error_kinds(self.errors, trials.schema)
         found, steps = self._search(trials, structure, part(progress, 0.0, _SEARCH)), list[Step]()
         if chosen:
-            progress("comparing courses of inputs between samples")
-            steps = [best_course(found.problem, found.state)]
+            progress("comparing interpolations of inputs between samples")
+            steps = [best_interpolation(found.problem, found.state)]
             if steps[0].choice != trials.schema.input_between:
-                found = self._search(on_course(trials, steps[0].choice), structure, progress)
+                found = self._search(with_interpolation(trials, steps[0].choice), structure, progress)
         odd = objection(found.problem, found.state) if self.errors == "auto" else "as asked for"
         if odd:
             progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.discrepancy.coordinates import basis_of
 from commonlaw.discrepancy.setting import Setting
-from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, told
+from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, fit_about
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.search import NEGLIGIBLE
 from commonlaw.law.smooth_basis import SmoothBasis
@@ -52,7 +52,7 @@ def _value(setting: Setting, alone: FunctionFit, candidate: Candidate, zero_at: 
     found = [np.inf]
     for model_error in {alone.model_error, NEGLIGIBLE}:
         with suppress(NotPositiveError):
-            found.append(told(setting.problem, model, estimates, model_error).value)
+            found.append(fit_about(setting.problem, model, estimates, model_error).value)
     return min(found)
 
 

@@ -10,7 +10,7 @@ from commonlaw.discrepancy.coordinates import expression, with_known_properties
 from commonlaw.discrepancy.describe import descriptions
 from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.shares import shares
-from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, settled
+from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
 from commonlaw.inference.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.discrepancy import Compared, Discrepancy
@@ -44,7 +44,7 @@ def discrepancy(
     setting = setting.resolving(first.basis)
     model = setting.with_function(first.basis, first.equation, zero_at)
     alone, shared = (annealed(setting.problem, each) for each in (setting.alone, model))
-    law_alone, found = (settled(setting.problem, best(each)) for each in (alone, shared))
+    law_alone, found = (converged(setting.problem, best(each)) for each in (alone, shared))
     # What the choice among several costs: all of them are as probable beforehand
     evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
     visited = setting.visited.evaluate(first.basis.coordinate)
@@ -69,20 +69,20 @@ def discrepancy(
 
 def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate, called: str) -> Law:
     """Return the law with coefficients as they are beside the function, which it carries."""
-    own, told = law.select(setting.problem.trials.objects), found.posterior
+    own, posterior = law.select(setting.problem.trials.objects), found.posterior
     whole = _whole(law, setting, found)
     size, wide = setting.law.terms, found.model.terms
     shape = (len(law.states), len(wide))
-    places = np.zeros(shape, dtype=np.bool_)
-    places[:, : len(size)] = setting.law.support
+    in_law = np.zeros(shape, dtype=np.bool_)
+    in_law[:, : len(size)] = setting.law.support
     coefficients = own.coefficients.copy()
-    coefficients[:, own.support] = whole.coefficients[:, places]
-    inner = places[whole.support]
+    coefficients[:, own.support] = whole.coefficients[:, in_law]
+    inner = in_law[whole.support]
     uncertainty = whole.uncertainty.restrict(inner)
     step = Step(
         "discrepancy",
         f"a function of {chosen.basis.coordinate} in {law.left_hand_sides[chosen.equation]}",
-        f"coefficients are those beside it; noise times {told.noise_factor:.3g}",
+        f"coefficients are those beside it; noise times {posterior.noise_factor:.3g}",
     )
     return replace(
         own,
@@ -97,24 +97,24 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate,
 
 def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
     """Return the law with the functions as further terms."""
-    problem, model, told = setting.problem, found.model, found.posterior
+    problem, model, posterior = setting.problem, found.model, found.posterior
     objects, terms = problem.trials.objects, Terms(setting.law.terms.variables, model.terms.terms)
     coefficients = np.array([each.coefficients for each in found.estimates])
-    coefficients[:, model.own], coefficients[:, model.shared] = told.coefficients, told.weights
+    coefficients[:, model.own], coefficients[:, model.shared] = posterior.coefficients, posterior.weights
     support = np.any(coefficients != 0, axis=0)
     order = np.concatenate([np.flatnonzero(model.own), np.flatnonzero(model.shared)])
-    factor = told.shared_factor
+    factor = posterior.shared_factor
     shared = np.zeros((len(objects), support.size, factor.shape[1]))
-    shared[:, order] = np.concatenate([told.follow @ factor, np.tile(factor, (len(objects), 1, 1))], axis=1)
+    shared[:, order] = np.concatenate([posterior.follow @ factor, np.tile(factor, (len(objects), 1, 1))], axis=1)
     covariance = shared @ shared.transpose(0, 2, 1)
     own = np.flatnonzero(model.own)
-    covariance[:, own[:, np.newaxis], own] += told.own_covariance
+    covariance[:, own[:, np.newaxis], own] += posterior.own_covariance
     kept = support.ravel()
     uncertainty = Uncertainty(
         covariance=covariance[:, kept][:, :, kept],
         shared_factor=shared[:, kept],
-        noise=told.noise_factor * problem.noise,
-        error_model=errors_of(problem, told.noise_factor * found.model_error if found.has_model_error else 0.0),
+        noise=posterior.noise_factor * problem.noise,
+        error_model=errors_of(problem, posterior.noise_factor * found.model_error if found.has_model_error else 0.0),
     )
     schema, provenance = setting.law.schema, Provenance(law.differentiation, domain=law.provenance.domain)
     return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

@@ -25,7 +25,7 @@ _ZERO = 0.05
 _VANISHED = 0.3
 """The same of a term, whose function is known from one object only, for what is said of it."""
 
-_TOLD = 1e-6
+_RESOLVED = 1e-6
 """Singular values below this share of the largest tell nothing."""
 
 _ROUNDING = 1e-9
@@ -43,9 +43,9 @@ def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
 
 def _covariance(basis: SmoothBasis, length: float) -> Floats:
     found = np.zeros((len(basis), len(basis)))
-    gaps = np.subtract.outer(basis.knots, basis.knots) / length
+    distances = np.subtract.outer(basis.knots, basis.knots) / length
     bumps = basis.values(np.array([basis.centre]))[0, 1:]
-    found[1:, 1:] = np.exp(-(gaps**2) / 2)
+    found[1:, 1:] = np.exp(-(distances**2) / 2)
     found /= bumps @ found[1:, 1:] @ bumps
     found[0, 0] = 1 / basis.range**2
     return found
@@ -101,13 +101,13 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     own = [basis.values(each.coordinate) * each.times[:, np.newaxis] for each in samples]
     whole = np.concatenate(own)
     left, singular, right = np.linalg.svd(whole, full_matrices=False)
-    told = singular > _TOLD * singular[0]
-    parts = np.split(left[:, told], np.cumsum([len(each) for each in own])[:-1])
+    resolved = singular > _RESOLVED * singular[0]
+    parts = np.split(left[:, resolved], np.cumsum([len(each) for each in own])[:-1])
     rests = [part - _said(each.terms, part) for part, each in zip(parts, samples, strict=True)]
     _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
     both = directions[sizes < _ALIKE]
-    weights = (both / singular[told]) @ right[told]
-    constraints = both @ left[:, told].T @ whole
+    weights = (both / singular[resolved]) @ right[resolved]
+    constraints = both @ left[:, resolved].T @ whole
     pairs, first = list(zip(samples, own, strict=True)), samples[0]
     count = first.terms.shape[1]
     held = [k for k in range(count) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
@@ -119,7 +119,7 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     from scipy.linalg import null_space
 
     kept = null_space(there[np.newaxis]).T @ constraints
-    said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_TOLD)[0]
+    said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_RESOLVED)[0]
     alive = np.abs(at @ said)[0] >= _VANISHED * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
     vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
     return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
@@ -129,10 +129,10 @@ def _said(terms: Floats, values: Floats) -> Floats:
     """Return what terms, shape (n, terms), say of values, shape (n, columns), at best."""
     scale = np.linalg.norm(terms, axis=0)
     relative = terms / np.where(scale > 0, scale, 1.0)
-    return np.asarray(relative @ np.linalg.lstsq(relative, values, rcond=_TOLD)[0])
+    return np.asarray(relative @ np.linalg.lstsq(relative, values, rcond=_RESOLVED)[0])
 
 
 def _is_said(term: Floats, functions: Floats) -> bool:
     """Return whether functions of the coordinate, shape (n, functions), can say a term, shape (n,)."""
-    rest = term - functions @ np.linalg.lstsq(functions, term, rcond=_TOLD)[0]
+    rest = term - functions @ np.linalg.lstsq(functions, term, rcond=_RESOLVED)[0]
     return bool(np.linalg.norm(rest) < _ALIKE * np.linalg.norm(term))

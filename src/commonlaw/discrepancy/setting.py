@@ -10,7 +10,7 @@ from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.trajectories import FunctionModel
 from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_course import on_course
+from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.refinement import known_coefficients, of_objects
 from commonlaw.inference.search_problem import SearchProblem, prepare
@@ -39,7 +39,7 @@ class Setting:
         trials = matched(law, trials.with_trials([each.measured() for each in trials]))
         law, trials = with_properties_in(texts, law, trials)
         law = of_objects(law, trials)
-        trials = on_course(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
+        trials = with_interpolation(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
         levels, known = known_noise(noise, trials), known_coefficients(law)
         problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
         return cls(law, problem, Visited.of(problem, law.terms))

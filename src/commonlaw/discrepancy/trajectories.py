@@ -17,8 +17,8 @@ from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 _ROUNDS = 8
 """How often trajectories follow the coefficients that the last ones gave, at most."""
 
-_SETTLED = 0.03
-"""What twice the log-evidence changes by once it is settled."""
+_CONVERGED = 0.03
+"""What twice the log-evidence changes by once the fit has converged."""
 
 _NOISE_MEASUREMENTS = 2.0
 """Measurements of each state that its estimated noise is worth."""
@@ -100,8 +100,8 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     estimates, found = start(problem, model), list[FunctionFit]()
     for model_error in (*MODEL_ERRORS, NEGLIGIBLE):
         with suppress(NotPositiveError):
-            first = told(problem, model, estimates, model_error)
-            found.append(told(problem, model, followed(problem, first), model_error))
+            first = fit_about(problem, model, estimates, model_error)
+            found.append(fit_about(problem, model, followed(problem, first), model_error))
             estimates = found[-1].estimates
     if not found:
         raise CommonlawError(
@@ -111,15 +111,15 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     return found
 
 
-def settled(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
-    """Return the fit after its trajectories have followed the coefficients until these stay."""
+def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
+    """Return the fit after its trajectories have followed the coefficients until these converge."""
     for _ in range(_ROUNDS):
         try:
-            found = told(problem, fitted.model, followed(problem, fitted), fitted.model_error)
+            found = fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
         except NotPositiveError:
             break
         last, fitted = fitted, found
-        if abs(found.value - last.value) < _SETTLED:
+        if abs(found.value - last.value) < _CONVERGED:
             break
     return fitted
 
@@ -136,7 +136,7 @@ def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...
     return tuple(found)
 
 
-def told(
+def fit_about(
     problem: SearchProblem, model: FunctionModel, estimates: tuple[Estimate, ...], model_error: float
 ) -> FunctionFit:
     """Return what the likelihood linearised about estimates says.

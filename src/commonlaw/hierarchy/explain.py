@@ -81,11 +81,11 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     lifted = covariances + _JITTER * np.diag(errors**2)
     own = Measured(estimates / units, lifted / np.outer(units, units), estimates / units)
-    choices = _settled(own, properties.varying)
+    choices = _most_probable(own, properties.varying)
     return _explained(own, choices, properties.varying, units)
 
 
-def _settled(own: Measured, properties: PropertyTable) -> list[RelationChoice]:
+def _most_probable(own: Measured, properties: PropertyTable) -> list[RelationChoice]:
     """Return the relations of all coefficients that fit each other, and are together the most probable."""
     objects, size = own.estimates.shape
     free = CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)

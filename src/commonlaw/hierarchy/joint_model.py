@@ -193,14 +193,14 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tup
     own, known = precisions[:, :, index], others.residuals.copy()
     known[:, index] = 0.0
     information = own[:, index]
-    gaps = others.residuals[:, index] - tried.offsets
+    residuals = others.residuals[:, index] - tried.offsets
     # The scatter of one coefficient changes the precision by a product of two vectors (Sherman and Morrison 1950)
     less = 1 / (1 + tried.variances * information)
     lost = tried.variances * less
-    told = np.einsum("ok,ok->o", own, known)
-    pull = told + information * gaps
+    projected = np.einsum("ok,ok->o", own, known)
+    pull = projected + information * residuals
     squares = np.einsum("ok,okl,ol->", known, precisions, known)
-    squares = squares + np.sum(2 * gaps * told + information * gaps**2 - lost * pull**2, axis=1)
+    squares = squares + np.sum(2 * residuals * projected + information * residuals**2 - lost * pull**2, axis=1)
 
     shared = np.einsum("okq,ok->oq", design, own)
     count, width = design.shape[2], tried.columns.shape[2]
@@ -216,7 +216,7 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tup
 
     models = max(len(pull), len(weighted))
     sides = np.empty((models, count + width))
-    sides[:, :count] = np.einsum("okq,okl,ol->q", design, precisions, known) + (gaps - lost * pull) @ shared
+    sides[:, :count] = np.einsum("okq,okl,ol->q", design, precisions, known) + (residuals - lost * pull) @ shared
     sides[:, count:] = np.sum(weighted * pull[..., np.newaxis], axis=1)
     found = np.matmul(np.linalg.inv(total), sides[..., np.newaxis])[..., 0]
     deviance = squares - np.sum(found * sides, axis=1) + np.linalg.slogdet(total)[1]

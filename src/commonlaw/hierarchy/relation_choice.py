@@ -41,7 +41,7 @@ _MOST_PROPERTIES, _MOST_SLOPES, _NEXT = 3, 2, 0.5
 class RelationChoice:
     """A relation of one coefficient, and the model that follows from it.
 
-    Properties are given by their places in the table. The `score` is the logarithm of prior times evidence, but for
+    Properties are given by their indices in the table. The `score` is the logarithm of prior times evidence, but for
     what all relations have in common; `gain` is by how much its kind is ahead of each object's own coefficients, and
     `log_price` how much of its score is not the evidence of its model: prior, and scatters that were as possible.
     """

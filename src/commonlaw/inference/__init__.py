@@ -6,7 +6,7 @@ from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_course import best_course, on_course
+from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.provenance import levels_in_words
@@ -25,7 +25,7 @@ __all__ = [
     "ErrorKind",
     "LawSearch",
     "adapt",
-    "best_course",
+    "best_interpolation",
     "can_be_carried",
     "candidate_law",
     "candidate_laws",
@@ -37,9 +37,9 @@ __all__ = [
     "known_noise",
     "levels_in_words",
     "objection",
-    "on_course",
     "prepare",
     "refine",
     "search_supports",
     "with_error_models",
+    "with_interpolation",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.input_course import on_course
+from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.refinement import of_objects
 from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE
 from commonlaw.inference.search_problem import prepare
@@ -33,7 +33,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     trials = matched(law, trials)
     before = of_objects(law_of(law, trials)[0], trials)
     trials = with_logarithms(trials.with_trials([each.measured() for each in trials]), law.schema.logarithmic)
-    trials = on_course(trials, law.schema.input_between)
+    trials = with_interpolation(trials, law.schema.input_between)
     problem = prepare(trials, law.terms, law.order, before.coefficients, noise=law.noise)
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):

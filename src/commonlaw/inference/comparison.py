@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS, with_errors_of_each_kind
-from commonlaw.inference.input_course import on_course
+from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.law_search import objection
 from commonlaw.inference.refinement import fit_terms, of_objects
 from commonlaw.inference.scales import check_one_scale, error_kinds
@@ -139,7 +139,7 @@ def _fitted(
 ) -> tuple[SearchProblem, SearchState]:
     """Return a law fitted on a mesh that is fine enough for it."""
     trials = trials.with_trials([each.measured() for each in trials])
-    trials = on_course(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
+    trials = with_interpolation(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
     return fit_terms(law, trials, noise, huber_threshold)
 
 

@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_course import best_course, on_course
+from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import (
@@ -66,7 +66,7 @@ def refine(
         States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
         the law.
     input_between
-        The course of inputs between samples, or ``"auto"``, see `TrajectoryLikelihood`. Default: that of the law.
+        The interpolation of inputs between samples, or ``"auto"``, see `TrajectoryLikelihood`. Default: as in the law.
     noise
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
@@ -119,13 +119,13 @@ def refine(
     known = known_coefficients(law)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
-    course = law.schema.input_between if input_between is None else input_between
-    trials, steps = on_course(trials, "linear" if course == "auto" else course), list[Step]()
+    between = law.schema.input_between if input_between is None else input_between
+    trials, steps = with_interpolation(trials, "linear" if between == "auto" else between), list[Step]()
     problem, state = fit_terms(law, trials, noise, huber_threshold)
-    if course == "auto" and trials.schema.inputs:
-        steps = [best_course(problem, state)]
+    if between == "auto" and trials.schema.inputs:
+        steps = [best_interpolation(problem, state)]
         if steps[0].choice != trials.schema.input_between:
-            trials = on_course(trials, steps[0].choice)
+            trials = with_interpolation(trials, steps[0].choice)
             problem, state = fit_terms(law, trials, noise, huber_threshold)
     law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
     frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))

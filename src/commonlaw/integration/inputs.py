@@ -36,7 +36,7 @@ class Inputs:
             If it is not known what `between` means.
         """
         if between not in BETWEEN:
-            raise unknown("course of inputs between samples", between, BETWEEN)
+            raise unknown("interpolation of inputs between samples", between, BETWEEN)
         coefficients = np.zeros((len(times), 4, values.shape[1]))
         coefficients[:, 0] = values
         if between == "linear":

@@ -39,15 +39,15 @@ def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
         return law, ()
     drawn = [_drawn(law, name, trials) for name in unseen]
     seen = [name for name in trials.objects if name in law.objects]
-    places = [law.index(name) for name in seen]
+    indices = [law.index(name) for name in seen]
     known = law.uncertainty.covariance
     covariance = None
     if known is not None:
-        covariance = np.array([*known[places], *(each.covariances for each in drawn)])
+        covariance = np.array([*known[indices], *(each.covariances for each in drawn)])
     found = replace(
         law,
         objects=(*seen, *unseen),
-        coefficients=np.array([*law.coefficients[places], *(each.coefficients for each in drawn)]),
+        coefficients=np.array([*law.coefficients[indices], *(each.coefficients for each in drawn)]),
         uncertainty=replace(law.uncertainty, covariance=covariance, shared_factor=None, unpooled=None),
         properties={},
         explanation=None,
@@ -82,16 +82,16 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
 def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
     """Return the coefficients that follow from properties, in the units of the law."""
     assert law.explanation is not None
-    coefficients, places = law.coefficients[0].copy(), np.argwhere(law.support)
+    coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
     covariance = law.explanation.covariance
-    turn, scatter = np.zeros((len(places), len(covariance))), np.zeros(len(places))
+    turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
     first = 0
     for i, relation in enumerate(law.explanation.relations):
         if relation is not None:
             part = slice(first, first + len(relation.factors))
             columns = _columns(relation, name, given)
             mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
-            coefficients[tuple(places[i])], turn[i, part], first = mean, share * columns, part.stop
+            coefficients[tuple(indices[i])], turn[i, part], first = mean, share * columns, part.stop
     followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
     total = turn @ covariance @ turn.T + np.diag(scatter)
     return Population(coefficients, total, f"{name} is not in the law: it has the coefficients {followed}")

@@ -138,8 +138,8 @@ class AbstractPredictions(AbstractAverages):
         seed
             Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
         input_between
-            The course of inputs between samples: ``"held"`` at the earlier value, as a controller does, ``"linear"`` or
-            ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
+            The interpolation of inputs between samples: ``"held"`` at the earlier value, as a controller does,
+            ``"linear"`` or ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
         discrepancy
             Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
         averaged

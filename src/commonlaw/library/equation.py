@@ -85,11 +85,11 @@ class Equation:
 
 @dataclass(frozen=True)
 class _Token:
-    """A token with its place in the text; its kind is number, name, function, or the sign itself."""
+    """A token with its position in the text; its kind is number, name, function, or the sign itself."""
 
     kind: str
     text: str
-    place: int
+    position: int
 
 
 def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
@@ -262,8 +262,8 @@ class _Reader:
         return self.tokens[self.index - 1]
 
     def _tokens(self) -> Iterator[_Token]:
-        text, place = self.equation.text, self.equation.right
-        while match := _TOKEN.match(text, place):
+        text, position = self.equation.text, self.equation.right
+        while match := _TOKEN.match(text, position):
             kind = str(next(each for each in ("number", "name", "sign", "bad") if match[each]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
             if kind == "bad":
@@ -271,7 +271,7 @@ class _Reader:
             if kind == "name":
                 token = self._named(token, match["mark"], text[match.end() :])
             yield token
-            place = match.end()
+            position = match.end()
 
     def _named(self, token: _Token, mark: str | None, rest: str) -> _Token:
         """Return a variable, a coefficient or a function by its name, the mark behind it, and what follows."""
@@ -281,7 +281,7 @@ class _Reader:
         if mark == "'":
             if name not in self.rates:
                 self._fail(token, f"{name}' is no rate that the right-hand side may hold")
-            return _Token("name", self.rates[name], token.place)
+            return _Token("name", self.rates[name], token.position)
         if name in self.variables.names:
             if rest.startswith("("):
                 self._fail(token, f"{name} is a variable, not a function: write products with '*', variables alone")
@@ -289,14 +289,14 @@ class _Reader:
             if name in (*FUNCTIONS, *OTHER_NAMES):
                 if not rest.lstrip().startswith("("):
                     self._fail(token, f"{name} is a function: write {name}(...)")
-                return _Token("function", name, token.place)
+                return _Token("function", name, token.position)
             if name in self.meanings.others:
-                return _Token("name", self.meanings.others[name], token.place)
+                return _Token("name", self.meanings.others[name], token.position)
             if name in CONSTANTS:
-                return _Token("number", repr(CONSTANTS[name]), token.place)
+                return _Token("number", repr(CONSTANTS[name]), token.position)
             if rest.startswith("(") and not _LETTER.fullmatch(name):
                 self._fail(token, str(unknown("function", name, FUNCTIONS)))
-        return _Token("name", name, token.place)
+        return _Token("name", name, token.position)
 
     def _begins_operand(self, token: _Token) -> bool:
         return token.kind in ("number", "name", "function", "(")
@@ -314,7 +314,7 @@ class _Reader:
                     raise CommonlawError(f"{self.equation.text!r} has the term {name} twice: write it once{hint}")
 
     def _fail(self, token: _Token, problem: str) -> NoReturn:
-        where = f"at character {token.place + 1}" + (f", {token.text!r}" if token.text else "")
+        where = f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else "")
         known = f"; variables: {', '.join(self.variables.names)}"
         raise CommonlawError(
             f"cannot read {self.equation.text!r} {where}: {problem}{'' if 'Known:' in problem else known}"

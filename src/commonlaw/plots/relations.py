@@ -85,9 +85,9 @@ def plot_relations(law: Law) -> Figure:
         for k in range(each.panels):
             panel = figure.add_subplot(grid[i, k])
             _draw(panel, each, k, law)
-            points = zip(law.objects, _places(each, k), each.sign * each.estimates, each.halves, strict=True)
-            for name, place, value, half in points:
-                panel.errorbar(place, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
+            points = zip(law.objects, _positions(each, k), each.sign * each.estimates, each.halves, strict=True)
+            for name, position, value, half in points:
+                panel.errorbar(position, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
             if k == 0:
                 panel.set_ylabel(axis_label("−coefficient" if each.sign < 0 else "coefficient", each.unit))
                 panel.set_title(each.label, loc="left")
@@ -119,7 +119,7 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
             yield _Coefficient(label, unit, relation, own.coefficients[:, i], halves[:, i], values)
 
 
-def _places(each: _Coefficient, column: int) -> Floats:
+def _positions(each: _Coefficient, column: int) -> Floats:
     """Return where the objects stand on a panel's horizontal axis, shape (objects,)."""
     if column < len(each.relation.properties):
         return np.asarray(each.properties[:, column])
@@ -137,7 +137,7 @@ def _made_of_properties(relation: Relation, properties: Floats) -> Floats:
 
 def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
     """Draw the axes of a panel, and the relation where it is a line there."""
-    relation, places = each.relation, _places(each, column)
+    relation, positions = each.relation, _positions(each, column)
     if each.logarithmic:
         for axis, scale in ((panel.xaxis, panel.set_xscale), (panel.yaxis, panel.set_yscale)):
             scale("log")
@@ -151,12 +151,12 @@ def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
         panel.set_xlabel(plain(dependence(relation), 40))
     elif len(law.objects) <= _NAMED:
         names = [plain(shorten(in_line(name), 20, placeholder=" …"), 60) for name in law.objects]
-        panel.set_xticks(places, names, rotation=90)
+        panel.set_xticks(positions, names, rotation=90)
     else:
         panel.set_xlabel("objects")
     if column < len(relation.properties) and len(relation.properties) > 1:
         return  # The other properties differ between the objects: there is no one line
-    ends = (places.min(), places.max())
+    ends = (positions.min(), positions.max())
     along = np.geomspace(*ends, _POINTS) if each.logarithmic else np.linspace(*ends, _POINTS)
     curve = _curve(relation, along, column)
     panel.plot(along, each.sign * curve, color="black", zorder=1)

@@ -46,7 +46,7 @@ class Schema:
     logarithmic
         States that stand here by their logarithms, see `with_logarithms`.
     input_between
-        The course of inputs between samples, see `Law.predict`.
+        The interpolation of inputs between samples, see `Law.predict`.
     rates
         Columns that were left out of the states, as they are the rate of one, by that one: ``{"theta": "omega"}``. A
         law of second order calls the rates by these names.
