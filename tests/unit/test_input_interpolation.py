@@ -74,7 +74,7 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     trials = driven("linear")
     law = cl.fit("x' = a + b x + c u", trials, **KNOWN)
     assert [(each.choice, each.reason) for each in law.history if each.stage == "inputs"] == [
-        ("linear", "between samples: the evidence for no other course is strong")
+        ("linear", "between samples: the evidence for no other interpolation is strong")
     ]
     with pytest.raises(CommonlawError, match="unknown input_between 'steps'"):
         cl.TrajectoryLikelihood(input_between="steps")

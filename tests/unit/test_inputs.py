@@ -50,8 +50,8 @@ def test_an_input_that_stays_as_it_is_has_no_knot():
     assert Inputs.of(np.arange(6.0), np.ones((6, 1)), "linear").knots.tolist() == [0]
 
 
-def test_an_unknown_course_of_inputs_is_refused():
-    with pytest.raises(CommonlawError, match=r"unknown course of inputs between samples 'lineer'.*'linear'"):
+def test_an_unknown_interpolation_of_inputs_is_refused():
+    with pytest.raises(CommonlawError, match=r"unknown interpolation of inputs between samples 'lineer'.*'linear'"):
         Inputs.of(TIMES, VALUES, "lineer")
 
 
