@@ -44,9 +44,9 @@ class Score:
     right, listed, empty
         Whether the terms are the true ones; the true ones are among the candidates; an equation that has terms in truth
         is left with none.
-    intervals, hold
-        95 % intervals of the chosen terms' coefficients, and those that hold the truth, which is zero for a term that
-        is not in the law.
+    intervals, hold, hold_given
+        95 % intervals of the chosen terms' coefficients, averaged over what else the law could be, and those that hold
+        the truth, which is zero for a term that is not in the law; and those that hold it given the chosen terms.
     terms
         Of every equation, as they were found.
     """
@@ -59,6 +59,7 @@ class Score:
     empty: bool
     intervals: int
     hold: int
+    hold_given: int
     terms: tuple[tuple[str, ...], ...]
     seconds: float
 
@@ -96,7 +97,7 @@ def score_of(kind: str, seed: int, changed: Mapping[str, float] | None = None) -
         law = cl.discover(problem.trials, order=problem.shape.order, library=problem.shape.library)
     except CommonlawError as reason:
         print(f"{kind}, {seed}: {reason}", file=sys.stderr)
-        return Score(kind, seed, None, False, False, False, 0, 0, (), time.perf_counter() - begun)
+        return Score(kind, seed, None, False, False, False, 0, 0, 0, (), time.perf_counter() - begun)
     finally:
         restore()
     return _score(problem, law, time.perf_counter() - begun)
@@ -109,11 +110,15 @@ def _score(problem: SmallProblem, law: cl.Law, seconds: float) -> Score:
         own = table[table["equation"] == left]
         stated *= float(own.loc[own["chosen"], "probability"].sum())
         listed &= {*true} in [{*each.split(", ")} for each in own["terms"]]
-    inside = [_holds(problem, row) for row in law.intervals().to_dict(orient="records")]
+    inside, given = (
+        [_holds(problem, row) for row in law.intervals(averaged=averaged).to_dict(orient="records")]
+        for averaged in (True, False)
+    )
     right = all({*own} == {*true} for own, true in zip(found, problem.support, strict=True))
     empty = any(not own for own in found)
     kind = problem.kind.name
-    return Score(kind, problem.seed, stated, right, listed, empty, len(inside), sum(inside), found, seconds)
+    counts = len(inside), sum(inside), sum(given)
+    return Score(kind, problem.seed, stated, right, listed, empty, *counts, found, seconds)
 
 
 def _holds(problem: SmallProblem, row: Mapping[Hashable, Any]) -> bool:
@@ -126,8 +131,8 @@ def by_kind(scores: Sequence[Score]) -> list[str]:
     """Return a table with a line for each kind of problem and one for all."""
     lines = [
         "| problems | draws | right | its 95 % interval | stated, mean | truth listed | empty | no law | "
-        "intervals that hold | where terms are right | s a draw |",
-        "|---" * 11 + "|",
+        "averaged intervals that hold | given the terms | given the terms, where these are right | s a draw |",
+        "|---" * 12 + "|",
     ]
     for name in [*dict.fromkeys(each.kind for each in scores), "all"]:
         own = [each for each in scores if name in (each.kind, "all")]
@@ -135,10 +140,11 @@ def by_kind(scores: Sequence[Score]) -> list[str]:
         low, high = interval(_share(own, lambda each: each.right), len(own))
         counts = f"{sum(each.empty for each in own)} | {len(own) - len(law)}"
         good = [each for each in law if each.right]
+        held = f"{_held(law)} | {_held(law, given=True)} | {_held(good, given=True)}"
         lines.append(
             f"| {name} | {len(own)} | {_share(own, lambda each: each.right):.2f} | {low:.2f} to {high:.2f} | "
             f"{_share(law, lambda each: each.stated or 0.0):.2f} | {_share(law, lambda each: each.listed):.2f} | "
-            f"{counts} | {_held(law)} | {_held(good)} | {_share(own, lambda each: each.seconds):.1f} |"
+            f"{counts} | {held} | {_share(own, lambda each: each.seconds):.1f} |"
         )
     return lines
 
@@ -161,9 +167,10 @@ def _share(scores: Sequence[Score], what: Callable[[Score], float]) -> float:
     return float(np.mean([what(each) for each in scores])) if scores else float("nan")
 
 
-def _held(scores: Sequence[Score]) -> str:
+def _held(scores: Sequence[Score], given: bool = False) -> str:
     count = sum(each.intervals for each in scores)
-    return f"{sum(each.hold for each in scores) / count:.3f} of {count}" if count else ""
+    held = sum(each.hold_given if given else each.hold for each in scores)
+    return f"{held / count:.3f} of {count}" if count else ""
 
 
 def constants() -> dict[str, float]:

@@ -222,7 +222,7 @@ def test_the_choice_of_a_law_is_scored_by_what_is_true_and_constants_are_put_bac
 
 def test_stated_probabilities_stand_beside_the_share_that_is_right():
     def score(stated, right, hold):
-        return choice.Score("one object", 0, stated, right, True, False, 2, hold, ((),), 1.0)
+        return choice.Score("one object", 0, stated, right, True, False, 2, hold, hold // 2, ((),), 1.0)
 
     scores = [score(0.9, True, 2), score(0.9, False, 1), score(None, False, 0), score(0.2, False, 1)]
     assert [line.split("|")[1:5] for line in choice.by_probability(scores)[2:]] == [
@@ -231,4 +231,4 @@ def test_stated_probabilities_stand_beside_the_share_that_is_right():
     ]
     cells = [each.strip() for each in choice.by_kind(scores)[2].split("|")]
     assert cells[1:4] == ["one object", "4", "0.25"]
-    assert cells[7:11] == ["0", "1", "0.667 of 6", "1.000 of 2"]
+    assert cells[7:12] == ["0", "1", "0.667 of 6", "0.167 of 6", "0.500 of 2"]

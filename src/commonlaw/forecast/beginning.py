@@ -48,6 +48,11 @@ class Beginning:
         first = int(np.searchsorted(self.trial.times, begins))
         return self.trial.rows(slice(first, None)) if first else self.trial
 
+    @property
+    def known_until(self) -> float:
+        """The time of the last sample that tells the initial state."""
+        return float(self.told.times[0]) if self.fitted is None else self.fitted.known_until
+
     def initial(self, law: Law) -> Floats:
         """Return the initial state, shape (width,)."""
         return _measured_start(law, self.told) if self.fitted is None else self.fitted.initial

@@ -52,6 +52,11 @@ class FittedInitialState:
         """When the forecast starts."""
         return float(self.trial.times[0])
 
+    @property
+    def known_until(self) -> float:
+        """The time of the last sample that it was fitted to."""
+        return float(self.trial.times[-1])
+
     def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:
         """Return a trajectory from this start, which lacks nothing."""
         return trajectory

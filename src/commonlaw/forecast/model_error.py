@@ -64,6 +64,11 @@ class FilteredStart:
         """When the forecast starts."""
         return float(self.times[-1])
 
+    @property
+    def known_until(self) -> float:
+        """The time of the last sample that tells the start."""
+        return self.begins
+
     def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:
         """Return a trajectory from this start, with the states at the times before it in front."""
         return replace(trajectory, times=times, states=self._before(self.states, times, trajectory.states))

@@ -136,6 +136,8 @@ class _Forecaster:
             known.error_model,
             again,
             degrees_of_freedom=known.degrees_of_freedom,
+            horizons=tuple(np.maximum(0.0, each.trial.times - each.known_until) for each in self.beginnings),
+            widening=known.widening,
         )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:

@@ -34,7 +34,12 @@ def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[P
     kept = [(share, state) for share, state in others if share > LEAST][: MOST - 1]
     total = own + sum(share for share, _ in kept)
     frame = replace(law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None))
-    return tuple(PlausibleLaw(share / total, fitted_law(frame, problem, state)) for share, state in kept)
+    found = [(share / total, fitted_law(frame, problem, state)) for share, state in kept]
+    wider = law.uncertainty.widening
+    return tuple(
+        PlausibleLaw(share, replace(each, uncertainty=replace(each.uncertainty, widening=wider)))
+        for share, each in found
+    )
 
 
 def weighted(problem: SearchProblem, chosen: SearchState) -> list[tuple[float, SearchState]]:

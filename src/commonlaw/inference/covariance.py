@@ -47,6 +47,7 @@ def fitted_law(
             noise=problem.noise,
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(problem, state),
+            widening=None,
         ),
     )
 
@@ -59,13 +60,13 @@ def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | N
     """
     if problem.noise_given:
         return None
-    order, states = problem.models[0].order, len(problem.noise)
     counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in problem.trials])
     free = np.array([(each.coefficients != 0) & np.isnan(known) for each, known in _pairs(problem, state)])
-    left = (counts - order * (counts > 0)).sum(axis=0) - free.sum(axis=(0, 2))
+    starts = problem.models[0].order * (counts > 0)
+    left = (counts - starts).sum(axis=0) - free.sum(axis=(0, 2))
     if np.array_equal(problem.noise, problem.first_noise) and problem.tells_noise:
-        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own.tolist())) for own in counts.T])
-    return np.asarray(np.maximum(left, 1.0)).reshape(states)
+        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own)) for own in counts.T.tolist()])
+    return np.asarray(np.maximum(left, 1.0))
 
 
 def _pairs(problem: SearchProblem, state: SearchState) -> Iterator[tuple[Estimate, Floats]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws
+from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, holds, runs_away, with_errors
 from commonlaw.inference.error_search import ErrorKind
@@ -227,5 +228,7 @@ def finish(
             history=history(frame, problem, state, compared),
         ),
     )
+    progress("forecasting what is left out")
+    law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))
     law = replace(law, other_laws=other_laws(problem, state, law))
     return law.partial_pooling(universal, partial_pooling)

@@ -10,6 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law.quantiles import mixture_interval
+from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
@@ -66,6 +67,10 @@ class Forecast(ShownInNotebooks):
         Of the estimate of each state's noise, shape (states,), see `Uncertainty`; None if the noise was given.
     parts
         What it is the average of, if the law could be another; the first is by the law itself.
+    horizons
+        Of each trial how far ahead of what told its initial state each sample is, zero before that, shape (n,).
+    widening
+        By how much intervals are wider that far ahead, see `Uncertainty`.
     """
 
     trials: Trials
@@ -78,6 +83,8 @@ class Forecast(ShownInNotebooks):
     followed: "Forecast | None" = None
     degrees_of_freedom: Floats | None = None
     parts: tuple[Part, ...] = ()
+    horizons: tuple[Floats, ...] = ()
+    widening: Widening | None = None
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -199,10 +206,13 @@ class Forecast(ShownInNotebooks):
                 "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
             )
         width, factor = len(self.trials.schema.states), self.error_model.widening
+        factors: list[Floats | float] = [factor] * len(self.std)
+        if self.widening is not None:
+            factors = [factor * self.widening.at(ahead)[:, np.newaxis] for ahead in self.horizons]
         if not measured:
-            return [factor * each[:, :width] for each in self.std]
-        pairs = zip(self.std, self.measurement_std(), strict=True)
-        return [factor * np.hypot(std[:, :width], noise) for std, noise in pairs]
+            return [wider * each[:, :width] for wider, each in zip(factors, self.std, strict=True)]
+        triples = zip(factors, self.std, self.measurement_std(), strict=True)
+        return [wider * np.hypot(std[:, :width], noise) for wider, std, noise in triples]
 
     def _degrees(self) -> Floats:
         states = len(self.trials.schema.states)

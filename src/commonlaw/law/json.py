@@ -18,6 +18,7 @@ from commonlaw.law.earlier_versions import as_now, compared_with_the_best
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Alternative, Provenance, Step
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
+from commonlaw.law.widening import Widening
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.likelihood import ErrorModel
 from commonlaw.outcomes import Outcome
@@ -66,6 +67,13 @@ class _OwnEstimates(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     covariance: dict[str, list[float]]
 
 
+class _Widening(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """See `Widening`."""
+
+    horizons: list[float]
+    factors: list[float]
+
+
 class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
@@ -76,6 +84,7 @@ class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omi
     error_model: _Errors | None = None
     unpooled: _OwnEstimates | None = None
     degrees_of_freedom: list[float] | None = None
+    widening: _Widening | None = None
 
 
 class _Relation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -213,7 +222,7 @@ def _saved_other(probability: float, law: SavedLaw) -> _Other:
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
-    covariance, own = uncertainty.covariance, uncertainty.unpooled
+    covariance, own, wider = uncertainty.covariance, uncertainty.unpooled, uncertainty.widening
     factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
         for each in (
@@ -236,6 +245,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Unc
             covariance=_triangles(objects, own.covariance),
         ),
         degrees_of_freedom=degrees,
+        widening=None if wider is None else _Widening(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()),
     )
 
 
@@ -364,6 +374,7 @@ def _read_uncertainty(
         _read_errors(saved.error_model),
         None if saved.unpooled is None else _read_own_estimates(saved.unpooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
+        None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 
 _ASYMMETRY = 1e-6
@@ -63,6 +64,8 @@ class Uncertainty:
     degrees_of_freedom
         Of the estimate of each state's noise, shape (states,): errors in units of it follow Student's t distribution
         with so many. None if the noise was given, for normal errors.
+    widening
+        By how much intervals of forecasts are wider than all this says, as forecasts of what was left out asked for.
     """
 
     covariance: Floats | None = None
@@ -72,6 +75,7 @@ class Uncertainty:
     error_model: ErrorModel = NO_ERRORS
     unpooled: OwnEstimates | None = None
     degrees_of_freedom: Floats | None = None
+    widening: Widening | None = None
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -98,7 +102,8 @@ class Uncertainty:
         degrees = self.degrees_of_freedom
         if degrees is not None:
             degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
-        return Uncertainty(covariance, factor, noise, inclusion, _checked_errors(errors, len(support)), own, degrees)
+        errors, wider = _checked_errors(errors, len(support)), self.widening and self.widening.checked()
+        return Uncertainty(covariance, factor, noise, inclusion, errors, own, degrees, wider)
 
     def reach(self, states: int, level: float = 0.95) -> Floats:
         """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).

@@ -1,0 +1,177 @@
+"""How far forecasts of what was left out are off, by how far ahead they forecast.
+
+A trial is left out where the others of its object tell its coefficients, else the later part of each trial; the law is
+fitted to the rest, under the same errors, and forecasts what was left out. Misses are in units of the standard
+deviations that the forecast says. Those of one trial are as good as one observation at a horizon.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.covariance import degrees_of_freedom, fitted_law
+from commonlaw.inference.search import SearchState, fit_with
+from commonlaw.inference.search_problem import SearchProblem, prepare, spread
+from commonlaw.law import Law, Provenance
+from commonlaw.law.quantiles import two_sided
+from commonlaw.law.widening import Widening
+from commonlaw.likelihood import NotPositiveError
+from commonlaw.trials import Trial, Trials
+
+_SHARE = 0.5
+"""Share of each trial's samples that a law is fitted to before it forecasts the rest."""
+
+_OBJECTS = 30
+"""Objects whose trials are left out at most, evenly spread: more tell little more of how wide bands should be."""
+
+_FOLDS = 4
+"""Trials of each object that are left out in turn at most."""
+
+_PARTS = 6
+"""Parts of the longest forecast, in the middle of which misses are gathered, as far as to the middles beside it."""
+
+_LEVEL = 0.95
+
+_ENOUGH = 19
+"""Trials from which on a quantile of 95 % of one more trial is known without assumptions (conformal prediction)."""
+
+_TRUST = 2.0
+"""Trials that what the law says of its own errors is worth, where few others tell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Misses:
+    """How far the forecast of one trial was off.
+
+    Parameters
+    ----------
+    ahead
+        How far ahead of what told the initial state, shape (n,).
+    sizes
+        In units of what 95 % intervals reach, shape (n, states); NaN where nothing was measured.
+    """
+
+    ahead: Floats
+    sizes: Floats
+
+
+def widening_of(found: Sequence[Misses]) -> Widening | None:
+    """Return by how much intervals should be wider at each horizon; None if nothing was forecast.
+
+    Where as many trials were left out as a conformal prediction takes, the quantile of their misses about a horizon,
+    which holds for another trial without assumptions (Lei and others 2018). Where fewer were, the mean square of the
+    misses, to which what the law says of itself counts as much as that of two trials; intervals are not made narrower
+    then.
+    """
+    longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
+    if not longest > 0:
+        return None
+    horizons, factors, width = [], [], longest / _PARTS
+    for middle in width * (np.arange(_PARTS) + 0.5):
+        near = [each.sizes[abs(each.ahead - middle) <= width] for each in found]
+        trials = [known for each in near if len(known := each[np.isfinite(each)])]
+        if trials:
+            horizons.append(middle)
+            factors.append(_factor(trials))
+    return Widening(np.array(horizons), np.array(factors)) if factors else None
+
+
+def _factor(trials: Sequence[Floats]) -> float:
+    """Return the factor from the misses of some trials, each of which counts once, however often it was measured."""
+    count = len(trials)
+    if count >= _ENOUGH:
+        sizes = np.concatenate(trials)
+        order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
+        share = np.cumsum(weights[order]) / count
+        wanted = _LEVEL * (1 + 1 / count)
+        return float(sizes[order][min(int(np.searchsorted(share, wanted)), len(sizes) - 1)])
+    squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(_LEVEL)) ** 2
+    return float(np.sqrt(max(1.0, (_TRUST + squares.sum()) / (_TRUST + count))))
+
+
+@unannounced()
+def misses(frame: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> list[Misses]:
+    """Return how far forecasts by the terms of a state are off, of trials or parts of trials that were left out.
+
+    Parameters
+    ----------
+    frame
+        Terms, schema and objects of the law, and coefficients that are known.
+    problem, state
+        What was measured, and the terms that were found, with their errors.
+    pool
+        How coefficients of objects learn from each other.
+    """
+    found = []
+    for kept, left_out in _folds(problem.trials):
+        with suppress(CommonlawError, NotPositiveError):
+            law = pool(_law_of(frame, problem, state, kept))
+            found += [each for own, start in left_out for each in _missed(law, problem.trials.with_trials(own), start)]
+    return found
+
+
+def calibrated(law: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> Law:
+    """Return a law whose bands are as wide as forecasts of what was left out ask for, see `misses`."""
+    plain = replace(problem.errors, widening=1.0)
+    problem = problem.with_errors(problem.noise, plain, problem.noise_reason)
+    wider = widening_of(misses(law, problem, state, pool))
+    errors = replace(law.uncertainty.error_model, widening=1.0)
+    return replace(law, uncertainty=replace(law.uncertainty, error_model=errors, widening=wider))
+
+
+LeftOut = list[tuple[list[Trial], int | None]]
+"""Trials that are forecast, and how many of their samples tell the start; None as it is by default."""
+
+
+def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
+    """Yield what laws are fitted to, and what they forecast then."""
+    names = [trials.objects[i] for i in spread(len(trials.objects), _OBJECTS)]
+    groups = [trials.of_object(name) for name in names]
+    repeated = [group for group in groups if len(group) > 1]
+    if not repeated:
+        cut = [(trial, int(np.ceil(_SHARE * len(trial)))) for group in groups for trial in group]
+        counts = sorted({count for _, count in cut})
+        alike = [([trial for trial, own in cut if own == count], count) for count in counts]
+        yield [trial.cut(count) for trial, count in cut], list[tuple[list[Trial], int | None]](alike)
+        return
+    for fold in range(min(_FOLDS, max(map(len, repeated)))):
+        left_out = [group[fold] for group in repeated if fold < len(group)]
+        rest = [trial for group in groups for trial in group if not any(trial is each for each in left_out)]
+        yield rest, [(left_out, None)]
+
+
+def _law_of(frame: Law, problem: SearchProblem, state: SearchState, kept: Sequence[Trial]) -> Law:
+    """Return the law with the terms and errors of a state, fitted to some of the trials."""
+    trials = problem.trials.with_trials(kept)
+    places = [problem.trials.objects.index(name) for name in trials.objects]
+    threshold, known = problem.models[0].observation.huber_threshold, problem.known[places]
+    noise = problem.first_noise
+    part = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=threshold)
+    part = part.with_errors_of(problem)
+    starts = [
+        replace(start, coefficients=state.estimates[i].coefficients)
+        for start, i in zip(part.starts, places, strict=True)
+    ]
+    fitted = fit_with(part, state.supports, state.fitted_model_error, starts)
+    provenance = Provenance(frame.differentiation, domain=frame.provenance.domain)
+    own = Law(frame.terms, frame.schema, frame.order, trials.objects, np.nan_to_num(known), provenance=provenance)
+    law = fitted_law(own, part, fitted)
+    degrees = degrees_of_freedom(problem, state)
+    return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))
+
+
+def _missed(law: Law, trials: Trials, start: int | None) -> Iterator[Misses]:
+    forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
+    forecast = forecast.followed or forecast
+    for trial, trajectory, (low, high), ahead in zip(
+        forecast.trials, forecast.trajectories, forecast.bands(_LEVEL, measured=True), forecast.horizons, strict=True
+    ):
+        middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
+        sizes = abs(trial.states - middle) / half
+        if np.isfinite(middle).all() and np.isfinite(half).all():
+            yield Misses(ahead[ahead > 0], sizes[ahead > 0])

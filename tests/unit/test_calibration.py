@@ -1,0 +1,101 @@
+"""Bands of forecasts are as wide as forecasts of what was left out ask for, at each horizon."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.calibration import Misses, widening_of
+from commonlaw.law.widening import Widening
+
+
+def trial(ahead: np.ndarray, growth: float, seed: int) -> Misses:
+    """Return misses of normal errors that grow with the horizon, in units of what 95 % intervals reach."""
+    draws = np.random.default_rng(seed).standard_normal(len(ahead))
+    return Misses(ahead, abs((1 + growth * ahead) * draws / 1.96)[:, np.newaxis])
+
+
+AHEAD = np.linspace(0.05, 6.0, 30)
+
+
+def test_many_trials_give_the_quantile_of_their_misses_at_each_horizon():
+    found = widening_of([trial(AHEAD, 1.0, seed) for seed in range(300)])
+    np.testing.assert_allclose(found.factors, 1 + found.horizons, rtol=0.3)
+    # New trials, which nothing was learned from
+    inside = [
+        each.sizes[:, 0] <= found.at(each.ahead) for each in (trial(AHEAD, 1.0, seed) for seed in range(500, 800))
+    ]
+    assert np.mean(inside, axis=0).min() > 0.9
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
+
+
+def test_many_trials_may_make_bands_narrower_and_few_may_not():
+    narrow = [replace(each, sizes=each.sizes / 3) for each in (trial(AHEAD, 0.0, seed) for seed in range(100))]
+    assert widening_of(narrow).factors.max() < 0.5
+    assert widening_of(narrow[:10]).factors.tolist() == [1.0] * len(widening_of(narrow[:10]).factors)
+
+
+def test_few_trials_lean_on_what_the_law_says_of_itself():
+    off = Misses(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
+    (one,) = set(widening_of([off]).factors.round(9))
+    (four,) = set(widening_of([off] * 4).factors.round(9))
+    assert 1.0 < one < four < 3 * 1.96
+    assert four**2 == pytest.approx((2 + 4 * (3 * 1.959964) ** 2) / 6, rel=1e-6)
+
+
+def test_a_trial_counts_once_however_often_it_was_measured():
+    sparse = [trial(AHEAD, 0.0, seed) for seed in range(40)]
+    dense = Misses(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
+    assert widening_of([*sparse, dense]).factors.max() < 3.0
+
+
+def test_what_was_never_forecast_widens_nothing():
+    assert widening_of([]) is None
+    assert widening_of([Misses(np.array([]), np.empty((0, 1)))]) is None
+
+
+def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
+    wider = Widening(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
+    changed = replace(law, uncertainty=replace(law.uncertainty, widening=wider))
+    again = cl.Law.from_json(changed.to_json())
+    plain, found = (each.predict(drops, start=5, return_std=True) for each in (law, again))
+    for i, one in enumerate(drops):
+        ahead = np.maximum(0.0, one.times - one.times[4])
+        expected = plain.margins(measured=True)[i][:, 0] * np.interp(ahead, [0.5, 1.0], [1.0, 3.0])
+        np.testing.assert_allclose(found.margins(measured=True)[i][:, 0], expected)
+
+
+@pytest.mark.parametrize(
+    ("horizons", "factors"), [([1.0, 0.5], [1.0, 1.0]), ([1.0], [0.0]), ([], []), ([1.0, 2.0], [1.0])]
+)
+def test_a_widening_that_is_none_is_refused(law, horizons, factors):
+    wrong = Widening(np.array(horizons), np.array(factors))
+    with pytest.raises(CommonlawError, match="increasing horizons"):
+        replace(law, uncertainty=replace(law.uncertainty, widening=wrong))
+
+
+@pytest.fixture(scope="module")
+def drops() -> cl.Trials:
+    return cl.datasets.linear_drag(drag=(-0.3,), trials=2, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def law(drops) -> cl.Law:
+    return cl.fit("x'' = -g - c v", drops)
+
+
+def test_trials_that_differ_by_more_than_the_law_says_widen_the_bands_of_what_is_found():
+    """A rate that changes from trial to trial is none of the law's errors; only a trial that was left out shows it."""
+    generator, times = np.random.default_rng(3), np.linspace(0, 3, 20)
+
+    def measured(scatter: float) -> cl.Trials:
+        rates = 0.8 * np.exp(scatter * generator.standard_normal(5))
+        states = [(np.exp(-rate * times) + 0.01 * generator.standard_normal(20))[:, np.newaxis] for rate in rates]
+        return cl.Trials.from_arrays([times] * 5, states, names=["x"])
+
+    white = cl.TrajectoryLikelihood(errors="white", noise={"x": 0.01})
+    alike, different = (cl.discover(measured(scatter), library="poly:1", method=white) for scatter in (0.0, 0.3))
+    assert alike.uncertainty.widening.factors.max() < 1.5
+    assert different.uncertainty.widening.factors.max() > 2
