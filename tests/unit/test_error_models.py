@@ -8,6 +8,7 @@ from scipy.integrate import odeint
 from scipy.linalg import expm, solve_triangular, toeplitz
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
+from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
@@ -113,13 +114,15 @@ def test_a_law_with_other_errors_survives_its_file(tmp_path):
             getattr(again.uncertainty.error_model, name), getattr(law.uncertainty.error_model, name)
         )
     trials = oscillator(correlated)
-    first, second = (each.predict(trials, return_std=True, start=20) for each in (law, again))
+    pair = (law, again)
+    first, second = (each.predict(trials, return_std=True, start=20, averaged=False) for each in pair)
     np.testing.assert_array_equal(first.std[0], second.std[0])
     # A measurement has its own error beside that of the state
     measured, state = (first.margins(measured=each)[0] for each in (True, False))
-    model = law.uncertainty.error_model
-    expected = np.hypot(state, 1.96 * model.widening * np.hypot(law.noise, model.correlated))
-    np.testing.assert_allclose(measured, expected, rtol=1e-4)
+    known, times = law.uncertainty, trials[0].times
+    reach = t.ppf(0.975, known.degrees_of_freedom[0]) * known.widening.at(np.maximum(0.0, times - times[19]))
+    own = np.hypot(law.noise, known.error_model.correlated)
+    np.testing.assert_allclose(measured[:, 0], np.hypot(state[:, 0], reach * own), rtol=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["walk", "force"])
@@ -132,7 +135,7 @@ def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(kind):
     errors = ErrorModel(walk=walk) if kind == "walk" else ErrorModel(force=force, force_time=time)
     certain = Uncertainty(np.zeros_like(law.covariance), noise=np.array([1e-6]), error_model=errors)
     trials = oscillator(white, 1).with_trials([oscillator(white, 1)[0].cut(121)])
-    forecast = replace(law, uncertainty=certain).predict(trials, return_std=True, start=1)
+    forecast = replace(law, uncertainty=certain).predict(trials, return_std=True, start=1, averaged=False)
     # Exact covariance of the linear law with its latent processes, by the matrix exponential of small steps
     rate = np.sqrt(3) / time
     wide = np.zeros((4, 4))

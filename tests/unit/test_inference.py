@@ -192,13 +192,19 @@ def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
     assert "1 in x'': alike (1.00); v in x'': specific to the object (0.00)" in alone.history[-1].choice
 
 
+def with_narrow_bands(law):
+    """Return a law without what forecasts by pooled or unpooled coefficients missed."""
+    narrow = replace(law, uncertainty=replace(law.uncertainty, widening=None))
+    return replace(narrow, other_laws=law.each_other(with_narrow_bands))
+
+
 def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):
     own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
     assert own.uncertainty.shared_factor is None
     assert own.history == drag.history[:-1]
     pooled = own.partial_pooling()
     alike = replace(pooled, provenance=replace(pooled.provenance, calls=drag.provenance.calls))
-    assert alike.to_json() == drag.to_json()
+    assert with_narrow_bands(alike).to_json() == with_narrow_bands(drag).to_json()
     gravity = own.terms.index("1")
     assert np.ptp(drag.coefficients[:, 0, gravity]) < np.ptp(own.coefficients[:, 0, gravity])
     assert np.all(drag.standard_errors[:, 0, gravity] < own.standard_errors[:, 0, gravity])

@@ -65,8 +65,8 @@ def widening_of(found: Sequence[Misses]) -> Widening | None:
 
     Where as many trials were left out as a conformal prediction takes, the quantile of their misses about a horizon,
     which holds for another trial without assumptions (Lei and others 2018). Where fewer were, the mean square of the
-    misses, to which what the law says of itself counts as much as that of two trials; intervals are not made narrower
-    then.
+    misses, beside which what the law says of itself counts as two trials. Intervals are not made narrower: later
+    times, and other starts, are seldom forecast better than what was learned from.
     """
     longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
     if not longest > 0:
@@ -89,7 +89,7 @@ def _factor(trials: Sequence[Floats]) -> float:
         order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
         share = np.cumsum(weights[order]) / count
         wanted = _LEVEL * (1 + 1 / count)
-        return float(sizes[order][min(int(np.searchsorted(share, wanted)), len(sizes) - 1)])
+        return max(1.0, float(sizes[order][min(int(np.searchsorted(share, wanted)), len(sizes) - 1)]))
     squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(_LEVEL)) ** 2
     return float(np.sqrt(max(1.0, (_TRUST + squares.sum()) / (_TRUST + count))))
 

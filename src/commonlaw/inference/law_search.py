@@ -228,7 +228,6 @@ def finish(
             history=history(frame, problem, state, compared),
         ),
     )
-    progress("forecasting what is left out")
     law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))
     law = replace(law, other_laws=other_laws(problem, state, law))
     return law.partial_pooling(universal, partial_pooling)
