@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -21,18 +22,19 @@ def averaged(parts: Sequence[Part]) -> Forecast:
     first = parts[0].forecast
     weights = [_weights(parts, i) for i in range(len(first.trajectories))]
     moments = [_moments(parts, i, own) for i, own in enumerate(weights)]
-    again = [each.forecast.at_more_times for each in parts]
-
-    def at_more_times(times: Sequence[Floats]) -> Forecast:
-        return averaged([each._replace(forecast=more(times)) for each, more in zip(parts, again, strict=True) if more])
-
     return replace(
         first,
         trajectories=tuple(own for own, _ in moments),
         std=None if first.std is None else tuple(std for _, std in moments),
-        at_more_times=None if first.at_more_times is None else at_more_times,
+        at_more_times=None if first.at_more_times is None else partial(_averaged_at, tuple(parts)),
         parts=tuple(each._replace(weights=tuple(own[k] for own in weights)) for k, each in enumerate(parts)),
     )
+
+
+def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
+    """Return the average of the forecasts at more times; a function of a module, as processes hand it to each other."""
+    pairs = [(each, each.forecast.at_more_times) for each in parts]
+    return averaged([each._replace(forecast=more(times)) for each, more in pairs if more])
 
 
 def _weights(parts: Sequence[Part], trial: int) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -256,7 +257,7 @@ class Forecast(ShownInNotebooks):
             trials=as_measured(self.trials, measured),
             trajectories=tuple(replace(each, states=x) for each, x in zip(self.trajectories, states, strict=True)),
             std=std,
-            at_more_times=None if again is None else lambda times: again(times).as_measured(measured),
+            at_more_times=None if again is None else partial(_measured_at, again, measured),
             followed=self,
             parts=(),
         )
@@ -325,6 +326,11 @@ class Forecast(ShownInNotebooks):
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)
         return [trajectory.states[:, :width] for trajectory in self.trajectories]
+
+
+def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
+    """Return a forecast at more times as measured."""
+    return again(times).as_measured(measured)
 
 
 def _between(times: Floats, points: int) -> Floats:
