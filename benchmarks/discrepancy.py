@@ -14,7 +14,7 @@ import commonlaw as cl
 from benchmarks.coverage import interval
 from benchmarks.machine import machine
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY, drag_coefficient, reynolds_number
-from commonlaw.law.discrepancy import Discrepancy
+from commonlaw.discrepancy.function import Discrepancy
 
 Floats = NDArray[np.float64]
 

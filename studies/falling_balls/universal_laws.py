@@ -9,9 +9,9 @@ import pandas as pd
 
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY, drag_coefficient
 from commonlaw.discovery import fit
+from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.explanation import dependence
 from commonlaw.plots import plot_relations
 from commonlaw.report import Picture, Section, Table, Text, Verdict

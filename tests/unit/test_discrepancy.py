@@ -8,10 +8,10 @@ import pytest
 import commonlaw as cl
 from commonlaw import CommonlawError, Law, Trials
 from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
+from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.posterior import SharedRows, posterior
 from commonlaw.discrepancy.prior import Samples, factors, meaning
-from commonlaw.law.discrepancy import Discrepancy
-from commonlaw.law.smooth_basis import SmoothBasis
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 
 BASIS = SmoothBasis("v", "1", 0.0, 5.0)
 

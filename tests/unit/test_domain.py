@@ -1,13 +1,12 @@
 """Where a law may be used: what it was learned from, and how far ahead its forecasts are good."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.law.domain import Domain
+from commonlaw.verdict import find
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +42,9 @@ def test_forecasts_that_leave_what_was_visited_say_so(law: Law, drops: Trials) -
 
 
 def test_forecasts_beyond_the_horizon_say_so(law: Law, drops: Trials) -> None:
-    verdict = law.verdict(drops, drops.until(2.0))
-    judged = replace(law, provenance=law.provenance.judged(verdict))
+    found = find(law, drops, drops.until(2.0))
+    judged, verdict = found.law, found.verdict
+    assert verdict is not None
     assert judged.provenance.domain.horizon == verdict.horizon
     notes = judged.predict(drops, times=[8.0]).trials.notes
     assert f"forecasts go 4.8 s ahead; when the law was judged they were good up to {verdict.horizon:.3g} s" in notes

@@ -8,8 +8,8 @@ from scipy import stats
 
 import commonlaw as cl
 from commonlaw import CommonlawError, Law, Trials
+from commonlaw.discrepancy.patterns import correlations
 from commonlaw.discrepancy.residual_tests import patterns
-from commonlaw.law.residuals import correlations
 from commonlaw.law.uncertainty import OwnEstimates
 from commonlaw.plots import plot_residuals, render
 

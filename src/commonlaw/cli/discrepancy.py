@@ -15,8 +15,8 @@ from commonlaw.cli.working import working
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
+    from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.law import Law
-    from commonlaw.law.discrepancy import Discrepancy
 
 
 @command

@@ -8,10 +8,10 @@ import numpy as np
 
 from commonlaw.discrepancy.coordinates import basis_of
 from commonlaw.discrepancy.setting import Setting
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, fit_about
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.search import NEGLIGIBLE
-from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.likelihood import NotPositiveError
 
 

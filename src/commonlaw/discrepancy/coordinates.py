@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.comparison import written_alike
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.library import Expression, Terms, Variables
 from commonlaw.library.grammar import columns_in, read, with_names, write
 from commonlaw.library.naming import quoted

@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.discrepancy.function import Description
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit
-from commonlaw.law.discrepancy import Description
-from commonlaw.law.smooth_basis import SmoothBasis
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
     ("1", np.ones_like),

@@ -8,12 +8,12 @@ import numpy as np
 from commonlaw.discrepancy.candidates import Candidate, candidates, equations_of
 from commonlaw.discrepancy.coordinates import expression, with_known_properties
 from commonlaw.discrepancy.describe import descriptions
+from commonlaw.discrepancy.function import Compared, Discrepancy
 from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.shares import shares
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
 from commonlaw.inference.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.discrepancy import Compared, Discrepancy
 from commonlaw.law.script import call
 from commonlaw.library import Terms
 from commonlaw.library.naming import quoted

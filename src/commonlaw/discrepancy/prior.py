@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.law.smooth_basis import SmoothBasis
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 
 LENGTHS = (0.5, 1.0, 2.0)
 """Over which weights hang together, in units of the range that was visited."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.law.residuals import FALSE_DISCOVERY_RATE, Pattern, correlations
+from commonlaw.discrepancy.patterns import FALSE_DISCOVERY_RATE, Pattern, correlations
 
 _POWERS = 3
 """Residuals are held against polynomials of this degree."""

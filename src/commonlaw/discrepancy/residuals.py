@@ -6,11 +6,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
+from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.discrepancy.residual_tests import patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched
-from commonlaw.law.residuals import Residuals
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import with_typical

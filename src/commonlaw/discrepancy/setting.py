@@ -8,6 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_in
 from commonlaw.discrepancy.prior import Samples, factors, meaning
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionModel
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_interpolation import with_interpolation
@@ -16,7 +17,6 @@ from commonlaw.inference.refinement import known_coefficients, of_objects
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched, matched_noise
-from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.library import Terms
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms

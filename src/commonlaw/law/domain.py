@@ -9,7 +9,6 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.law.verdict import LawVerdict
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
 
@@ -56,11 +55,9 @@ class Domain:
         ranges = {name: np.concatenate(each) for name, each in columns.items()}
         return cls({name: (float(np.nanmin(each)), float(np.nanmax(each))) for name, each in ranges.items()})
 
-    def with_verdict(self, verdict: LawVerdict) -> "Domain":
-        """Return the same with what a verdict says of how far ahead forecasts are good, if it could be judged."""
-        if verdict.usable is None:
-            return self
-        return Domain(self.visited, verdict.horizon if verdict.usable else 0.0, verdict.longest)
+    def with_horizon(self, horizon: float, judged: float) -> "Domain":
+        """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""
+        return Domain(self.visited, horizon, judged)
 
     def horizon_sentence(self, unit: str) -> str:
         """Return how far ahead forecasts are good, in words, given the unit of time."""

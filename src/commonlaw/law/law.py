@@ -15,9 +15,9 @@ from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
 from commonlaw.law import text
 from commonlaw.law.averages import PlausibleLaw
+from commonlaw.law.delegates import AbstractDelegates
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.from_text import Names, read_equations, stated_law
-from commonlaw.law.predictions import AbstractPredictions
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty, checked
 from commonlaw.library import Terms
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Law(AbstractPredictions):
+class Law(AbstractDelegates):
     """Equations that several objects share, with each object's own coefficients.
 
     Parameters

@@ -7,7 +7,6 @@ from itertools import zip_longest
 
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.law.domain import Domain
-from commonlaw.law.verdict import LawVerdict
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
 
@@ -122,6 +121,6 @@ class Provenance:
         """Whether anything is on record of how the law was learned from trials: it may have been given as it is."""
         return bool(self.history or self.calls or self.alternatives or self.outcomes or self.differentiation)
 
-    def judged(self, verdict: LawVerdict) -> "Provenance":
-        """Return the same for a law that was judged: it knows how far ahead its forecasts are good."""
-        return replace(self, domain=self.domain.with_verdict(verdict))
+    def judged(self, horizon: float, longest: float) -> "Provenance":
+        """Return the same for a law that was judged: it knows how far ahead its forecasts are good, of the longest."""
+        return replace(self, domain=self.domain.with_horizon(horizon, longest))

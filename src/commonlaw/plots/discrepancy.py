@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.law import Law
-from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import COLORS, GREY, add_legend, frozen_layout, key, plain, styled
 

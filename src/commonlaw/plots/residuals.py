@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.array_types import Floats
-from commonlaw.law.residuals import Residuals
+from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.plots.style import COLORS, GREY, axis_label, frozen_layout, plain, styled
 
 _MOST = 1500

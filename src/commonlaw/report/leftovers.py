@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from commonlaw.discrepancy.function import CLAIMED
+from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import levels_in_words
-from commonlaw.law.discrepancy import CLAIMED
-from commonlaw.law.residuals import Residuals
 from commonlaw.plots import ResidualPanels, plot_discrepancy, plot_errors
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_case import LawCase, listed

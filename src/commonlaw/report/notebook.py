@@ -6,17 +6,17 @@ from html import escape
 
 import pandas as pd
 
+from commonlaw.discrepancy.function import Discrepancy
+from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Forecast, History, Law
-from commonlaw.law.discrepancy import Discrepancy
-from commonlaw.law.residuals import Residuals
-from commonlaw.law.verdict import LawVerdict
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.html import within
 from commonlaw.report.markup import markdown
 from commonlaw.trials import Trials
+from commonlaw.verdict.law_verdict import LawVerdict
 
 _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""

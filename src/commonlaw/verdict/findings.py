@@ -10,9 +10,9 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Forecast, Law
 from commonlaw.law.meeting import matched
-from commonlaw.law.verdict import LawVerdict
 from commonlaw.trials import Trials
 from commonlaw.verdict.judge import judge
+from commonlaw.verdict.law_verdict import LawVerdict
 from commonlaw.verdict.segments import samples_before
 
 T = TypeVar("T")
@@ -103,8 +103,9 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     start = _start(law, whole)
     checking = partial(law.predict, _checked(law, whole, training), return_std=bands and law.has_std, start=start)
     forecast = _tried(_NOT_CHECKED, checking, lacking)
-    if verdict is not None:
-        law = replace(law, provenance=law.provenance.judged(verdict))
+    if verdict is not None and verdict.usable is not None:
+        horizon = verdict.horizon if verdict.usable else 0.0
+        law = replace(law, provenance=law.provenance.judged(horizon, verdict.longest))
     return Findings(law, whole, training, verdict, forecast, start, tuple(lacking))
 
 

@@ -10,9 +10,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched
 from commonlaw.law.population import is_typical, law_of
-from commonlaw.law.verdict import NEAR, LawVerdict, StateError, listed
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
+from commonlaw.verdict.law_verdict import NEAR, LawVerdict, StateError, listed
 from commonlaw.verdict.segments import Kind, Segment, SegmentErrors, forecast_errors, segments
 from commonlaw.wording import counted
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.law.numbers import with_error
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.smooth_basis import SmoothBasis
 from commonlaw.notebooks import ShownInNotebooks
 
 if TYPE_CHECKING:

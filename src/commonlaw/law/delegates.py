@@ -1,31 +1,40 @@
-"""What follows from equations: trajectories, forecasts of trials, and what they are good for."""
+"""What can be asked of a law, and which room answers.
+
+A law is a value and depends on nothing above it; what follows from it lives with who makes it. These methods find their
+rooms by name when they are called, and do nothing else:
+
+============================  =======================
+simulate, predict, score      `commonlaw.forecast`
+adapt                         `commonlaw.inference`
+residuals, discrepancy        `commonlaw.discrepancy`
+verdict                       `commonlaw.verdict`
+report                        `commonlaw.report`
+============================  =======================
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.errors import CommonlawError
-from commonlaw.integration import Event, InitialValueProblem, Trajectory, VectorField, simulate
+from commonlaw.integration import Event, Trajectory, VectorField
 from commonlaw.law.averages import AbstractAverages
-from commonlaw.law.discrepancy import Discrepancy
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.page import Page
-from commonlaw.law.residuals import Residuals
-from commonlaw.law.verdict import LawVerdict
-from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from commonlaw.discrepancy.function import Discrepancy
+    from commonlaw.discrepancy.patterns import Residuals
+    from commonlaw.verdict.law_verdict import LawVerdict
 
-class AbstractPredictions(AbstractAverages):
-    """What a law predicts."""
+
+class AbstractDelegates(AbstractAverages):
+    """What other rooms answer of a law."""
 
     def vector_field(self, name: str) -> VectorField:
         """Return the right-hand side for one object, ready to integrate, see `VectorField`.
@@ -69,27 +78,10 @@ class AbstractPredictions(AbstractAverages):
         CommonlawError
             If the law has inputs or lacks an object, or an initial state has not as many numbers as the law has states.
         """
-        if self.schema.inputs:
-            raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
-        natural = Terms(replace(self.terms.variables, logarithmic=()), self.terms.terms)
-        starts = initial if isinstance(initial, Mapping) else dict.fromkeys(self.objects, initial)
-        width, grid = len(self.states) * max(1, self.order), np.asarray(times, dtype=np.float64)
-        problems = {}
-        for name, start in starts.items():
-            state = np.atleast_1d(np.asarray(start, dtype=np.float64))
-            if state.shape != (width,):
-                wanted = ", ".join(self.terms.variables.states)
-                raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
-            problems[name] = InitialValueProblem(replace(self.vector_field(name), terms=natural), state, grid, name)
-        found = simulate(
-            problems.values(),
-            method=method,
-            tolerance=tolerance,
-            events=events,
-            dense=dense,
-            sensitivities=sensitivities,
-        )
-        return dict(zip(problems, found, strict=True))
+        how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense}
+        simulate = resolve_name("commonlaw.forecast:simulate_law")
+        found: dict[str, Trajectory] = simulate(self, times, initial, sensitivities=sensitivities, **how)
+        return found
 
     def predict(
         self,
@@ -153,7 +145,6 @@ class AbstractPredictions(AbstractAverages):
             deviations are asked for and the law's covariance or noise is not known, a start cannot be fitted, or the
             law carries no discrepancy.
         """
-        # Forecasting stands above laws; this entrance finds it by name, so that laws depend on nothing above them.
         predict = resolve_name("commonlaw.forecast:predict")
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
@@ -202,7 +193,7 @@ class AbstractPredictions(AbstractAverages):
         zero_at: float | Literal["auto"] | None = "auto",
         noise: Mapping[str, float] | None = None,
         huber_threshold: float = HUBER_THRESHOLD,
-    ) -> Discrepancy[Self]:
+    ) -> "Discrepancy[Self]":
         """Find what the law leaves unexplained as a smooth function of a coordinate, the same for all objects.
 
         The function is a Gaussian process in the likelihood of the trajectories, fitted together with the law's
@@ -274,7 +265,7 @@ class AbstractPredictions(AbstractAverages):
         rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
         return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
 
-    def residuals(self, trials: Trials) -> Residuals:
+    def residuals(self, trials: Trials) -> "Residuals":
         """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.
 
         Each trial's initial state is fitted to all of its samples; the coefficients stay as they are. Tests compare the
@@ -306,7 +297,7 @@ class AbstractPredictions(AbstractAverages):
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
         return self.predict(trials, start=start).score()
 
-    def verdict(self, trials: Trials, learned: Trials | None = None) -> LawVerdict:
+    def verdict(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
         """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.
 
         Trials are forecast over all that follows their first samples, so that growth is judged while it grows, and
