@@ -25,6 +25,8 @@ class OutcomeKind(StrEnum):
     """The measurements depart from every law of the library by more than their noise."""
     NOT_CONVERGED = "not converged"
     """A solver stopped before it was done."""
+    NOT_IDENTIFIABLE = "not identifiable"
+    """The trials cannot tell which of several laws holds where they have not been."""
     NOT_INTEGRATED = "not integrated"
     """An integrator could not follow a trajectory that another one may finish."""
     ONE_OBJECT = "one object"

@@ -1,11 +1,11 @@
 """Data checks that ask what laws trials could tell apart, in words."""
 
-from collections.abc import Iterator
-
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.identifiability import StandIns, stand_ins
+from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.check import Finding
 
@@ -34,26 +34,43 @@ def variables_not_told_apart(
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, order)
-    few = max(len(asked.of_object(name)) for name in asked.objects) == 1
+    found = stand_ins(asked, order, library)
     return tuple(
-        Finding("".join(_sentence(each, order, few, trials.schema)), column=each.state)
-        for each in stand_ins(asked, order, library)
+        Finding(f"laws for {_side(each, order)} {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
+        for each in found
     )
 
 
-def _sentence(found: StandIns, order: int, few: bool, schema: Schema) -> Iterator[str]:
-    """Yield the parts of a sentence on variables that stand in for each other."""
-    unit = f" {schema.units.get(found.state, '')}".rstrip()
+def outcomes_of_stand_ins(trials: Trials, order: int, library: AbstractLibrary) -> tuple[Outcome, ...]:
+    """Return what to know of a law whose variables the trials that it was learned from cannot tell apart."""
+    return tuple(
+        Outcome(OutcomeKind.NOT_IDENTIFIABLE, _side(each, order), f"laws {_sentence(each, trials)}", _remedy(each))
+        for each in (stand_ins(trials, order, library) if order else ())
+    )
+
+
+def _side(found: StandIns, order: int) -> str:
+    return left_hand_sides((found.state,), order)[0]
+
+
+def _remedy(found: StandIns) -> str:
+    return f"trials from other starts, such as at other values of {next(iter(found.starts))}, would tell"
+
+
+def _sentence(found: StandIns, trials: Trials) -> str:
+    """Return what variables stand in for each other, and why."""
+    unit = f" {trials.schema.units.get(found.state, '')}".rstrip()
     concerned = " and ".join(found.starts)
-    yield f"laws for {found.state}{order * chr(39)} in {_alternatives(found)} fit alike"
-    yield ", with coefficients that differ from trial to trial: they leave " if found.by_trial else ": they leave "
-    yield f"{', '.join(f'{each:.3g}' for each in found.left[:_LISTED])}{unit}, "
-    yield f"and laws in all variables {found.left_by_all:.3g}{unit}; "
+    varying = ", with coefficients that differ from trial to trial" if found.by_trial else ""
+    left = " and ".join(f"{each:.3g}" for each in found.left[:_LISTED])
+    single = max(len(trials.of_object(name)) for name in trials.objects) == 1
+    why = f"{'the trial of each object is' if single else 'trials visit'} little more than one curve of {concerned}"
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
-        yield f"all trials start alike{_ranges(found, schema)}, so that {concerned} are one curve"
-    else:
-        yield f"{'the trial of each object is' if few else 'trials visit'} little more than one curve of {concerned}"
-    yield f"; trials from other starts, such as at other values of {next(iter(found.starts))}, would tell"
+        why = f"all trials start alike{_ranges(found, trials.schema)}, so that {concerned} are one curve"
+    return (
+        f"in {_alternatives(found)} fit alike{varying}: they leave {left}{unit}, and laws in all variables "
+        f"{found.left_by_all:.3g}{unit}; {why}"
+    )
 
 
 def _alternatives(found: StandIns) -> str:

@@ -6,8 +6,10 @@ from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
 from commonlaw.discovery.blas import one_blas_thread
+from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
+from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
@@ -135,7 +137,12 @@ class LawDiscovery:
         domain, outcomes = Domain(), (*law.outcomes, *rates, *copies, *instead)
         if isinstance(trials, Trials):
             domain, outcomes = Domain.of(trials, law.rates), with_outcomes_of_zero(outcomes, law, trials)
-        self.law_ = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
+            outcomes = (*outcomes, *outcomes_of_stand_ins(trials, self.order, library))
+        law = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
+        if isinstance(trials, Trials):
+            told = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
+            law = replace(law, provenance=told)
+        self.law_ = law
         return self
 
     def predict(self, trials: Trials, start: int | None = None) -> "Forecast":
