@@ -44,4 +44,4 @@ def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, 
     """From so little, evidence about fits of many terms has few digits, and must not be larger for it."""
     law = cl.discover(cl.datasets.linear_drag(noise=noise, seed=seed).select(trial=1), order=2)
     assert law.structure() == ("x'' = a + b v",)
-    assert law.outcomes == ()
+    assert {each.kind for each in law.outcomes} <= {"not identifiable"}  # All drops begin alike

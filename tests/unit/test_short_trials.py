@@ -41,9 +41,10 @@ def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
     one = datasets.linear_drag(drag=(-0.2,), noise=0.02, samples=12, rate=4, trials=1)
     law = cl.discover(one, order=2, library="poly:2", method=cl.TrajectoryLikelihood(noise={"x": 0.02}))
     assert law.support.sum() == 2
-    assert [each.kind for each in law.outcomes] == ["few samples"]
+    assert [each.kind for each in law.outcomes if each.kind != "not identifiable"] == ["few samples"]
     law.predict(one, start=1)
-    assert cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2").outcomes == ()
+    more = cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2")
+    assert "few samples" not in {each.kind for each in more.outcomes}
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
