@@ -41,6 +41,8 @@ class OutcomeKind(StrEnum):
     """A term hangs on where the scale of a variable has its zero."""
     START = "start"
     """Trials start where the law says that nothing ever happens."""
+    TRIALS_DIFFER = "trials differ"
+    """Coefficients change from trial to trial of an object by more than errors of measurement."""
     UNITS = "units"
     """What was chosen depends on the units of measurement."""
 

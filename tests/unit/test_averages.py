@@ -176,3 +176,11 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
             replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]}
         )
         np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)
+
+
+def test_forecasts_say_what_else_the_law_could_be_where_that_matters(law, trials):
+    (note,) = law.predict(trials, return_std=True).trials.notes
+    assert "x' = a x + b (probability 0.3)" in note
+    alike = replace(law, other_laws=(PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
+    assert alike.predict(trials, return_std=True).trials.notes == ()
+    assert law.predict(trials, return_std=True, averaged=False).trials.notes == ()

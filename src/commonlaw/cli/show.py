@@ -17,6 +17,7 @@ from commonlaw.names import in_line
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
     """Print the law in LAW.json, and the 95 % intervals of its coefficients where they are known."""
     from commonlaw.law import Law
+    from commonlaw.law.tables import plausible_frame
 
     if name and average:
         raise click.UsageError("give --object or --average, not both")
@@ -25,8 +26,12 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     if not latex:
         say(str(law))
         if law.covariance is not None:
-            say("\nIntervals that hold the coefficients with a probability of 95 %:\n")
+            averaged = ", averaged over what the law could be" if law.other_laws else ""
+            say(f"\nIntervals that hold the coefficients with a probability of 95 %{averaged}:\n")
             print_frame(law.intervals())
+        if law.other_laws:
+            say("\nWhat the law could be, and how probable each is:\n")
+            print_frame(plausible_frame((share, each.structure()) for share, each in law.plausible))
         if law.provenance.domain.visited:
             say("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
             print_frame(law.domain())

@@ -37,6 +37,29 @@ def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
     return averaged([each._replace(forecast=more(times)) for each, more in pairs if more])
 
 
+def remarks_on(found: Forecast) -> tuple[str, ...]:
+    """Return what else the law could be, in a sentence, where that moves a forecast by more than its own error.
+
+    Nothing without standard deviations, or if there is no other law.
+    """
+    if found.std is None or len(found.parts) < 2:
+        return ()
+    own, farthest = found.parts[0].forecast, 0.0
+    width = len(found.trials.schema.states)
+    for i, (std, noise) in enumerate(zip(own.std or (), own.measurement_std(), strict=True)):
+        middle = found.trajectories[i].states[:, :width]
+        off = [(each.weights[i], each.forecast.trajectories[i].states[:, :width]) for each in found.parts]
+        between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in off if share))
+        farthest = max(farthest, float(np.nanmax(between / np.hypot(std[:, :width], noise), initial=0.0)))
+    if farthest <= 1:
+        return ()
+    other = found.parts[1]
+    return (
+        f"the law could also be {other.equations} (probability {other.probability:.2g}): forecasts are averaged over "
+        f"{len(found.parts)} laws, and these differ by more than the forecast of one of them errs",
+    )
+
+
 def _weights(parts: Sequence[Part], trial: int) -> Floats:
     """Return what each forecast of a trial counts, shape (parts,)."""
     shares: Floats = np.array([each.probability for each in parts])

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.averaging import averaged as average
+from commonlaw.forecast.averaging import averaged as average, remarks_on
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.leaving import with_remarks
 from commonlaw.forecast.model_error import FilteredStart, model_error_std
@@ -60,8 +60,11 @@ def predict(
     parts = [Part(own.probability, forecast(law))]
     for each in others:
         with suppress(CommonlawError):  # Its start may not be fitted where that of the law is
-            parts.append(Part(each.probability, forecast(replace(each.law, provenance=law.provenance))))
+            other = replace(each.law, provenance=law.provenance)
+            parts.append(Part(each.probability, forecast(other), equations="; ".join(other.structure())))
     found = average(parts)
+    if said := remarks_on(found):
+        found = replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *said)))
     found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
     return with_remarks(law, found)
 

@@ -20,6 +20,7 @@ from commonlaw.inference.provenance import alternatives, history, inclusion_prob
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search import SearchState, neighbours, polish, search
 from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.trial_differences import differing_trials
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
@@ -223,7 +224,7 @@ def finish(
         uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(compared)),
         provenance=replace(
             frame.provenance,
-            outcomes=outcomes(frame, problem, state),
+            outcomes=(*outcomes(frame, problem, state), *differing_trials(frame, problem, state)),
             alternatives=alternatives(frame, compared),
             history=history(frame, problem, state, compared),
         ),

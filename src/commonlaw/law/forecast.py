@@ -30,12 +30,14 @@ _MOST_POINTS = 1_000_000
 class Part(NamedTuple):
     """The forecast by one of the laws that an average is over, and how probable that law is.
 
-    The weights are what it counts in each trial, where those that diverge do not count.
+    The weights are what it counts in each trial, where those that diverge do not count; the equations are those of the
+    law, with letters.
     """
 
     probability: float
     forecast: "Forecast"
     weights: tuple[float, ...] = ()
+    equations: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """What a law says as tables."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -80,6 +80,11 @@ def draws_frame(objects: Sequence[str], letters: Sequence[str], values: Floats) 
     """Return draws of coefficients, shape (draws, objects, letters), see `Law.draws`."""
     rows = pd.MultiIndex.from_product([range(len(values)), objects], names=["draw", "object"])
     return pd.DataFrame(values.reshape(-1, len(letters)), index=rows, columns=list(letters))
+
+
+def plausible_frame(laws: Iterable[tuple[float, Sequence[str]]]) -> pd.DataFrame:
+    """Return a row for each law, given how probable it is and its equations."""
+    return pd.DataFrame([{"probability": share, "law": "; ".join(equations)} for share, equations in laws])
 
 
 def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:

@@ -147,11 +147,14 @@ def _intervals(law: Law, caption: str) -> Block:
 
 
 def _interval(case: LawCase) -> str:
+    others = len(case.law.other_laws)
+    averaged = f" They are averaged over the law and {counted(others, 'law')} that it could also be." if others else ""
     if case.findings.is_exact:
-        return "Each 95 % interval holds the true coefficient with a probability of 95 %, if the law holds."
+        holds = "" if others else ", if the law holds"
+        return f"Each 95 % interval holds the true coefficient with a probability of 95 %{holds}.{averaged}"
     return (
         "As the law is not exact, these are not true values, but those that describe the measurements best; their 95 % "
-        "intervals say how well the measurements tell them."
+        f"intervals say how well the measurements tell them.{averaged}"
     )
 
 
