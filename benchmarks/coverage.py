@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta, norm
+from scipy.stats import beta
 
 from benchmarks.draws import Stated, add_options, draw
 from benchmarks.families import FAMILIES, experiment
@@ -43,8 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def held(laws: Iterable[Stated | None], truth: Floats) -> NDArray[np.bool_]:
     """Return which 95 % intervals hold the truth, in draws of the right support: (draws, objects, parameters)."""
-    reach = norm.ppf(0.975)
-    right = [abs(each.coefficients - truth) <= reach * each.errors for each in laws if each is not None]
+    right = [abs(each.coefficients - truth) <= each.reach * each.errors for each in laws if each is not None]
     return np.stack(right) if right else np.empty((0, *truth.shape), dtype=bool)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 import commonlaw as cl
 from benchmarks.families import Experiment, experiment
@@ -40,10 +41,14 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Stated:
-    """Coefficients and the standard errors that a law states, each of shape (objects, parameters)."""
+    """Coefficients and the standard errors that a law states, each of shape (objects, parameters).
+
+    And how many of these its 95 % intervals reach to both sides, shape (parameters,) or one number.
+    """
 
     coefficients: Floats
     errors: Floats
+    reach: Floats | float = float(norm.ppf(0.975))
 
 
 def draw(name: str, level: float, count: int, n_jobs: int = 1) -> list[Outcome]:
@@ -77,7 +82,10 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
 def stated(known: Experiment, law: cl.Law) -> Stated | None:
     """Return what a law states of the coefficients; nothing where its support is not the true one."""
     coefficients = known.estimates(law)
-    return None if coefficients is None else Stated(coefficients, known.errors(law))
+    if coefficients is None:
+        return None
+    sizes = list(map(len, known.family.equations))
+    return Stated(coefficients, known.errors(law), np.repeat(law.uncertainty.reach(len(sizes)), sizes))
 
 
 def _outcome(name: str, level: float, seed: int) -> Outcome:

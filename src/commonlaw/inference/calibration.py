@@ -157,7 +157,7 @@ def _law_of(frame: Law, problem: SearchProblem, state: SearchState, kept: Sequen
         replace(start, coefficients=state.estimates[i].coefficients)
         for start, i in zip(part.starts, places, strict=True)
     ]
-    fitted = fit_with(part, state.supports, state.fitted_model_error, starts)
+    fitted = fit_with(part, state.supports, state.model_error, starts)
     provenance = Provenance(frame.differentiation, domain=frame.provenance.domain)
     own = Law(frame.terms, frame.schema, frame.order, trials.objects, np.nan_to_num(known), provenance=provenance)
     law = fitted_law(own, part, fitted)
