@@ -7,8 +7,8 @@ from scipy.stats import f, kstest
 import commonlaw as cl
 from commonlaw.discovery import TrajectoryLikelihood
 from commonlaw.inference import trial_differences
-from commonlaw.inference.search import fit_supports
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.search import SearchState, fit_supports
+from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
 
 TIMES = np.linspace(0, 3, 20)
@@ -25,7 +25,7 @@ def balls(scatter: float, seed: int, trials: int = 4) -> cl.Trials:
     return cl.Trials.from_arrays([TIMES] * len(states), states, object=objects, names=["x"])
 
 
-def problem_of(trials: cl.Trials):
+def problem_of(trials: cl.Trials) -> tuple[Law, SearchProblem, SearchState]:
     law = Law.from_text("x' = -a x", {"a": dict.fromkeys(trials.objects, 0.7)})
     problem = prepare(trials, law.terms, 1, np.full((2, 1, 1), np.nan))
     return law, problem, fit_supports(problem, problem.allowed, (0.3, 0.03))
