@@ -1,5 +1,7 @@
 """Data checks that ask what laws trials could tell apart, in words."""
 
+from collections.abc import Sequence
+
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.identifiability import StandIns, stand_ins
@@ -60,9 +62,9 @@ def _remedy(found: StandIns) -> str:
 def _sentence(found: StandIns, trials: Trials) -> str:
     """Return what variables stand in for each other, and why."""
     unit = f" {trials.schema.units.get(found.state, '')}".rstrip()
-    concerned = " and ".join(found.starts)
+    concerned = _and(list(found.starts))
     varying = ", with coefficients that differ from trial to trial" if found.by_trial else ""
-    left = " and ".join(f"{each:.3g}" for each in found.left[:_LISTED])
+    left = _and([f"{each:.3g}" for each in found.left[:_LISTED]])
     single = max(len(trials.of_object(name)) for name in trials.objects) == 1
     why = f"{'the trial of each object is' if single else 'trials visit'} little more than one curve of {concerned}"
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
@@ -75,7 +77,7 @@ def _sentence(found: StandIns, trials: Trials) -> str:
 
 def _alternatives(found: StandIns) -> str:
     """Return sets of variables in words: ``x alone or in v alone``."""
-    *first, last = (f"{each[0]} alone" if len(each) == 1 else " and ".join(each) for each in found.sets[:_LISTED])
+    *first, last = (f"{each[0]} alone" if len(each) == 1 else _and(each) for each in found.sets[:_LISTED])
     more = f", or in others ({len(found.sets) - _LISTED} more)" if len(found.sets) > _LISTED else ""
     return f"{', in '.join(first)}{',' if more else ' or'} in {last}{more}"
 
@@ -86,7 +88,13 @@ def _ranges(found: StandIns, schema: Schema) -> str:
     parts = [
         f"{each} = {low:.3g} to {high:.3g}{units[each]}" for each, (low, high) in found.starts.items() if each in units
     ]
-    return f", at {' and '.join(parts)}" if parts else ""
+    return f", at {_and(parts)}" if parts else ""
+
+
+def _and(parts: Sequence[str]) -> str:
+    """Return words with commas between them, and ``and`` before the last."""
+    *first, last = parts
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _width(ends: tuple[float, float]) -> float:
