@@ -14,7 +14,7 @@ _Labels = tuple[str | None, str | None]
 """Of an object and its trial."""
 
 
-def finding_kinds(check: Report, table: Table, places: Sequence[Codes]) -> list[dict[str, Any]]:
+def finding_kinds(check: Report, table: Table, row_indices: Sequence[Codes]) -> list[dict[str, Any]]:
     """Return the findings: for each kind its text, how many cases there are, and the first of them with their rows.
 
     Parameters
@@ -23,11 +23,11 @@ def finding_kinds(check: Report, table: Table, places: Sequence[Codes]) -> list[
         What data checks found in the trials of a table.
     table
         Its cells.
-    places
+    row_indices
         Of each trial the indices of the rows of its samples.
     """
     rows: dict[_Labels, Codes] = {
-        (each.object, each.trial): own for each, own in zip(check.trials, places, strict=True)
+        (each.object, each.trial): own for each, own in zip(check.trials, row_indices, strict=True)
     }
     return [
         {"text": in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}

@@ -71,7 +71,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         return found | {"roles": columns.recognised(held), "problem": in_page(str(error))}
     trials = Trials(*rows.data)
     check = trials.check()
-    checks = {"checks": finding_kinds(check, held, rows.places), "notes": [in_page(each) for each in check.notes]}
+    checks = {"checks": finding_kinds(check, held, rows.row_indices), "notes": [in_page(each) for each in check.notes]}
     return found | _of_trials(trials) | checks
 
 

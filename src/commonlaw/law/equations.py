@@ -295,8 +295,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
         covariance = self.uncertainty.covariance
         if covariance is None or not all(self.support[each.equation, each.term] for each in coefficient.parts):
             return np.full(len(self.objects), np.nan)
-        places = {place: i for i, place in enumerate(zip(*np.nonzero(self.support), strict=True))}
-        own = [places[each.equation, each.term] for each in coefficient.parts]
+        indices = {index: i for i, index in enumerate(zip(*np.nonzero(self.support), strict=True))}
+        own = [indices[each.equation, each.term] for each in coefficient.parts]
         slopes, inner = coefficient.gradient(self.coefficients), covariance[:, own][:, :, own]
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0)))
@@ -335,9 +335,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
         CommonlawError
             If `Law.explain` was not asked.
         """
-        explanation, places = self._explained(), np.argwhere(self.support)
-        equations = [self.left_hand_sides[j] for j, _ in places]
-        return explanation.to_frame(equations, [self.terms.names[k] for _, k in places], self._factor_units())
+        explanation, indices = self._explained(), np.argwhere(self.support)
+        equations = [self.left_hand_sides[j] for j, _ in indices]
+        return explanation.to_frame(equations, [self.terms.names[k] for _, k in indices], self._factor_units())
 
     def _factor_units(self) -> list[str | None]:
         """Return the units of the relations' factors, as far as they are known."""
@@ -362,8 +362,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def _related(self, notation: Notation, names: Sequence[str], digits: int, errors: bool) -> list[list[text.Addend]]:
         """Return each equation's terms with what decides their coefficients."""
         rows: list[list[text.Addend]] = [[] for _ in self.states]
-        places = zip(np.argwhere(self.support).tolist(), self._explained().relations, self._own_letters(), strict=True)
-        for (j, k), relation, letter in places:
+        related = zip(np.argwhere(self.support).tolist(), self._explained().relations, self._own_letters(), strict=True)
+        for (j, k), relation, letter in related:
             if relation is None:
                 value = float(self.coefficients[0, j, k])
                 rows[j].append(text.Addend(value < 0, notation.number(abs(value), 0.0, digits), names[k]))

@@ -45,7 +45,7 @@ class Grouped:
     """Trials with the rows of their samples, labels of trials without any row left, and what was done."""
 
     trials: tuple[Trial, ...]
-    places: tuple[Codes, ...]
+    row_indices: tuple[Codes, ...]
     empty: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -92,7 +92,7 @@ def trials_of(
         _refuse_restarts(table, cells[0], groups)
     late = [group.label for group in groups if len(_back(cells[0], group))]
     notes += [f"sorted by time: {'; '.join(late)}"] if late else []
-    made, places, empty, gaps = [], [], [], []
+    made, row_indices, empty, gaps = [], [], [], []
     measured = np.asarray(np.isfinite(cells[1]).any(axis=1))
     for group, rows in zip(groups, sorted_rows, strict=True):
         ahead = np.logical_and.accumulate(~measured[rows][::-1])[::-1]
@@ -101,11 +101,11 @@ def trials_of(
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
             made.append(Trial(group.object, group.trial, *(each[rows[kept]] for each in cells)))
-            places.append(rows[kept])
+            row_indices.append(rows[kept])
         else:
             empty.append(group.label)
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
-    return Grouped(tuple(made), tuple(places), tuple(empty), tuple(notes))
+    return Grouped(tuple(made), tuple(row_indices), tuple(empty), tuple(notes))
 
 
 def _back(times: Floats, group: Group) -> Codes:

@@ -47,7 +47,7 @@ class Rows:
 
     data: TrialData
     empty: tuple[str, ...]
-    places: tuple[Codes, ...]
+    row_indices: tuple[Codes, ...]
     """Of each trial the indices of the rows of its samples, shape (n,)."""
 
 
@@ -73,7 +73,7 @@ def _read_wide(table: Table, default_object: str, roles: Reading) -> Rows:
     repeated = [name for name in table.columns if name not in (identity.time, *columns.states)]
     long, state, origin = long_table(table, identity.time, repeated, columns.states, roles["wide"])
     rows = read_rows(long, default_object, {**roles, "object": "object", "time": identity.time, "states": [state]})
-    return replace(rows, places=tuple(origin[own] for own in rows.places))
+    return replace(rows, row_indices=tuple(origin[own] for own in rows.row_indices))
 
 
 def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
@@ -98,7 +98,7 @@ def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
     found = trials_of(table, cells, groups, roles.get("restarts"), named=identity.trial is not None)
     remarks = (*table.notes, *spelled, *spelled_runs, *columns.notes, *known.notes, *found.notes)
     nameless = identity.object is None and "object_name" not in roles
-    return Rows(TrialData(found.trials, schema, known.values, remarks, nameless), found.empty, found.places)
+    return Rows(TrialData(found.trials, schema, known.values, remarks, nameless), found.empty, found.row_indices)
 
 
 def _schema(table: Table, roles: Reading, identity: Identity, columns: ValueColumns, known: Properties) -> Schema:
