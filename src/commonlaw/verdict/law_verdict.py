@@ -243,7 +243,7 @@ class LawVerdict(ShownInNotebooks):
     def _errors(self) -> Iterator[str]:
         seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
         compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
-        yield f"Judged on {self.judged_on}: {compared} from the first samples of trials{seen}."
+        yield f"Judged on {self.judged_on}: {compared}, from the first samples of trials on{seen}."
         if self.unknown_objects:
             yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
         if not self.diverged:
