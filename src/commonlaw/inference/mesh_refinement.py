@@ -7,9 +7,9 @@ import numpy as np
 
 from commonlaw.inference.search import FINAL, SearchState
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.likelihood import Estimate, NotPositiveError, fit
+from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 
-FINEST = 4
+FINEST = 8
 """Points for each sampling step; laws that need more are not resolved by their samples."""
 
 _RESOLVED = 1.0
@@ -27,7 +27,7 @@ def on_finer_mesh(
         fit(model, replace(start, coefficients=own.coefficients), state.supports, model_errors)
         for model, start, own in zip(finer.models, finer.starts, state.estimates, strict=True)
     )
-    if _change(problem, state.estimates, finer, estimates) < _RESOLVED:
+    if _change(problem, state.estimates, finer, estimates) + _moved(problem, state, estimates) < _RESOLVED:
         return None
     return finer, replace(state, estimates=estimates)
 
@@ -59,4 +59,14 @@ def _change(
         for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
             change = (finest[mesh.places(stride)] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
+    return total
+
+
+def _moved(problem: SearchProblem, state: SearchState, fine: Sequence[Estimate]) -> float:
+    """Return the sum of squared changes of coefficients on a finer mesh, relative to how surely they are known."""
+    total = 0.0
+    for model, known, one, other in zip(problem.models, problem.known, state.estimates, fine, strict=True):
+        free = state.supports & np.isnan(known)
+        rows = linearize(model, one, state.fitted_model_error, free).problem.factor[:, :-1]
+        total += float(np.sum((rows @ (other.coefficients - one.coefficients)[free]) ** 2))
     return total
