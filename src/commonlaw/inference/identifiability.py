@@ -17,7 +17,7 @@ prefers laws whose coefficients differ from trial to trial.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -328,7 +328,8 @@ def _whitened(rows: _Rows, share: float, memory: float) -> _Rows:
 
 def _looked_at(trials: Trials) -> list[Trial]:
     groups = sorted((trials.of_object(name) for name in trials.objects), key=len, reverse=True)
-    return [_some(trial) for group in groups for trial in group][:_MOST_TRIALS]
+    complete = (_some(trial) for group in groups for trial in group if np.isfinite(trial.states).all(axis=1).any())
+    return list(islice(complete, _MOST_TRIALS))
 
 
 def _some(trial: Trial) -> Trial:
