@@ -1,17 +1,19 @@
 """The evidence for shared terms against brute force, and the choice of all equations together."""
 
-from math import comb
-
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import minimize
+from scipy.special import beta
 from scipy.stats import multivariate_normal
 
-from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.inference.evidence import minus_twice_log_evidence, rss_with_each
+from commonlaw.formulation import LeastSquaresProblem, law_variables
+from commonlaw.inference.evidence import Measured, minus_twice_log_evidence, rss_with_each
+from commonlaw.inference.prices import Prices, shifted
 from commonlaw.inference.support_search import SupportEvidence
-from commonlaw.selection import log_choices
+from commonlaw.library import PolynomialLibrary, Terms, parse_term
 from commonlaw.solvers import BestSubset, StepwiseSelection
+from commonlaw.trials import Schema
 
 
 def rows(coefficients, samples=40, seed=0, noise=1.0):
@@ -38,7 +40,32 @@ def test_the_evidence_of_a_single_object_is_the_bic():
     for indices in ([], [0], [0, 2], [2, 1]):
         rest = target - library[:, indices] @ np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
         expected = rest @ rest + len(indices) * np.log(77)
-        assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), 77) == pytest.approx(expected)
+        assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), Measured(77)) == pytest.approx(
+            expected
+        )
+
+
+def test_noise_of_unknown_scale_is_integrated_out():
+    """For normal noise and an inverse gamma prior of its variance that is the density of the t distribution."""
+    (library, target) = rows([[2.0, 0.0, -1.0]], noise=0.3)[0]
+    measured = Measured(77, freedom=len(target) + 4.0, prior=2.5)
+
+    def exact(squares):
+        log_densities = lambda v: (  # noqa: E731
+            -len(target) / 2 * np.log(v) - squares / v / 2 - 3 * np.log(v) - 2.5 / v / 2
+        )
+        peak = minimize(lambda u: -log_densities(np.exp(u[0])), [0.0]).fun
+        area = quad(lambda u: np.exp(log_densities(np.exp(u)) + u + peak), -8, 8, points=[0.0], limit=200)[0]
+        return -2 * (np.log(area) - peak)
+
+    squares = np.array([20.0, 40.0, 80.0])
+    found = [measured.deviance(each, 0) for each in squares]
+    np.testing.assert_allclose(np.diff(found), np.diff([exact(each) for each in squares]), rtol=1e-6)
+    rests = [target - library[:, :k] @ np.linalg.lstsq(library[:, :k], target, rcond=None)[0] for k in (1, 3)]
+    values = [minus_twice_log_evidence(factors([(library, target)]), np.arange(k), measured) for k in (1, 3)]
+    expected = [measured.deviance(r @ r, k) + k * np.log(77) for r, k in zip(rests, (1, 3), strict=True)]
+    np.testing.assert_allclose(values, expected, rtol=1e-9)
+    assert measured.variance(rests[1] @ rests[1], 3) == pytest.approx((rests[1] @ rests[1] + 2.5) / (len(target) + 1))
 
 
 def marginal(data, indices):
@@ -74,7 +101,9 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
             weights = 1 / (1 / precisions + variance)
             costs.append(lost([weights @ estimates[:, 0] / weights.sum()], [variance]))
         expected = rest + min(costs) + np.log(500) + np.log(6)
-        assert minus_twice_log_evidence(factors(data), np.array([0]), 500) == pytest.approx(expected, rel=1e-9)
+        assert minus_twice_log_evidence(factors(data), np.array([0]), Measured(500)) == pytest.approx(
+            expected, rel=1e-9
+        )
 
 
 def cost_of_scatter(data):
@@ -101,7 +130,12 @@ def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_
     costs = np.array([cost_of_scatter(data), cost_of_scatter([(library @ turn, y) for library, y in data])])
     expected = -2 * np.log(np.mean(np.exp(-(costs - costs.min()) / 2))) + costs.min()
     rest, *_ = marginal(data, [0, 1])
-    found = minus_twice_log_evidence(factors(data), np.array([0, 1]), 500) - rest - 2 * np.log(500) - 2 * np.log(8)
+    found = (
+        minus_twice_log_evidence(factors(data), np.array([0, 1]), Measured(500))
+        - rest
+        - 2 * np.log(500)
+        - 2 * np.log(8)
+    )
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
     assert expected - 1e-3 < found < expected + 0.21 * 8 * 2
 
@@ -115,7 +149,7 @@ def test_where_a_variable_is_counted_from_does_not_matter():
         for power in (1, 2):
             library = [np.column_stack([np.ones(80), (each + shift) ** power]) for each in x]
             data = factors(zip(library, rates / 0.1, strict=True))
-            values[shift, power] = minus_twice_log_evidence(data, np.array([0, 1]), 480)
+            values[shift, power] = minus_twice_log_evidence(data, np.array([0, 1]), Measured(480))
     expected = values[1e6, 1]
     assert [values[shift, 1] for shift in (1e2, -1e4)] == pytest.approx([expected] * 2, abs=0.01)
     assert [values[shift, 2] for shift in (-1e4, 1e6)] == pytest.approx([expected] * 2, abs=0.1)
@@ -127,7 +161,7 @@ def test_alike_coefficients_cost_less_than_scattered_ones():
         own = 2.0 + scatter * np.random.default_rng(0).standard_normal((10, 1))
         data = rows(own, samples=400)
         rest, *_ = marginal(data, [0])
-        prices.append(minus_twice_log_evidence(factors(data), np.array([0]), 4000) - rest)
+        prices.append(minus_twice_log_evidence(factors(data), np.array([0]), Measured(4000)) - rest)
     # One mean and one variance, and what ten estimates of one number scatter
     assert prices[0] < np.log(4000) + np.log(10) + 20
     assert prices[0] + 20 < prices[1] < prices[2] - 20
@@ -137,21 +171,21 @@ def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
     indices = np.array([0, 1, 2])
-    assert minus_twice_log_evidence(factors(other), indices, 200) == pytest.approx(
-        minus_twice_log_evidence(factors(data), indices, 200)
+    assert minus_twice_log_evidence(factors(other), indices, Measured(200)) == pytest.approx(
+        minus_twice_log_evidence(factors(data), indices, Measured(200))
     )
 
 
 def test_terms_that_cannot_be_told_apart_have_no_evidence():
     data = [(np.column_stack([library, 0 * library[:, 0]]), target) for library, target in rows(np.ones((3, 2)))]
-    assert minus_twice_log_evidence(factors(data), np.array([0, 2]), 100) == np.inf
+    assert minus_twice_log_evidence(factors(data), np.array([0, 2]), Measured(100)) == np.inf
 
 
 def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
     data = factors(rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3))))
-    whole = minus_twice_log_evidence(data, np.array([0, 2]), 200)
-    assert minus_twice_log_evidence(data, np.array([0, 2]), 200, whole + 1) == whole
-    assert minus_twice_log_evidence(data, np.array([0, 2]), 200, 1.0) <= whole
+    whole = minus_twice_log_evidence(data, np.array([0, 2]), Measured(200))
+    assert minus_twice_log_evidence(data, np.array([0, 2]), Measured(200), whole + 1) == whole
+    assert minus_twice_log_evidence(data, np.array([0, 2]), Measured(200), 1.0) <= whole
 
 
 @pytest.mark.parametrize("indices", [[], [1], [0, 3]])
@@ -169,12 +203,7 @@ def test_sums_of_squares_with_each_other_term_are_those_of_least_squares(indices
         assert found[index] == (0.0 if unclear else pytest.approx(rest([*indices, index])))
 
 
-def test_choices_are_counted():
-    for library, size in ((10, 0), (10, 3), (5, 5)):
-        assert log_choices(library, size) == pytest.approx(np.log(comb(library, size)))
-
-
-PRICES = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
+PRICES = Prices(np.array([0.0, 1.0, 1.0, 2.0, 3.0]))
 TRUTH = np.array([[True, False, False, True, False], [False, True, False, True, True]])
 
 
@@ -199,7 +228,7 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 @pytest.mark.parametrize("solver", [BestSubset(nodes=20), StepwiseSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
-    evidence = SupportEvidence(coupled(objects), allowed, 240 * objects, PRICES)
+    evidence = SupportEvidence(coupled(objects), allowed, Measured(240 * objects), PRICES)
     for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
         np.testing.assert_array_equal(evidence.choose(start, solver), TRUTH)
 
@@ -208,14 +237,14 @@ def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
     for seed in range(4):
-        evidence = SupportEvidence(coupled(1, seed=seed), allowed, 240, PRICES)
+        evidence = SupportEvidence(coupled(1, seed=seed), allowed, Measured(240), PRICES)
         best = min(every, key=evidence.value)
         np.testing.assert_array_equal(evidence.choose(allowed, BestSubset(nodes=20)), best)
 
 
 def test_an_equation_has_no_more_terms_than_it_may():
     for most in (1, 2):
-        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), 480, PRICES, most).choose(
+        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), Measured(480), PRICES, most).choose(
             np.ones_like(TRUTH), BestSubset(nodes=20)
         )
         assert chosen.sum(axis=1).tolist() == [most, most]
@@ -224,7 +253,7 @@ def test_an_equation_has_no_more_terms_than_it_may():
 def test_terms_that_are_not_allowed_are_not_chosen():
     allowed = np.ones_like(TRUTH)
     allowed[0, 3] = allowed[1] = False
-    evidence = SupportEvidence(coupled(), allowed, 480, PRICES)
+    evidence = SupportEvidence(coupled(), allowed, Measured(480), PRICES)
     chosen = evidence.choose(allowed, BestSubset(nodes=20))
     assert not (chosen & ~allowed).any()
     assert chosen[0, 0]
@@ -234,15 +263,36 @@ def test_terms_that_are_not_allowed_are_not_chosen():
 
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 480, PRICES)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), Measured(480), PRICES)
     expected = (
-        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), 480)
-        + 2 * np.log(comb(5, 2))
-        + 2 * np.log(comb(5, 3))
+        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), Measured(480))
+        - 2 * np.log(beta(1 + 2, 5 + 5 - 2) / beta(1, 5))
+        - 2 * np.log(beta(1 + 3, 5 + 5 - 3) / beta(1, 5))
         + (0 + 2)
         + (1 + 2 + 3)
     )
     assert evidence.value(TRUTH) == pytest.approx(expected)
+
+
+def test_a_law_that_says_where_an_unmeasured_zero_is_pays_for_it():
+    variables = law_variables(Schema(("x",)), 2)
+    terms = PolynomialLibrary(2).bind(variables)
+    prices = Prices(np.zeros(len(terms)), (shifted(terms, 0),), 7.0)
+    plain = Prices(np.zeros(len(terms)))
+    for names, keeps_its_form in (
+        (["1", "v"], True),
+        (["1", "x", "v^2"], True),
+        (["v^2"], True),
+        (["x", "v^2"], False),
+        (["x", "v", "x v"], False),
+        (["1", "v", "x v"], True),
+        (["x^2", "1"], False),
+    ):
+        support = np.isin(terms.names, names)
+        assert prices.of(support) - plain.of(support) == pytest.approx(0.0 if keeps_its_form else 7.0)
+    damped = Terms(variables, tuple(parse_term(each, variables) for each in ("1", "v", "exp(-x)", "v*log(x)")))
+    assert shifted(damped, 0)[2].tolist() == [False, False, True, False]
+    assert shifted(damped, 0)[3].all()
 
 
 @pytest.mark.parametrize("simple", [0, 1])
@@ -252,13 +302,15 @@ def test_of_terms_that_data_cannot_tell_apart_the_simpler_is_chosen(simple):
     for seed in range(10):
         ((library, target),) = rows([[2.0]], seed=seed)
         both = library * [1, 1] + 1e-6 * np.random.default_rng(seed).standard_normal((40, 2))
-        evidence = SupportEvidence(problems([(both, target)]), np.ones((1, 2), dtype=bool), 40, prices)
+        evidence = SupportEvidence(
+            problems([(both, target)]), np.ones((1, 2), dtype=bool), Measured(40), Prices(prices)
+        )
         assert evidence.choose(np.ones((1, 2), dtype=bool), BestSubset())[0].tolist() == [simple == 0, simple == 1]
 
 
 def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
-    found = SupportEvidence(parts, np.ones_like(TRUTH), 240, PRICES).coefficients(TRUTH)
+    found = SupportEvidence(parts, np.ones_like(TRUTH), Measured(240), PRICES).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
     for problem, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
@@ -270,7 +322,7 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
 @pytest.mark.parametrize("objects", [1, 3])
 def test_neighbours_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
     parts = coupled(objects, seed=1)
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), 240 * objects, PRICES)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), Measured(240 * objects), PRICES)
     np.testing.assert_array_equal(evidence.choose(TRUTH, BestSubset()), TRUTH)
     for equation, listed in enumerate(evidence.neighbours(TRUTH)):
         inside = TRUTH[equation].sum()

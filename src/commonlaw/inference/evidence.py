@@ -10,6 +10,8 @@ x counted from elsewhere, height and slope scatter together. Mixtures that are o
 not depend on where variables are counted from. Both are as probable beforehand.
 """
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
@@ -22,12 +24,62 @@ _TOLD = 1e10
 """Information on coefficients whose condition is worse has too few digits."""
 
 
-def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, needed: float = np.inf) -> float:
+@dataclass(frozen=True)
+class Measured:
+    """How many numbers were measured on all objects, and how surely they tell the scale of all noise.
+
+    Parameters
+    ----------
+    count
+        Numbers that were measured.
+    freedom
+        Degrees of freedom of the sum of squares that a law without coefficients leaves, with those that the noise
+        estimated first is worth; infinite if the noise is known.
+    prior
+        The sum of squares that the first estimate of the noise is worth, in units of the noise that there is.
+    outliers
+        What outliers add to sums of squares, which says nothing of the noise.
+    """
+
+    count: int
+    freedom: float = np.inf
+    prior: float = 0.0
+    outliers: float = 0.0
+
+    def without(self, coefficients: int) -> "Measured":
+        """Return the same when so many coefficients are fitted besides."""
+        return replace(self, freedom=self.freedom - coefficients)
+
+    def beside(self, outliers: float, count: int) -> "Measured":
+        """Return the same where so many outliers add this to sums of squares."""
+        return replace(self, outliers=outliers, freedom=self.freedom - count)
+
+    def variance(self, squares: float, coefficients: int) -> float:
+        """Return the variance of the noise, in units of that which there is, by the squares that are left."""
+        if np.isinf(self.freedom):
+            return 1.0
+        return float(self._of_noise(squares)) / max(self.freedom - coefficients, 1.0)
+
+    def deviance(self, squares: Floats | float, coefficients: int) -> Floats | float:
+        """Return minus twice the log-likelihood of squares that are left, with the scale of the noise integrated out.
+
+        That is by the t distribution, at the variance that is unbiased; for noise that is known these are the squares.
+        """
+        if np.isinf(self.freedom):
+            return squares
+        left = max(self.freedom - coefficients, 1.0)
+        return self.freedom * np.log(self._of_noise(squares) / left) + left
+
+    def _of_noise(self, squares: Floats | float) -> Floats:
+        return np.maximum(squares - self.outliers, 0.0) + self.prior
+
+
+def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measured, needed: float = np.inf) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
 
     A mean costs the logarithm of the number of measurements on all objects, and a variance the logarithm of the number
-    of objects (the BIC of the hierarchy). Supports that do not come below what is needed get a lower bound of theirs,
-    which takes less time.
+    of objects (the BIC of the hierarchy); the scale of the noise is integrated out. Supports that do not come below
+    what is needed get a lower bound of theirs, which takes less time.
 
     Parameters
     ----------
@@ -37,18 +89,26 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: int, n
     """
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
-    floor = float(np.sum(reduced[:, size:, size] ** 2)) + cost_of_coefficients(size, len(factors), measured)
+    squares, own = float(np.sum(reduced[:, size:, size] ** 2)), size * len(factors)
+    floor = float(measured.deviance(squares, own)) + cost_of_coefficients(size, len(factors), measured)
     if not size or floor >= needed:
         return floor
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
         bases = [columns] if size == 1 or len(factors) == 1 else [columns, _orthogonal(columns)]
-        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:]) for basis in bases])
+        variance = measured.variance(squares, own)
+        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
     found = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
     return found if np.isfinite(found) else np.inf
+
+
+def noise_variance(factors: Floats, indices: Indices, measured: Measured) -> float:
+    """Return the variance of the noise that a support leaves, in units of that which there is, see `Measured`."""
+    left = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))[:, -1, -1]
+    return measured.variance(float(left @ left), len(indices) * len(factors))
 
 
 def _orthogonal(columns: Floats) -> Floats:
@@ -57,17 +117,21 @@ def _orthogonal(columns: Floats) -> Floats:
     return np.asarray(np.matmul(columns, np.linalg.inv(mixed)))
 
 
-def _scatter_cost(columns: Floats, targets: Floats) -> float:
-    """Return what the coefficients of columns cost by their scatter; infinite if objects together cannot tell them."""
+def _scatter_cost(columns: Floats, targets: Floats, variance: float) -> float:
+    """Return what the coefficients of columns cost by their scatter; infinite if objects together cannot tell them.
+
+    The noise of the targets has this variance.
+    """
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _TOLD:
         return np.inf
-    return marginal_deviance(RandomEffects(np.asarray(np.linalg.solve(columns, targets)[..., 0]), information))
+    estimates = np.asarray(np.linalg.solve(columns, targets)[..., 0])
+    return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)))
 
 
-def cost_of_coefficients(size: int, objects: int, measured: int) -> float:
+def cost_of_coefficients(size: int, objects: int, measured: Measured) -> float:
     """Return what the means and variances of so many coefficients cost, see `minus_twice_log_evidence`."""
-    return float(size * (np.log(measured) + np.log(objects)))
+    return float(size * (np.log(measured.count) + np.log(objects)))
 
 
 def rss_with_each(factors: Floats, indices: Indices) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -9,8 +10,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import refuse_constant_states
+from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, parabola
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
+from commonlaw.inference.prices import FACTOR, Prices, shifted
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.inference.unmeasured import begun, filled_curves, spread_within, typical_states
 from commonlaw.library import Terms
@@ -89,6 +92,14 @@ class SearchProblem:
         return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
     @property
+    def noise_is_fixed(self) -> bool:
+        """Whether what a law leaves does not change the noise.
+
+        It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
+        """
+        return self.noise_given or not self.tells_noise or bool(self.samples)
+
+    @property
     def tells_noise(self) -> bool:
         """Whether some trial is so long that differences of its samples tell the noise of a state."""
         return any(np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials)
@@ -107,11 +118,16 @@ class SearchProblem:
             known=self.known[indices],
         )
 
-    def noisier(self, factor: float) -> "SearchProblem":
-        """Return the same problem with the noise of every state times a factor, for what solutions of a law leave."""
-        reason = f"{self.noise_reason}, times {factor:.3g} for what the law leaves"
+    def scaled(self, factor: float) -> "SearchProblem":
+        """Return the same problem with all errors times a factor."""
         models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
-        return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
+        errors = self.errors.scaled(factor)
+        return replace(self, models=models).with_errors(factor * self.noise, errors, self.noise_reason)
+
+    def without_errors(self) -> "SearchProblem":
+        """Return the same problem with white noise alone, as it was estimated first."""
+        models = tuple(replace(each, unit=each.unit * (self.first_noise / self.noise)[0]) for each in self.models)
+        return replace(self, models=models).with_errors(self.first_noise, NO_ERRORS, self.noise_reason)
 
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
@@ -134,10 +150,42 @@ class SearchProblem:
         starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
-    def noise_deviance(self) -> float:
-        """Return minus twice the logarithm of the prior of the noise, which is one at that estimated first.
+    @property
+    def counted(self) -> Measured:
+        """How many numbers were measured, and how surely they tell the scale of the noise.
 
-        That estimate counts as so many measurements as `_PRIOR` says (an inverse gamma distribution of the variance).
+        The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
+        distribution of the variance).
+        """
+        count = sum(self.measured)
+        if self.noise_is_fixed:
+            return Measured(count)
+        free = sum(each.degrees_of_freedom(model.order) for model in self.models for each in model.meshes)
+        return Measured(count, free + _PRIOR * len(self.noise), _PRIOR * float(np.sum(1 / self._inflation)))
+
+    @cached_property
+    def prices(self) -> Prices:
+        """What supports cost.
+
+        Where a state of a law of second order is counted from is somebody's choice, unless trials come by its zero.
+        """
+        terms, states = self.models[0].terms, len(self.noise)
+        given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))
+        found = []
+        for j in range(states if self.models[0].order == 2 else 0):
+            seen = np.concatenate([trial.states[:, j] for trial in self.trials])
+            if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
+                found.append(shifted(terms, j) & ~given)
+        return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))))
+
+    def noise_deviance(self) -> float:
+        """Return minus twice the logarithm of the prior of the noise, without its scale, see `counted`."""
+        return 0.0 if self.noise_is_fixed else _PRIOR * float(np.sum(np.log(self._inflation)))
+
+    @cached_property
+    def _inflation(self) -> Floats:
+        """The variance of the noise over that estimated first, shape (d,).
+
         It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
         """
         pairs = ((mesh, self.noise_of(mesh) / self.noise) for each in self.models for mesh in each.meshes)
@@ -146,8 +194,7 @@ class SearchProblem:
         if self.errors.correlated is not None:
             step = np.median(np.concatenate([np.diff(trial.times) for trial in self.trials]))
             variance = variance + self.errors.correlated**2 * np.tanh(step / (2 * self.errors.memory))
-        ratio = variance / self.first_noise**2
-        return float(_PRIOR * np.sum(np.log(ratio) + 1 / ratio - 1))
+        return np.asarray(variance / self.first_noise**2)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement at the state where it is, shape (n, d)."""

@@ -10,8 +10,14 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem
-from commonlaw.inference.evidence import cost_of_coefficients, minus_twice_log_evidence, rss_with_each
-from commonlaw.selection import log_choices
+from commonlaw.inference.evidence import (
+    Measured,
+    cost_of_coefficients,
+    minus_twice_log_evidence,
+    noise_variance,
+    rss_with_each,
+)
+from commonlaw.inference.prices import Prices
 from commonlaw.solvers import AbstractSolver
 
 MOST_TERMS = 20
@@ -20,21 +26,17 @@ MOST_TERMS = 20
 SAMPLES_FOR_A_TERM = 5
 """For each term of an equation, all objects together need so many samples; with fewer, terms follow the noise."""
 
-FACTOR = 2 * np.log(2)
-"""What a factor of a term costs: one bit, by which a text that says a law tells whether the term goes on or ends."""
-
 _SWEEPS = 4
 """How often each equation is chosen again, given the others."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedSupport:
-    """A support of one equation, shape (terms,), beside the best: 2 log B, and the error of free forecasts, if any."""
+    """A support of one equation, shape (terms,), beside the best: 2 log B."""
 
     support: Bools
     twice_log_bayes_factor: float
     chosen: bool
-    forecast_error: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +44,15 @@ class SupportEvidence:
     """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
 
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
-    ... Which terms may enter which equation has shape (equations, terms). Measured numbers are counted. Each term has a
-    price, shape (terms,), beside what its coefficients cost and choosing so many of all terms. The offset is added to
+    ... Which terms may enter which equation has shape (equations, terms). Supports
+    have prices beside what their coefficients cost. The offset is added to
     the value of all supports, for a comparison with those of other problems.
     """
 
     problems: Sequence[LeastSquaresProblem]
     allowed: Bools
-    measured: int
-    prices: Floats
+    measured: Measured
+    prices: Prices
     most: int = MOST_TERMS
     offset: float = 0.0
 
@@ -72,7 +74,12 @@ class SupportEvidence:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
         factors = np.array([problem.factor for problem in self.problems])
         evidence = self.offset + minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
-        return evidence + sum(_price(each, self.prices) for each in supports)
+        return evidence + sum(self.prices.of(each) for each in supports)
+
+    def noise_variance(self, supports: Bools) -> float:
+        """Return the variance of the noise that supports of all equations leave, in units of that which there is."""
+        factors = np.array([problem.factor for problem in self.problems])
+        return noise_variance(factors, np.flatnonzero(supports), self.measured)
 
     def path(self, supports: Bools, equation: int, solver: AbstractSolver) -> list[Bools]:
         """Return the supports that a solver lists for one equation, each of shape (terms,), the others' being given."""
@@ -82,30 +89,28 @@ class SupportEvidence:
     def neighbours(
         self,
         supports: Bools,
-        others: Sequence[tuple[float, Bools]] = (),
         fitted: Sequence[tuple[float, Bools]] = (),
     ) -> list[list[ComparedSupport]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
-        The best first, with others and the errors of their forecasts; the other equations keep their supports. Those
-        that were fitted come with 2 log B against the chosen: it is more exact than what is linearised about that.
+        The best first; the other equations keep their supports. Those that were fitted come with 2 log B against the
+        chosen: it is more exact than what is linearised about that.
         """
         found = []
         for j, chosen in enumerate(supports):
-            equation = _EquationEvidence.of(self._alone(supports, j), self.measured, self.prices)
+            equation = self._equation(supports, j)
             near = [
                 chosen,
                 *(each for _, each in equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))),
             ]
-            listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in others))}.values())
-            errors = [min((e for e, s in others if np.array_equal(s[j], each)), default=None) for each in listed]
+            listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in fitted))}.values())
             exact = {each[j].tobytes(): above for above, each in fitted if _differ_in(each, supports, j)}
             here = equation.value(chosen)
             values = np.array(
                 [here + exact[own] if (own := each.tobytes()) in exact else equation.value(each) for each in listed]
             )
             above = (values - values.min()).tolist()
-            compared = [ComparedSupport(each, above[i], i == 0, errors[i]) for i, each in enumerate(listed)]
+            compared = [ComparedSupport(each, above[i], i == 0) for i, each in enumerate(listed)]
             found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
         return found
 
@@ -116,9 +121,8 @@ class SupportEvidence:
 
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
-        problems = self._alone(supports, equation)
-        evidence, allowed = _EquationEvidence.of(problems, self.measured, self.prices), self.allowed[equation]
-        listed = _path(problems, allowed, solver)
+        evidence, allowed = self._equation(supports, equation), self.allowed[equation]
+        listed = _path(self._alone(supports, equation), allowed, solver)
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
@@ -129,6 +133,12 @@ class SupportEvidence:
             if better is best:
                 return best
             best = better
+
+    def _equation(self, supports: Bools, equation: int) -> "_EquationEvidence":
+        """Return the evidence for one equation, the others' terms being given."""
+        others = int(np.delete(supports, equation, axis=0).sum())
+        measured = self.measured.without(others * len(self.problems))
+        return _EquationEvidence.of(self._alone(supports, equation), measured, self.prices)
 
     def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
         """Return the problems of one equation, with what the terms of the others explain taken out."""
@@ -150,11 +160,11 @@ class _EquationEvidence:
     """The evidence for supports of one equation; `factors` of shape (objects, terms + 1, terms + 1)."""
 
     factors: Floats
-    measured: int
-    prices: Floats
+    measured: Measured
+    prices: Prices
 
     @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], measured: int, prices: Floats) -> "_EquationEvidence":
+    def of(cls, problems: Sequence[LeastSquaresProblem], measured: Measured, prices: Prices) -> "_EquationEvidence":
         """Return the evidence on these problems."""
         return cls(np.array([problem.factor for problem in problems]), measured, prices)
 
@@ -163,7 +173,7 @@ class _EquationEvidence:
 
         Supports that do not come below what is needed get a lower bound of theirs.
         """
-        price, indices = _price(support, self.prices), np.flatnonzero(support)
+        price, indices = self.prices.of(support), np.flatnonzero(support)
         return price + minus_twice_log_evidence(self.factors, indices, self.measured, needed - price)
 
     def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, value: float) -> tuple[Bools, float]:
@@ -183,19 +193,15 @@ class _EquationEvidence:
                 changed = _with(staying, index)
                 size = int(changed.sum())
                 if size <= most:
+                    least = float(self.measured.deviance(float(rests[index]), size * len(self.factors)))
                     cost = cost_of_coefficients(size, len(self.factors), self.measured)
-                    yield rests[index] + cost + _price(changed, self.prices), changed
+                    yield least + cost + self.prices.of(changed), changed
 
 
 def _differ_in(supports: Bools, others: Bools, equation: int) -> bool:
     """Whether supports of all equations differ in no other equation."""
     same = (supports == others).all(axis=1)
     return bool(np.delete(same, equation).all())
-
-
-def _price(support: Bools, prices: Floats) -> float:
-    """Return what it costs to say a support of one equation: how many of all terms, and what each is written with."""
-    return 2 * log_choices(len(support), int(support.sum())) + float(prices[support].sum())
 
 
 def _path(problems: Sequence[LeastSquaresProblem], allowed: Bools, solver: AbstractSolver) -> list[Bools]:

@@ -86,6 +86,15 @@ class Mesh:
     def __len__(self) -> int:
         return len(self.times)
 
+    def degrees_of_freedom(self, order: int) -> int:
+        """Return how many measurements there are beyond those that initial states of a law of this order fit.
+
+        States that are the same throughout a segment do not count.
+        """
+        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
+        counts = np.add.reduceat((self.observed & ~self.still).astype(int), first)
+        return int(np.sum(np.maximum(counts - order, 0)))
+
     @cached_property
     def steps(self) -> Floats:
         """Steps in time from each point to the next, 0 between segments, shape (n - 1,)."""
