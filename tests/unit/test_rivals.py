@@ -35,7 +35,7 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     fitted = {each.tobytes(): above for above, each in best.fitted}
     exact = [each for each in listed if each.support[np.newaxis].tobytes() in fitted and not each.chosen]
     assert len(exact) >= 3
-    again = search.fit_with(problem, exact[0].support[np.newaxis], search.NEGLIGIBLE)
+    again = search.fit_with(problem, exact[0].support[np.newaxis], search.NO_ERROR)
     assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)
 
 

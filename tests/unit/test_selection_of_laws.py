@@ -1,7 +1,5 @@
 """Selection on the data sets: from trials to the law that made them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,9 +7,9 @@ import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
-from commonlaw.law import Law, Provenance, Uncertainty
+from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
-from commonlaw.selection import RULES, ForecastError, choose, free_forecast, make_folds
+from commonlaw.selection import RULES, ForecastError, choose, make_folds
 from commonlaw.solvers import STLSQ
 
 
@@ -138,34 +136,3 @@ def test_a_single_trial_cannot_be_held_out_and_forecast():
     pairs = Problem(cl.datasets.lotka_volterra(trials=1), 1, "finite:6")
     with pytest.raises(CommonlawError, match="Pair 1 has a single trial"):
         forecasts(pairs, 0)
-
-
-def test_free_forecasts_are_scored_in_units_of_the_states_from_fitted_starts():
-    """Decay at a rate that is wrong, from the start of least squares on the first part."""
-    times = np.linspace(0, 4, 41)
-    trials = cl.Trials.from_arrays([times], [np.exp(-0.5 * times)], names=["x"])
-    terms = PolynomialLibrary(2).bind(law_variables(trials.schema, 1))
-    coefficients = np.array([[[0, -0.4, 0]]])
-    law = Law(terms, trials.schema, 1, trials.objects, coefficients, Uncertainty([[[0.0]]], noise=[0.1]))
-    wrong, right = np.exp(-0.4 * times), np.exp(-0.5 * times)
-    start = (wrong[:20] @ right[:20]) / (wrong[:20] @ wrong[:20])
-    # The start is as uncertain as the noise, over the curve that it is fitted by
-    std = np.hypot(0.1, 0.1 / np.sqrt(wrong[:20] @ wrong[:20]) * wrong)[20:]
-    draws = np.random.default_rng(0).standard_normal((2, 200_000))
-    middle, measured = (start * wrong)[20:], right[20:]
-    crps = [
-        np.mean(np.abs(m + s * draws[0] - y)) - np.mean(np.abs(s * (draws[0] - draws[1]))) / 2
-        for m, s, y in zip(middle, std, measured, strict=True)
-    ]
-    first = trials.with_trials([trials[0].cut(20)])
-    found = free_forecast(law, trials, first)
-    stretches = [each.mean() / right.std() for each in np.array_split(crps, 8)]
-    np.testing.assert_allclose(found.scores, stretches, rtol=0.01)
-    np.testing.assert_allclose(found.missed, (measured - middle) / std, atol=2e-3)
-    assert found.inside == 1
-    assert found.widening == 1
-    narrow = replace(law, uncertainty=replace(law.uncertainty, noise=[0.001]))
-    missed = free_forecast(narrow, trials, first)
-    assert missed.widening == pytest.approx(np.quantile(np.abs(missed.missed), 0.95) / 1.96, rel=1e-4)
-    runaway = replace(law, coefficients=np.array([[[0, 0, 5.0]]]))
-    assert free_forecast(runaway, trials, first) is None

@@ -18,10 +18,10 @@ from commonlaw.inference import (
     ErrorKind,
     LawSearch,
     best_interpolation,
+    beyond_white_noise,
     error_kinds,
     finish,
     known_noise,
-    objection,
     search_supports,
     with_error_models,
     with_interpolation,
@@ -136,7 +136,7 @@ class TrajectoryLikelihood(AbstractMethod):
             steps = [best_interpolation(found.problem, found.state)]
             if steps[0].choice != trials.schema.input_between:
                 found = self._search(with_interpolation(trials, steps[0].choice), structure, progress)
-        odd = objection(found.problem, found.state) if self.errors == "auto" else "as asked for"
+        odd = beyond_white_noise(found.problem, found.state) if self.errors == "auto" else "as asked for"
         if odd:
             progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
             try:

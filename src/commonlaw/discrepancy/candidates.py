@@ -11,7 +11,7 @@ from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, fit_about
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.search import NEGLIGIBLE
+from commonlaw.inference.search import NO_ERROR
 from commonlaw.likelihood import NotPositiveError
 
 
@@ -50,7 +50,7 @@ def _value(setting: Setting, alone: FunctionFit, candidate: Candidate, zero_at: 
     more = ((0, 0), (0, len(candidate.basis)))
     estimates = tuple(replace(each, coefficients=np.pad(each.coefficients, more)) for each in alone.estimates)
     found = [np.inf]
-    for model_error in {alone.model_error, NEGLIGIBLE}:
+    for model_error in {alone.model_error, NO_ERROR}:
         with suppress(NotPositiveError):
             found.append(fit_about(setting.problem, model, estimates, model_error).value)
     return min(found)

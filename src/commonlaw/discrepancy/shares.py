@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.trajectories import FunctionFit
-from commonlaw.inference.search import FINAL, MODEL_ERRORS, NEGLIGIBLE
+from commonlaw.inference.search import FINAL, MODEL_ERRORS
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import fit
 
@@ -39,5 +39,5 @@ def _deviance(problem: SearchProblem, given: Floats, alone: FunctionFit) -> floa
     found, none = 0.0, np.zeros_like(alone.model.own)
     for model, start, own in zip(problem.models, problem.starts, given, strict=True):
         first = replace(start, coefficients=own)
-        found += fit(model, first, none, (*MODEL_ERRORS, NEGLIGIBLE, *FINAL)).deviance
+        found += fit(model, first, none, (*MODEL_ERRORS, *FINAL)).deviance
     return found

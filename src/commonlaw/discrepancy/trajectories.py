@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.discrepancy.posterior import Posterior, SharedRows, posterior
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search import FINAL, MODEL_ERRORS, NEGLIGIBLE
+from commonlaw.inference.search import ANY_ERROR, NO_ERROR, errors_to_fit
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
@@ -74,7 +74,7 @@ class FunctionFit:
     @property
     def has_model_error(self) -> bool:
         """Whether each trial departs from law and function by itself."""
-        return self.model_error > NEGLIGIBLE
+        return self.model_error > NO_ERROR
 
     @property
     def deviance(self) -> float:
@@ -98,7 +98,7 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
         If none can be computed.
     """
     estimates, found = start(problem, model), list[FunctionFit]()
-    for model_error in (*MODEL_ERRORS, NEGLIGIBLE):
+    for model_error in ANY_ERROR:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)
             found.append(fit_about(problem, model, followed(problem, first), model_error))
@@ -126,7 +126,7 @@ def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
 
 def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...]:
     """Return trajectories with the coefficients and weights of a fit."""
-    model, errors = fitted.model, (fitted.model_error,) if fitted.has_model_error else FINAL
+    model, errors = fitted.model, errors_to_fit(fitted.model_error)
     none, found = np.zeros_like(model.own), []
     pairs = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
     for trajectory, estimate, coefficients in pairs:
@@ -149,9 +149,9 @@ def fit_about(
     columns = model.own | model.shared
     order = np.argsort(model.shared[columns], kind="stable")
     order = np.append(order, len(order))
-    factors, constant, starts = [], 0.0, 0
+    factors, constant, starts, at = [], 0.0, 0, errors_to_fit(model_error)[-1]
     for trajectory, estimate, name in zip(problem.models, estimates, problem.trials.objects, strict=True):
-        linear = linearize(replace(trajectory, terms=model.terms), estimate, model_error, columns)
+        linear = linearize(replace(trajectory, terms=model.terms), estimate, at, columns)
         factors.append(np.asarray(np.linalg.qr(linear.problem.factor[:, order], mode="r")))
         constant += linear.log_determinant
         starts += trajectory.width * len(problem.trials.of_object(name))
@@ -159,7 +159,7 @@ def fit_about(
     numbers = max(sum(problem.measured) - starts - own * len(factors), 1)
     worth = np.inf if problem.noise_given else _NOISE_MEASUREMENTS * len(problem.noise)
     rows = SharedRows.of(factors, own, numbers, constant)
-    price = float(np.log(sum(problem.measured))) if model_error > NEGLIGIBLE else 0.0
+    price = float(np.log(sum(problem.measured))) if model_error else 0.0
     found = posterior(rows, model.factors, model.size, worth)
     return FunctionFit(model, estimates, model_error, rows, worth, found, price)
 

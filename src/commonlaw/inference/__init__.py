@@ -7,7 +7,14 @@ from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
-from commonlaw.inference.law_search import PATH, LawSearch, finish, objection, search_supports, with_error_models
+from commonlaw.inference.law_search import (
+    PATH,
+    LawSearch,
+    beyond_white_noise,
+    finish,
+    search_supports,
+    with_error_models,
+)
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
@@ -26,6 +33,7 @@ __all__ = [
     "LawSearch",
     "adapt",
     "best_interpolation",
+    "beyond_white_noise",
     "can_be_carried",
     "candidate_law",
     "candidate_laws",
@@ -36,7 +44,6 @@ __all__ = [
     "fit_supports",
     "known_noise",
     "levels_in_words",
-    "objection",
     "prepare",
     "refine",
     "search_supports",

@@ -8,7 +8,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.refinement import of_objects
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE
+from commonlaw.inference.search import FINAL, MODEL_ERRORS
 from commonlaw.inference.search_problem import prepare
 from commonlaw.law import Law, Step
 from commonlaw.law.meeting import matched
@@ -59,11 +59,11 @@ def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) ->
     name, support = law.objects[index], law.support
     expected = law.coefficients[index][support]
     spread = law.uncertainty.known_covariance()[index]
-    own, last, estimate = expected, NEGLIGIBLE, Estimate(start.states, law.coefficients[index])
+    own, last, estimate = expected, FINAL[-1], Estimate(start.states, law.coefficients[index])
     for _ in range(_STEPS):
         whole = np.zeros(support.shape)
         whole[support] = own
-        errors = (*MODEL_ERRORS, last) if own is expected else (last,)
+        errors = (*MODEL_ERRORS, *FINAL) if own is expected else (last,)
         estimate = fit(model, replace(estimate, coefficients=whole), np.zeros(support.shape, dtype=np.bool_), errors)
         try:
             factor = linearize(model, estimate, last, support).problem.factor

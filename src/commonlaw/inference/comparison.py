@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference.error_choice import chosen, of_each_kind
 from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.hypotheses import OF_LAWS, WORDS, with_errors_of_each_kind
+from commonlaw.inference.hypotheses import OF_LAWS, WORDS
 from commonlaw.inference.input_interpolation import with_interpolation
-from commonlaw.inference.law_search import objection
+from commonlaw.inference.law_search import beyond_white_noise
 from commonlaw.inference.refinement import fit_terms, of_objects
 from commonlaw.inference.scales import check_one_scale, error_kinds
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched, matched_noise
@@ -87,7 +88,7 @@ def compare(
     fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
     finest = max(problem.points for problem, _ in fitted)
     white = [_on_mesh(problem, state, finest) for problem, state in fitted]
-    enough = errors == "auto" and not objection(*min(white, key=lambda each: each[1].value))
+    enough = errors == "auto" and not beyond_white_noise(*min(white, key=lambda each: each[1].value))
     kinds = () if enough else error_kinds(errors, trials.schema)
     found = [_with_errors(*each, kinds) for each in white]
     of_kinds, states = zip(*found, strict=True)
@@ -148,15 +149,15 @@ def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> tuple[S
     fine = problem
     while fine.points < points:
         fine = fine.finer()
-    return fine, fit_supports(fine, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))
+    return fine, fit_supports(fine, state.supports, ANY_ERROR)
 
 
 def _with_errors(
     problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
 ) -> tuple[ErrorKind, SearchState]:
     """Return the kind of errors of largest evidence, and the state fitted under it; without any, those that it has."""
-    found = with_errors_of_each_kind(problem, state, kinds)
+    found = of_each_kind(problem, state, kinds)
     if not found:
         return "walk" if state.has_model_error else "white", state
-    best = min(found, key=lambda kind: found[kind][1].value)
-    return best, found[best][1]
+    best = chosen(found)
+    return best.kind, best.state

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.inference.evidence import minus_twice_log_evidence
+from commonlaw.inference.evidence import Measured, minus_twice_log_evidence
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.newton import minimum
-from commonlaw.inference.search import FINAL, NEGLIGIBLE, SearchState, fitted, offset
+from commonlaw.inference.search import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, offset, to_scale
 from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.inference.unmeasured import spread_within
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
@@ -59,7 +59,7 @@ def with_errors_of_kind(
     problem, state = _with_levels(problem.about(state.estimates) if kind == "proportional" else problem, state, kind)
     for _ in range(1, problem.errors.rounds):
         problem, state = _with_levels(problem.about(state.estimates), state, kind)
-    return problem, state
+    return to_scale(problem, state)
 
 
 def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) -> tuple[SearchProblem, SearchState]:
@@ -99,7 +99,7 @@ class _Levels:
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""
-        return float(np.exp(logs[-1])) if self.kind == "walk" else FINAL[-1]
+        return float(np.exp(logs[-1])) if self.kind == "walk" else NO_ERROR
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -114,7 +114,7 @@ class _Levels:
         elif self.kind == "force":
             found += [(_SMALLEST * rates, rates), (np.array([2 * step]), np.array([duration]))]
         elif self.kind == "walk":
-            found.append((np.array([NEGLIGIBLE]), np.array([30.0])))
+            found.append((np.array([FINAL[0]]), np.array([30.0])))
         low, high = (np.log(np.concatenate(each)) for each in zip(*found, strict=True))
         return low, high
 
@@ -148,16 +148,17 @@ class _Levels:
 
 
 def _value(problem: SearchProblem, state: SearchState, model_error: float) -> float:
-    """Return minus twice the log-evidence of the supports of a state by the likelihood linearised about it."""
+    """Return minus twice the log-evidence of a state's supports, linearised about it, at the scale of these levels."""
     estimates: tuple[Estimate, ...] = problem.padded(state.estimates)
     try:
         linear = [
-            linearize(model, each, model_error, state.supports & np.isnan(known))
+            linearize(model, each, errors_to_fit(model_error)[-1], state.supports & np.isnan(known))
             for model, each, known in zip(problem.models, estimates, problem.known, strict=True)
         ]
     except NotPositiveError:
         return _WORST
     factors = np.array([each.problem.factor for each in linear])
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), sum(problem.measured))
-    found = evidence + offset(problem, linear, model_error)
+    counted = problem.counted
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(counted.count))
+    found = evidence + counted.prior + offset(problem, linear, model_error)
     return found if np.isfinite(found) else _WORST

@@ -21,7 +21,7 @@ from commonlaw.inference.search import (
     search,
 )
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.likelihood import Estimate, NotPositiveError
+from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver
 
@@ -51,14 +51,10 @@ class Hypothesis:
     kind: ErrorKind
     problem: SearchProblem
     state: SearchState
-    found: Sequence[SearchState]
+    found: Sequence[SearchState] = ()
 
-    def fit(
-        self, problem: SearchProblem, supports: Bools, start: Sequence[Estimate] | None = None
-    ) -> tuple[SearchProblem, SearchState]:
-        """Fit supports, shape (equations, terms), under these errors to a problem that has them.
-
-        White noise is enlarged until it explains what the supports leave. The start is that of `fit_with`.
+    def fit(self, supports: Bools) -> tuple[SearchProblem, SearchState]:
+        """Fit supports, shape (equations, terms), under errors of this kind, with levels of their own.
 
         Raises
         ------
@@ -66,8 +62,9 @@ class Hypothesis:
             If the likelihood cannot be computed.
         """
         if self.kind == "white":
-            return fit_solutions(problem, supports, start)
-        return problem, fit_with(problem, supports, self.state.fitted_model_error, start)
+            return fit_solutions(self.problem, supports)
+        state = fit_with(self.problem, supports, self.state.model_error)
+        return with_errors_of_kind(self.problem, state, self.kind)
 
     def pool(self, solver: AbstractSolver) -> Iterator[Bools]:
         """Yield the supports of large evidence under these errors, and those on the solver's path from few terms."""

@@ -4,7 +4,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, STRONG, SearchState, fit_supports
+from commonlaw.inference.search import ANY_ERROR, STRONG, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
@@ -44,4 +44,4 @@ def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> Se
     )
     changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
     changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
-    return fit_supports(changed, state.supports, (*MODEL_ERRORS, NEGLIGIBLE))
+    return fit_supports(changed, state.supports, ANY_ERROR)

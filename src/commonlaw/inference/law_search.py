@@ -12,19 +12,22 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws
 from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
-from commonlaw.inference.error_choice import Candidate, can_forecast, candidates, chosen, holds, runs_away, with_errors
-from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.hypotheses import hypotheses
+from commonlaw.inference.error_choice import candidates, chosen, of_each_kind, runs_away
+from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
+from commonlaw.inference.hypotheses import Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
 from commonlaw.inference.residuals import unexplained
-from commonlaw.inference.search import SearchState, neighbours, polish, search
+from commonlaw.inference.search import SearchState, neighbours, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.trial_differences import differing_trials
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
+
+_FINER = 4
+"""Points for each sampling step up to which a law with a model error is sought again: it needs no finer mesh."""
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -99,7 +102,7 @@ def search_supports(
         most_samples=most_samples,
     )
     found = search(problem, solver, part(progress, 0.05, 1.0))
-    while found[0].has_model_error:  # As a coarse mesh looks, too
+    while found[0].has_model_error and problem.points < _FINER:  # As a coarse mesh looks, too
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(problem, found[0], (found[0].model_error / np.sqrt(2),))
         if finer is None:
@@ -107,17 +110,17 @@ def search_supports(
         progress("searching again on a finer mesh")
         problem, _ = finer
         found = search(problem, solver, progress)
-    return LawSearch(frame, problem, found[0], solver, found)
+    best = found[0]
+    if not best.has_model_error:
+        problem, best = to_scale(problem, best)
+    return LawSearch(frame, problem, best, solver, found)
 
 
-def objection(problem: SearchProblem, state: SearchState) -> str:
-    """Return what speaks against a law that was found, with white noise, in words; nothing if nothing does.
-
-    Trials that are too short to tell their noise without a law do not speak against what is assumed of it.
-    """
-    odd = unexplained(problem, state) if state.has_model_error or problem.tells_noise else ""
+def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
+    """Return what speaks against white noise with a law that was found, in words; nothing if nothing does."""
+    odd = unexplained(problem, state)
     if not odd and runs_away(problem, state):
-        odd = "forecasts of the trials that the law was learned from diverge"
+        odd = "trajectories of the trials that the law was learned from diverge"
     return odd
 
 
@@ -142,40 +145,35 @@ def with_error_models(
     CommonlawError
         If the likelihood cannot be computed.
     """
-    kinds = kinds if can_forecast(found.problem) or len(kinds) == 1 else ("white",)
     hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, part(progress, 0.0, 0.5))
+    if not hypothesized:
+        return found
     others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
-    progress(Stage("comparing free forecasts", 0.5))
-    compared = candidates(found.frame, found.problem, hypothesized, others, found.solver)
+    progress(Stage("comparing laws under each kind of errors", 0.5))
+    compared = candidates(hypothesized, others, found.solver)
     if not compared:
         return found
-    best, exact = chosen(compared)
-    if not holds(best) and can_forecast(found.problem):
-        progress("comparing errors of the law that is chosen")
-        own = with_errors(found.frame, found.problem, best.state.supports, kinds)
-        best = chosen(own)[0] if own else best
-    forecasts = tuple((each.forecast.score, each.state.supports) for each in compared if each.forecast)
-    alike = [each.state for each in compared if each.hypothesis is best.hypothesis]
-    return _settled(found, best, replace(best.state.beside(alike), forecasts=forecasts, by_evidence=exact))
+    best = chosen(compared)
+    progress("comparing errors of the law that is chosen")
+    compared += of_each_kind(best.problem.without_errors(), best.state, kinds)
+    return _with_best(found, compared)
 
 
 def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:
     """Return a search with the errors that are chosen for the supports that were found, see `with_error_models`."""
     progress("comparing errors")
-    kinds = kinds if can_forecast(found.problem) or len(kinds) == 1 else ("white",)
-    compared = with_errors(found.frame, found.problem, found.state.supports, kinds)
-    if not compared:
-        return found
-    best, exact = chosen(compared)
-    return _settled(found, best, replace(best.state, by_evidence=exact))
+    compared = of_each_kind(found.problem, found.state, kinds)
+    return _with_best(found, compared) if compared else found
 
 
-def _settled(found: LawSearch, best: Candidate, state: SearchState) -> LawSearch:
-    """Return a search with a candidate's errors, and bands as wide as its forecasts asked for."""
-    widening = 1.0 if best.forecast is None else best.forecast.widening
-    errors = replace(best.problem.errors, widening=widening)
-    problem = best.problem.with_errors(best.problem.noise, errors, best.problem.noise_reason)
-    return replace(found, problem=problem, state=state)
+def _with_best(found: LawSearch, compared: Sequence[Hypothesis]) -> LawSearch:
+    """Return a search with the best hypothesis, beside others with errors of its kind."""
+    best = chosen(compared)
+    problem, state = best.problem, best.state
+    if best.kind != "white":  # Levels about the law itself, to the last digits: units and origins do not show
+        problem, state = with_errors_of_kind(problem, state, best.kind)
+    alike = [each.state for each in compared if each.kind == best.kind]
+    return replace(found, problem=problem, state=state.beside(alike))
 
 
 def finish(
@@ -192,7 +190,7 @@ def finish(
     Parameters
     ----------
     found
-        By `search_supports` or `with_best_forecast`.
+        By `search_supports` or `with_error_models`.
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal
@@ -206,13 +204,11 @@ def finish(
     """
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
-        if state.forecasts:
-            return state
         progress("choosing terms again on a finer mesh")
         return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
 
     frame = found.frame
-    problem, state = until_resolved(found.problem, found.state, again)
+    problem, state = to_scale(*until_resolved(found.problem, found.state, again))
     progress("judging terms and coefficients")
     compared = [
         [replace(each, support=each.support | given) for each in listed]

@@ -21,6 +21,9 @@ from commonlaw.wording import counted
 _LISTED = 12
 """Supports of each equation that are kept as alternatives, besides the chosen one."""
 
+_LIKELY = 0.01
+"""Supports that are more probable are kept, too."""
+
 
 def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tuple[Alternative, ...]:
     """Return the supports that each equation was chosen from, the best first."""
@@ -28,11 +31,9 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tup
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
-            if i < _LISTED or each.chosen or each.forecast_error:
+            if each.chosen or i < _LISTED or likely[i] > _LIKELY:
                 names = tuple(law.terms.names[k] for k in np.flatnonzero(each.support))
-                error, forecast = each.forecast_error, any(other.forecast_error for other in listed)
-                measures: dict[str, float | None] = {"forecast error": error} if forecast else {}
-                measures |= {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
+                measures = {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
                 found.append(Alternative(equation, names, measures, False, each.chosen))
     return tuple(found)
 
@@ -53,9 +54,12 @@ def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
     return np.asarray(weights / weights.sum())
 
 
+_LEVELS = "levels of largest evidence for errors of this kind"
+
+
 def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    found = [*outcomes_of_fit(problem, state, _CHOSEN if state.by_evidence else _BY_FORECASTS)]
+    found = [*outcomes_of_fit(problem, state, _CHOSEN)]
     found += [
         Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
@@ -77,10 +81,6 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
 
 _GIVEN = "from this law by more than errors of measurement"
 _CHOSEN = "from this law, the best of its library, by more than errors of measurement"
-_BY_FORECASTS = (
-    "from every law of this library by more than errors of measurement; the law is one of those that forecast held-out "
-    "segments as well as the best"
-)
 
 
 def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _GIVEN) -> tuple[Outcome, ...]:
@@ -89,9 +89,8 @@ def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _
     The words say from what the measurements depart where errors of the measurements do not explain them.
     """
     found = []
-    of_law = state.has_model_error or problem.errors.of_law
-    if of_law or not state.by_evidence:
-        error = f", and has a model error, {model_error_step(problem, state).choice}" if of_law else ""
+    if state.has_model_error or problem.errors.of_law:
+        error = f"; it has a model error, {model_error_step(problem, state).choice}"
         remedy = (
             "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a summary"
         )
@@ -158,10 +157,7 @@ def history(
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         chosen = next(each.support for each in listed if each.chosen)
         names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
-        least = min((score for score, _ in state.forecasts), default=np.nan)
-        forecast = f"forecasts as well as the best, which scores {least:.3g} standard deviations"
-        reason = _why(law, listed) if state.by_evidence else forecast
-        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", reason))
+        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", _why(law, listed)))
     return (*steps, *fit_steps(problem, state))
 
 
@@ -184,16 +180,15 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
 def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
     """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
     schema = problem.trials.schema
-    why = _levels(state)
     names, errors = schema.states, problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()
     found = []
     if errors.proportional is not None:
         shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
-        found.append(Step("noise in proportion", ", ".join(shares), why))
+        found.append(Step("noise in proportion", ", ".join(shares), _LEVELS))
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
-        found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", why))
+        found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
     return (
         *found,
@@ -208,7 +203,7 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
 
 def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     """Return what error the law itself has."""
-    why, errors, schema = _levels(state), problem.errors, problem.trials.schema
+    why, errors, schema = _LEVELS, problem.errors, problem.trials.schema
     if errors.force is not None:
         levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
         time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
@@ -217,15 +212,7 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
         return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
     left = _left(problem, state)
     fine = "errors of measurement explain what solutions of the law leave"
-    if not state.by_evidence:
-        left = "errors of measurement alone did not pass the check by forecasts"
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
-
-
-def _levels(state: SearchState) -> str:
-    """Return why errors beside white noise are what they are."""
-    chosen = "" if state.by_evidence else "; the kind was chosen by forecasts of held-out segments"
-    return f"levels of largest evidence for errors of this kind{chosen}"
 
 
 def _why(law: Law, listed: Sequence[ComparedSupport]) -> str:

@@ -12,7 +12,7 @@ from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
-from commonlaw.inference.law_search import PATH, LawSearch, objection, with_errors_of_law
+from commonlaw.inference.law_search import PATH, LawSearch, beyond_white_noise, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import (
     fit_steps,
@@ -22,7 +22,7 @@ from commonlaw.inference.provenance import (
     without_outcomes_of_fit,
 )
 from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.search import MODEL_ERRORS, NEGLIGIBLE, SearchState, fit_supports
+from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
@@ -130,8 +130,10 @@ def refine(
     law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
     frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
     found = LawSearch(frame, problem, state, PATH, (state,))
-    if errors != "auto" or objection(found.problem, found.state):
+    if errors != "auto" or beyond_white_noise(found.problem, found.state):
         found = with_errors_of_law(found, kinds, progress)
+    problem, state = to_scale(found.problem, found.state)
+    found = replace(found, problem=problem, state=state)
     refined = fitted_law(law, found.problem, found.state, covariance, seed)
     chosen = *steps, *sample_steps(found.problem), noise_step(found.problem), *fit_steps(found.problem, found.state)
     provenance = replace(
@@ -153,8 +155,9 @@ def fit_terms(
     """Return what was measured and the terms of a law fitted to it, on a mesh that is fine enough."""
     levels, known = known_noise(noise, trials), known_coefficients(law)
     problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
-    state = fit_supports(problem, problem.allowed, (*MODEL_ERRORS, NEGLIGIBLE))
-    return until_resolved(problem, state, lambda _, fitted: fitted)
+    state = fit_supports(problem, problem.allowed, ANY_ERROR)
+    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
+    return (problem, state) if state.has_model_error else to_scale(problem, state)
 
 
 def known_coefficients(law: Law) -> Floats:

@@ -7,13 +7,6 @@ from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
 
-_GAIN = 10.0
-"""What another error must gain in twice the log-likelihood, beside its price: very strong evidence (Kass and Raftery
-1995). Only then is the law sought again with it; a level that is off costs its price alone."""
-
-_LEVEL = 1.25
-"""By which factor the noise may be off before it matters."""
-
 _OUTLIER = 4.0
 """Residuals of more standard deviations are outliers, and do not count here."""
 
@@ -24,8 +17,8 @@ _SHARES = np.geomspace(0.03, 300.0, 25)
 def unexplained(problem: SearchProblem, state: SearchState) -> str:
     """Return what speaks against white noise of the estimated level, in words; nothing if that explains the residuals.
 
-    A model error does; and residuals that are larger or smaller than the noise, that grow with the state, or that
-    remember each other, each by the gain in likelihood of an error that allows for it.
+    A model error does; and residuals that grow with the state, or that remember each other, if an error that allows for
+    it gains more in likelihood than its numbers cost.
     """
     if state.has_model_error:
         return "the measurements depart from every law of this library by more than their noise"
@@ -39,7 +32,7 @@ def unexplained(problem: SearchProblem, state: SearchState) -> str:
 
 def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
     """Return what is odd about the residuals of one state."""
-    squares, sizes, lags, count, spent = [], [], [], 0, 0.0
+    squares, sizes, lags, count = [], [], [], 0
     for model, estimate in zip(problem.models, state.estimates, strict=True):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
@@ -51,21 +44,13 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
             sizes.append(np.abs(states[seen, j]))
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
-            spent += (segments[-1] + 1) * model.order
-        spent += estimate.coefficients[j].astype(bool).sum()
-    squared, free = np.concatenate(squares), max(count - spent, 1)
-    price = _GAIN + np.log(max(count, 2))
-    ratio = float(squared.sum() / free)
-    found = []
-    off = 0.0 if problem.noise_given else free * (ratio - 1 - np.log(ratio)) if ratio > 0 else np.inf
-    if off > np.log(max(count, 2)) and not 1 / _LEVEL < np.sqrt(ratio) < _LEVEL:
-        found.append(f"are {np.sqrt(ratio):.2g} times the noise")
+    squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
     if schema.states[j] not in schema.logarithmic and _growth(squared, np.concatenate(sizes)) > price:
         found.append("grow with it")
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
-    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > price:
+    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
         found.append("remember each other")
     return found
 

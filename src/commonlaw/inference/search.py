@@ -14,21 +14,25 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.support_search import FACTOR, ComparedSupport, SupportEvidence
-from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit, linearize
+from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
+from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.solvers import AbstractSolver
 
-SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.03), (0.3, 0.03), (0.1, 0.03))
+NO_ERROR = 0.0
+"""The model error of laws whose solutions the trajectories are."""
+
+SCHEDULES = ((3.0, 1.0, 0.3, 0.1, NO_ERROR), (0.3, NO_ERROR), (0.1, NO_ERROR))
 """Model errors, relative to the noise, at which supports are chosen. Different ways find different supports; the best
 is kept."""
 
 MODEL_ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
 """Model errors that are compared where the measurements follow no law."""
 
-NEGLIGIBLE = 0.03
-"""At and below this model error the measurements count as following the law."""
+ANY_ERROR = (*MODEL_ERRORS, NO_ERROR)
+"""Those, and none."""
 
 FINAL = (0.03, 0.003, 0.0003)
 """Model errors down to which laws without one are fitted. The last times the number of samples of a trial should be
@@ -45,8 +49,11 @@ _FEW = 10
 _GROUPS = 2
 """How many such groups there are; fewer objects than in all of them are not many."""
 
-_LARGER = 1.03
-"""By how much noise is enlarged at least."""
+LEFT_BY_LAW = "by what the law leaves of the measurements"
+"""Why the noise is what it is."""
+
+_CLOSE = 1.001
+"""By how much noise changes at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +61,13 @@ class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
-    log-evidence, but for a constant. Scores of free forecasts are kept with all supports that were compared, and
-    whether evidence decided nevertheless; 2 log B with all supports that were fitted under the same errors.
+    log-evidence, but for a constant. 2 log B is kept with all supports that were fitted under the same errors.
     """
 
     supports: Bools
     estimates: tuple[Estimate, ...]
     model_error: float
     value: float
-    forecasts: tuple[tuple[float, Bools], ...] = ()
-    by_evidence: bool = True
     fitted: tuple[tuple[float, Bools], ...] = ()
 
     def beside(self, others: Sequence["SearchState"]) -> "SearchState":
@@ -74,12 +78,17 @@ class SearchState:
     @property
     def has_model_error(self) -> bool:
         """Whether the measurements depart from the law by more than their noise."""
-        return self.model_error > NEGLIGIBLE
+        return self.model_error > NO_ERROR
 
     @property
     def fitted_model_error(self) -> float:
         """The model error at which the estimates were fitted."""
-        return self.model_error if self.has_model_error else FINAL[-1]
+        return errors_to_fit(self.model_error)[-1]
+
+
+def errors_to_fit(model_error: float) -> tuple[float, ...]:
+    """Return the model errors that are fitted with one after the other, to come to one; none is approached."""
+    return (model_error,) if model_error else FINAL
 
 
 def search(
@@ -175,21 +184,32 @@ def _objective(state: SearchState) -> float:
 def fit_solutions(
     problem: SearchProblem, supports: Bools, start: Sequence[Estimate] | None = None
 ) -> tuple[SearchProblem, SearchState]:
-    """Return the estimates with these supports and no model error, see `fit_with`, and the noise that this takes.
+    """Return the estimates with these supports and no model error, see `fit_with`, and the noise that this takes."""
+    return to_scale(problem, fit_with(problem, supports, NO_ERROR, start))
 
-    It is enlarged until the deviance of each measurement is one, step by step, as less of it goes with outliers then;
-    noise that was given stays.
+
+def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
+    """Return a problem with white noise of the size that a state leaves, and the state fitted to it.
+
+    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below what
+    the digits of the measurements tell. Levels of other errors were found at their size.
+
+    Raises
+    ------
+    NotPositiveError
+        If the likelihood cannot be computed.
     """
-    factor = 1.0
+    if problem.noise_is_fixed or problem.errors or state.has_model_error:
+        return problem, state
+    least = noise_floor(problem.trials)
     for _ in range(_ROUNDS):
-        enlarged = problem.noisier(factor) if factor > 1 else problem
-        state = fit_with(enlarged, supports, NEGLIGIBLE, start)
-        excess = np.sqrt(sum(each.deviance for each in state.estimates) / sum(problem.measured))
-        if problem.noise_given or not _LARGER <= excess < np.inf:
+        left = float(np.sqrt(evidence_about(problem, state).noise_variance(state.supports)))
+        factor = max(left, float(np.max(least / problem.noise)))
+        if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
             break
-        factor *= float(excess)
-        start = state.estimates
-    return enlarged, state
+        problem = problem.noisier(factor, LEFT_BY_LAW)
+        state, _ = fitted(problem, state.estimates, state.supports, state.model_error)
+    return problem, state
 
 
 def nearest(problem: SearchProblem, state: SearchState, count: int = 4, below: float = np.inf) -> list[Bools]:
@@ -206,7 +226,7 @@ def nearest(problem: SearchProblem, state: SearchState, count: int = 4, below: f
 
 def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> Iterator[Bools]:
     """Yield the supports from no term to many that a solver lists for each equation, the others being as found."""
-    evidence = _evidence(problem, state.estimates, state.model_error)
+    evidence = evidence_about(problem, state)
     for j in range(len(state.supports)):
         for own in evidence.path(state.supports, j, solver):
             changed = state.supports.copy()
@@ -216,9 +236,7 @@ def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
     """Return the supports next to those found, equation by equation, see `SupportEvidence.neighbours`."""
-    return _evidence(problem, state.estimates, state.model_error).neighbours(
-        state.supports, state.forecasts, state.fitted
-    )
+    return evidence_about(problem, state).neighbours(state.supports, state.fitted)
 
 
 def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -> SearchState:
@@ -256,7 +274,7 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
     """Return the supports that are best with a model error as they are without: no schedule may have come by there."""
     if best.has_model_error:
         with suppress(NotPositiveError):
-            return [fitted(problem, best.estimates, best.supports, NEGLIGIBLE)[0]]
+            return [fitted(problem, best.estimates, best.supports, NO_ERROR)[0]]
     return []
 
 
@@ -268,7 +286,7 @@ def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[Searc
         rivals = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
         if not rivals:
             return found
-        evidence = _evidence(problem, best.estimates, best.model_error)
+        evidence = evidence_about(problem, best)
         for supports in rivals:
             done.add(supports.tobytes())
             with suppress(NotPositiveError):
@@ -284,11 +302,11 @@ def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: S
     found: list[SearchState] = []
     for model_error in model_errors:
         try:
-            evidence = _evidence(problem, estimates, model_error)
+            evidence = _evidence(problem, estimates, errors_to_fit(model_error)[0])
             chosen = evidence.choose(supports, how) if isinstance(how, AbstractSolver) else how
             if chosen is how or not np.array_equal(chosen, supports):
                 supports, estimates = chosen, _restricted(problem, evidence, estimates, chosen)
-            if isinstance(how, AbstractSolver) and model_error <= NEGLIGIBLE:
+            if isinstance(how, AbstractSolver) and not model_error:
                 state = polish(problem, supports, estimates, model_error, how)
             else:
                 state, _ = fitted(problem, estimates, supports, model_error)
@@ -310,8 +328,13 @@ def _sorted(found: Sequence[SearchState]) -> list[SearchState]:
 
 def evidence_of(problem: SearchProblem, state: SearchState, listed: Sequence[Bools]) -> list[float]:
     """Return minus twice the log-evidence of supports, by the likelihood linearised about a state."""
-    evidence = _evidence(problem, state.estimates, state.model_error)
+    evidence = evidence_about(problem, state)
     return [evidence.value(each) for each in listed]
+
+
+def evidence_about(problem: SearchProblem, state: SearchState) -> SupportEvidence:
+    """Return the evidence by the likelihood linearised about a state, at the model error that it was fitted with."""
+    return _evidence(problem, state.estimates, state.fitted_model_error)
 
 
 def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
@@ -320,9 +343,21 @@ def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error
     linear = [linearize(model, estimate, model_error) for model, estimate in pairs]
     known = np.nan_to_num(problem.known)
     problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
-    prices = FACTOR * problem.models[0].terms.complexities
     extra = offset(problem, linear, model_error)
-    return SupportEvidence(problems, problem.allowed, sum(problem.measured), prices, problem.most_terms, extra)
+    counted = problem.counted.beside(
+        *np.sum([_of_outliers(*pair) for pair in zip(problem.models, estimates, strict=True)], axis=0)
+    )
+    return SupportEvidence(problems, problem.allowed, counted, problem.prices, problem.most_terms, extra)
+
+
+def _of_outliers(model: TrajectoryModel, estimate: Estimate) -> tuple[float, int]:
+    """Return what outliers add to the sum of squares, and how many there are."""
+    sizes, bound = [], model.observation.huber_threshold
+    for mesh, states, _ in model.parts(estimate):
+        own = np.abs(model.residuals(mesh, states) / (model.observation.noise * mesh.scale))
+        sizes.append(own[own > bound])
+    far = np.concatenate(sizes)
+    return float(bound * far.sum()) if len(far) else 0.0, len(far)
 
 
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:
@@ -331,7 +366,7 @@ def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error:
     A model error is one more number to be found, at the price of any (BIC), and so is every level of other errors; the
     noise has a prior.
     """
-    numbers = int(model_error > NEGLIGIBLE) + problem.errors.hyperparameters
+    numbers = int(model_error > FINAL[0]) + problem.errors.hyperparameters
     price = numbers * float(np.log(sum(problem.measured))) + problem.noise_deviance()
     return sum(each.log_determinant for each in linear) + price
 
@@ -348,8 +383,8 @@ def fitted(
     problem: SearchProblem, estimates: Sequence[Estimate], supports: Bools, model_error: float
 ) -> tuple[SearchState, SupportEvidence]:
     """Return the state fitted with these supports at a model error, with none where it is negligible; its evidence."""
-    model_errors = FINAL if model_error <= NEGLIGIBLE else (model_error,)
+    model_errors = errors_to_fit(model_error)
     pairs = zip(problem.models, estimates, strict=True)
     done = tuple(fit(model, estimate, supports, model_errors) for model, estimate in pairs)
-    evidence = _evidence(problem, done, model_error)
+    evidence = _evidence(problem, done, model_errors[-1])
     return SearchState(supports, done, model_error, evidence.value(supports)), evidence

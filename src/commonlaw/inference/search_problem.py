@@ -118,11 +118,10 @@ class SearchProblem:
             known=self.known[indices],
         )
 
-    def scaled(self, factor: float) -> "SearchProblem":
-        """Return the same problem with all errors times a factor."""
+    def noisier(self, factor: float, reason: str) -> "SearchProblem":
+        """Return the same problem with the noise of every state times a factor, and the reason for it."""
         models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
-        errors = self.errors.scaled(factor)
-        return replace(self, models=models).with_errors(factor * self.noise, errors, self.noise_reason)
+        return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
     def without_errors(self) -> "SearchProblem":
         """Return the same problem with white noise alone, as it was estimated first."""

@@ -1,6 +1,6 @@
 """How measurements and laws err beside white noise: the levels of every kind of error, together."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,20 +63,6 @@ class ErrorModel:
         Where states cross zero, those of a curve through the measurements would be far off.
         """
         return 1 if self.proportional is None else 2
-
-    def scaled(self, factor: float) -> "ErrorModel":
-        """Return the same errors with all levels times a factor."""
-
-        def scaled(levels: Floats | None) -> Floats | None:
-            return None if levels is None else factor * levels
-
-        return replace(
-            self,
-            proportional=scaled(self.proportional),
-            correlated=scaled(self.correlated),
-            force=scaled(self.force),
-            walk=scaled(self.walk),
-        )
 
     def white_std(self, states: Floats, noise: Floats) -> Floats:
         """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""

@@ -2,7 +2,7 @@
 
 from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic, log_choices
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold, ProblemGroups, ResidualError, make_folds
-from commonlaw.selection.forecasts import ENOUGH, ForecastError, FreeForecast, free_forecast
+from commonlaw.selection.forecasts import ForecastError
 from commonlaw.selection.laws import chosen_law, fitted_law, ill_conditions
 from commonlaw.selection.rules import RULES, ScoredCandidate, Selection, choose
 from commonlaw.selection.selecting import SEGMENTS, Accuracy, select
@@ -10,7 +10,6 @@ from commonlaw.selection.stability import Stability, stability
 
 __all__ = [
     "CRITERIA",
-    "ENOUGH",
     "RULES",
     "SEGMENTS",
     "Accuracy",
@@ -18,7 +17,6 @@ __all__ = [
     "FitStatistics",
     "Fold",
     "ForecastError",
-    "FreeForecast",
     "ProblemGroups",
     "ResidualError",
     "ScoredCandidate",
@@ -31,7 +29,6 @@ __all__ = [
     "chosen_law",
     "ebic",
     "fitted_law",
-    "free_forecast",
     "ill_conditions",
     "log_choices",
     "make_folds",
