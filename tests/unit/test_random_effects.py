@@ -48,6 +48,18 @@ def test_the_marginal_likelihood_is_that_of_the_joint_normal_distribution(object
         assert marginal.restricted_deviance[m] == pytest.approx(restricted, rel=1e-8)
 
 
+@pytest.mark.parametrize("parameter", [0, 1, 2])
+@pytest.mark.parametrize("near", [1.0, 1e-5])
+def test_deviances_along_one_variance_are_those_of_the_whole_marginal(parameter, near):
+    _, estimates, covariances = measured(5, 0.7)
+    mixed = np.array([[1.0, 0.0, 0.0], [1 - near, near, 0.0], [0.2, 0.0, 1.0]])
+    effects = RandomEffects(estimates, mixed.T @ np.linalg.inv(covariances) @ mixed)
+    grid, base = np.array([0.0, 1e-6, 0.1, 1.0, 1e4]), np.array([0.3, 0.0, 2.0])
+    tried = np.tile(base, (len(grid), 1))
+    tried[:, parameter] = grid
+    np.testing.assert_allclose(effects.deviances(base, parameter, grid), effects.marginal(tried).deviance, rtol=1e-7)
+
+
 @pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])
 def test_what_coefficients_cost_is_the_least_over_means_and_variances(spread):
     _, estimates, covariances = measured(6, spread, parameters=1)
