@@ -2,7 +2,7 @@
 
 BIN := .venv/bin
 STAMP := .venv/.installed
-KERNEL := hatch_build.py $(wildcard src/commonlaw/likelihood/kernel/*.[ch])
+KERNEL := hatch_build.py $(wildcard src/commonlaw/kernel/*.[ch])
 DOCS_STAMP := .venv/.docs-installed
 BENCH_STAMP := .venv/.bench-installed
 RELEASE_STAMP := .venv/.release-installed
@@ -118,7 +118,7 @@ release-check: $(RELEASE_STAMP) ## Build wheel and sdist, check them, and find a
 
 clean: ## Remove the environment, caches and products
 	rm -rf .venv build dist $(DEMO) report .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	rm -f src/commonlaw/likelihood/kernel/kernel.so src/commonlaw/likelihood/kernel/kernel.dll
+	rm -f src/commonlaw/kernel/kernel.so src/commonlaw/kernel/kernel.dll
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt $(KERNEL) | $(BIN)/python

@@ -1,4 +1,4 @@
-"""Builds the compiled kernel of the likelihood where there is a C compiler; without one commonlaw computes with NumPy.
+"""Builds the compiled kernel where there is a C compiler; without one commonlaw computes with NumPy.
 
 Run by pip when it installs or makes a wheel, and by hand: ``python hatch_build.py``. CC names another compiler, and
 with COMMONLAW_KERNEL=numpy nothing is built.
@@ -19,7 +19,7 @@ try:
 except ModuleNotFoundError:  # By hand, outside of a build
     BuildHookInterface = object
 
-KERNEL = Path(__file__).parent / "src" / "commonlaw" / "likelihood" / "kernel"
+KERNEL = Path(__file__).parent / "src" / "commonlaw" / "kernel"
 # No contraction to fused operations: the same bits on all machines of a kind
 FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-fvisibility=hidden")
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from commonlaw.errors import CommonlawError
+from commonlaw.kernel import library as kernels
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.library.monomial import Monomial
@@ -25,8 +26,8 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.kernel import library as kernels, rows
-from commonlaw.likelihood.kernel.packing import packed
+from commonlaw.likelihood.compiled import rows
+from commonlaw.likelihood.compiled.packing import packed
 from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, terms_of, trial
 
 ROOT = Path(__file__).parents[2]

@@ -19,6 +19,8 @@ from typing import TypeVar
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.hierarchy import compiled
+from commonlaw.kernel import kernel
 
 _STEP = np.sqrt(10)
 """Ratio of neighbouring variances that are tried: what is between them matters little."""
@@ -86,7 +88,7 @@ class RandomEffects:
         size = self.estimates.shape[1]
         others = np.where(np.arange(size) == parameter, 0.0, variances)
         added = np.eye(size) + self.information * others
-        precisions = _symmetric(np.linalg.solve(added, self.information))
+        precisions = _symmetric(np.asarray(np.linalg.solve(added, self.information)))
         columns = precisions[:, :, parameter]
         own = np.maximum(columns[:, parameter], np.finfo(float).tiny)
         rest = precisions - columns[:, :, np.newaxis] * (columns / own[:, np.newaxis])[:, np.newaxis]
@@ -143,13 +145,18 @@ def marginal_deviance(effects: RandomEffects) -> float:
     if len(effects.estimates) == 1:
         return 0.0
     scale = np.maximum(np.mean(effects.estimates**2, axis=0), np.finfo(float).tiny)
+    relative, library = _grid(*_RELATIVE_GRID), kernel()
+    if library is not None:
+        return compiled.marginal_deviance(
+            library, effects.estimates, effects.information, scale, relative, _LIKELIEST_SWEEPS
+        )
 
     def best(tried: Floats, parameter: int) -> tuple[float, float]:
         deviance = effects.deviances(tried[0], parameter, tried[:, parameter])
         index = int(np.argmin(deviance))
         return float(tried[index, parameter]), float(deviance[index])
 
-    grids = dict(enumerate(scale[:, np.newaxis] * _grid(*_RELATIVE_GRID)))
+    grids = dict(enumerate(scale[:, np.newaxis] * relative))
     return _swept(scale, grids, best, _LIKELIEST_SWEEPS)[1][-1]
 
 

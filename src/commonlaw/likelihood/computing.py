@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.kernel import kernel
 from commonlaw.likelihood import fitting, linearization
+from commonlaw.likelihood.compiled import fits, rows
+from commonlaw.likelihood.compiled.packing import packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
-from commonlaw.likelihood.kernel import fits, rows
-from commonlaw.likelihood.kernel.library import kernel
-from commonlaw.likelihood.kernel.packing import packed
 from commonlaw.likelihood.linearization import Linearization
 
 

@@ -5,12 +5,11 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.kernel import MeshStructure, ModelStructure, ProgramStructure, address
 from commonlaw.library.program import Program
 from commonlaw.likelihood.fitting import TrajectoryModel
-from commonlaw.likelihood.kernel.library import MeshStructure, ModelStructure, ProgramStructure
 from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Grid, Mesh
 
@@ -35,11 +34,6 @@ def packed(model: TrajectoryModel) -> Packed | None:
         suits = model.order == 1 or (model.order == 2 and not logarithmic)
         _MODELS[model] = _packed(model, program) if program is not None and suits else None
     return _MODELS[model]
-
-
-def address(array: NDArray[Any]) -> int:
-    """Return where an array's numbers begin."""
-    return int(array.__array_interface__["data"][0])
 
 
 def _packed(model: TrajectoryModel, program: Program) -> Packed:

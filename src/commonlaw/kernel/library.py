@@ -4,6 +4,9 @@ import ctypes
 import os
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from commonlaw.errors import CommonlawError
 
@@ -78,6 +81,11 @@ def kernel() -> ctypes.CDLL | None:
     return found
 
 
+def address(array: NDArray[Any]) -> int:
+    """Return where a contiguous array's numbers begin."""
+    return int(array.__array_interface__["data"][0])
+
+
 @cache
 def _loaded() -> ctypes.CDLL | None:
     """Return the library beside this file, if there is one that has the same structures."""
@@ -119,5 +127,9 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure)),
         *(address, address, address, real, Vagueness),  # free, states, coefficients, model error
         *(address, address),  # factor, log-determinant
+    )
+    library.commonlaw_marginal_deviance.argtypes = (
+        *(number, number, address, address),  # objects, coefficients, estimates, information
+        *(address, number, address, number, address),  # scale, variances tried, relative ones, sweeps, result
     )
     return library

@@ -6,10 +6,10 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem, merge
+from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
+from commonlaw.likelihood.compiled.packing import Packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
-from commonlaw.likelihood.kernel.library import Vagueness
-from commonlaw.likelihood.kernel.packing import Packed, address
 from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined
 from commonlaw.likelihood.normal_equations import NotPositiveError
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.kernel import LEAST_NORM, address
+from commonlaw.likelihood.compiled.packing import Packed
 from commonlaw.likelihood.fitting import GAIN, SHORTEST, Estimate, TrajectoryModel, least_norm
-from commonlaw.likelihood.kernel.library import LEAST_NORM
-from commonlaw.likelihood.kernel.packing import Packed, address
 
 
 def fit(
