@@ -100,7 +100,9 @@ class TrajectoryModel:
 
     def with_latent(self, latent: LatentProcesses, estimate: "Estimate") -> tuple["TrajectoryModel", "Estimate"]:
         """Return the model with other latent processes, and an estimate in which they are zero."""
-        states = tuple(np.pad(each[:, : self.width], ((0, 0), (0, latent.width))) for each in estimate.states)
+        states = tuple(np.zeros((len(each), self.width + latent.width)) for each in estimate.states)
+        for found, each in zip(states, estimate.states, strict=True):
+            found[:, : self.width] = each[:, : self.width]
         return replace(self, latent=latent), replace(estimate, states=states)
 
 
