@@ -156,7 +156,7 @@ def _with_errors(
     problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
 ) -> tuple[ErrorKind, SearchState]:
     """Return the kind of errors of largest evidence, and the state fitted under it; without any, those that it has."""
-    found = of_each_kind(problem, state, kinds)
+    found = of_each_kind(problem, state.supports, kinds)
     if not found:
         return "walk" if state.has_model_error else "white", state
     best = chosen(found)

@@ -42,9 +42,9 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
 
 
 @unannounced()
-def of_each_kind(problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
-    """Return the supports of a state under each kind of errors, with levels of their own."""
-    found = with_errors_of_each_kind(problem, state, kinds)
+def of_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
+    """Return supports, shape (equations, terms), under each kind of errors, with levels of their own."""
+    found = with_errors_of_each_kind(problem, supports, kinds)
     return [Hypothesis(kind, *own) for kind, own in found.items()]
 
 

@@ -87,7 +87,7 @@ def hypotheses(
     largest evidence comes first.
     """
     progress("comparing kinds of errors")
-    starts = with_errors_of_each_kind(problem, state, kinds)
+    starts = with_errors_of_each_kind(problem, state.supports, kinds)
     found = []
     groups = (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS)
     for number, group in enumerate(groups, start=1):
@@ -101,19 +101,18 @@ def hypotheses(
 
 
 def with_errors_of_each_kind(
-    problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
+    problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]
 ) -> dict[ErrorKind, tuple[SearchProblem, SearchState]]:
-    """Return the problem and the state with errors of each kind that can be fitted, for the supports that it has."""
+    """Return the problem and the state with errors of each kind that can be fitted, for supports of all equations."""
     found: dict[ErrorKind, tuple[SearchProblem, SearchState]] = {}
     with suppress(CommonlawError, NotPositiveError):
-        solved = fit_solutions(problem, state.supports)
+        solved = fit_solutions(problem, supports)
         for kind in [each for each in kinds if each != "walk"]:
             with suppress(CommonlawError, NotPositiveError):
                 found[kind] = with_errors_of_kind(*solved, kind)
     if "walk" in kinds:
         with suppress(CommonlawError, NotPositiveError):
-            walking = state if state.has_model_error else fit_supports(problem, state.supports)
-            found["walk"] = with_errors_of_kind(problem, walking, "walk")
+            found["walk"] = with_errors_of_kind(problem, fit_supports(problem, supports), "walk")
     return found
 
 

@@ -153,16 +153,15 @@ def with_error_models(
     compared = candidates(hypothesized, others, found.solver)
     if not compared:
         return found
-    best = chosen(compared)
     progress("comparing errors of the law that is chosen")
-    compared += of_each_kind(best.problem.without_errors(), best.state, kinds)
+    compared += of_each_kind(found.problem, chosen(compared).state.supports, kinds)
     return _with_best(found, compared)
 
 
 def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:
     """Return a search with the errors that are chosen for the supports that were found, see `with_error_models`."""
     progress("comparing errors")
-    compared = of_each_kind(found.problem, found.state, kinds)
+    compared = of_each_kind(found.problem, found.state.supports, kinds)
     return _with_best(found, compared) if compared else found
 
 

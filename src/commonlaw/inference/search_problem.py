@@ -123,11 +123,6 @@ class SearchProblem:
         models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
-    def without_errors(self) -> "SearchProblem":
-        """Return the same problem with white noise alone, as it was estimated first."""
-        models = tuple(replace(each, unit=each.unit * (self.first_noise / self.noise)[0]) for each in self.models)
-        return replace(self, models=models).with_errors(self.first_noise, NO_ERRORS, self.noise_reason)
-
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
         models, starts = [], []
