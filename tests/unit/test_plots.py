@@ -20,6 +20,7 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance
+from commonlaw.law.widening import Widening
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
 from commonlaw.plots.style import math
@@ -69,6 +70,12 @@ def diverging() -> tuple[Law, Trials]:
     return replace(law, coefficients=np.where(np.array(law.terms.names) == "v^2", -1.0, law.coefficients)), trials
 
 
+def widening(law: Law) -> Law:
+    """The law with bands that are wider the farther ahead they forecast."""
+    wider = Widening(np.array([0.5, 2.0]), np.array([1.0, 3.0]))
+    return replace(law, uncertainty=replace(law.uncertainty, widening=wider))
+
+
 EVERY: dict[str, Callable[[], Figure]] = {
     "one trial": lambda: plot_trials(drops(1, trials=1)),
     "trials": lambda: plot_trials(drops()),
@@ -86,6 +93,9 @@ EVERY: dict[str, Callable[[], Figure]] = {
     "one unsure law": lambda: plot_law(unsure(law_of(drops(1))), drops(1)),
     "unsure law": lambda: plot_law(unsure(law_of(drops())), drops(), datasets.linear_drag.truth(drag=DRAG)),
     "unsure about chaos": lambda: plot_law(unsure(datasets.lorenz.truth()), datasets.lorenz()),
+    "some objects, bands that widen": lambda: plot_forecast(
+        widening(unsure(law_of(drops(3)))).predict(drops(3), return_std=True), ["Ball 1", "Ball 3"]
+    ),
     "unsure and diverged": lambda: plot_forecast(unsure(diverging()[0]).predict(diverging()[1], return_std=True)),
 }
 

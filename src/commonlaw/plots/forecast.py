@@ -264,4 +264,5 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
         at_more_times=more,
         followed=followed,
         parts=parts,
+        horizons=tuple(forecast.horizons[i] for i in kept) if forecast.horizons else (),
     )
