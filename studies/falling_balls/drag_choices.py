@@ -110,7 +110,6 @@ def _evidence_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
             "chosen": form == choice.form,
             "2 log B": choice.against[form],
             "probability": measures["probability"],
-            "forecast error": measures["forecast error"],
         }
         for group, choice in choices.items()
         for form, measures in choice.listed.items()
@@ -123,7 +122,6 @@ def _results(choice: Choice) -> dict[str, Any]:
         form: {
             "two_log_bayes_factor": choice.against[form],
             "probability": measures["probability"],
-            "forecast_error": measures["forecast error"],
         }
         for form, measures in choice.listed.items()
     }
@@ -146,9 +144,7 @@ def _found(choices: Mapping[str, Choice]) -> str:
         f"Choice and evidence name the same law for {len(same)} of {len(choices)} groups ({listed(same)}):\n\n"
         + "\n".join(lines)
         + f"\n\nIf there is one kind of drag only, the evidence of {_favoured(choices, 'linear')} is for linear drag, "
-        f"and that of {_favoured(choices, 'quadratic')} for quadratic drag. Where choice and evidence disagree, the "
-        "choice asked which law forecasts the later part of the drops from the earlier, with intervals that hold them; "
-        "the evidence asks under which law the drops themselves are most probable."
+        f"and that of {_favoured(choices, 'quadratic')} for quadratic drag."
     )
 
 
@@ -193,10 +189,8 @@ ball and the volleyball, which remain.
 
 The measured heights depart from each of these laws by more than white noise explains, as one may expect of a camera
 held by hand, of wind, and of balls that spin. The default therefore also tries noise that grows with the height, errors
-of the heights that have a memory, a random walk and a smooth force beside the law, each with levels of its own. It
-forecasts the last 35 % of each drop by laws that were fitted to what is before, and takes the largest evidence of those
-whose forecasts are as good as the best and whose intervals hold. Here the evidence stands beside the choice, and they
-need not agree.
+of the heights that have a memory, a random walk and a smooth force beside the law, each with levels of its own, and
+takes the law and the errors of largest evidence.
 """
 _CHOICES = (
     "What the default method chooses for each group of balls, and the law of largest evidence. The four columns after "
@@ -206,7 +200,5 @@ _CHOICES = (
     "deviation of a force is in m/s², that of an error of the heights in m."
 )
 _EVIDENCE = (
-    "The list that the default method keeps with its law (`law.candidates()`). The last column is the score of "
-    "forecasts of the last 35 % of each drop by the law fitted to what is before: the continuous ranked probability "
-    "score, in standard deviations of the heights, with the kind of errors that suits the law best."
+    "The list that the default method keeps with its law (`law.candidates()`), under the errors of the chosen law."
 )
