@@ -102,10 +102,10 @@ def test_the_papers_models_have_the_errors_of_the_part_on_prediction(drops, resu
 def test_the_median_errors_to_a_centimetre(results):
     medians = results["forecasts"]["medians"]
     assert {name: round(each["both"], 2) for name, each in medians["paper_rule"].items()} == {
-        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.34, "default, cubic": 1.36,
+        "1": 3.30, "2": 1.24, "3": 1.25, "4": 1.72, "default": 1.38, "default, cubic": 1.37,
     }  # fmt: skip
     assert {name: round(each["both"], 2) for name, each in medians["fitted_to_first_second"].items()} == {
-        "2": 0.72, "default": 0.84,
+        "2": 0.72, "default": 0.85,
     }  # fmt: skip
     assert abs(results["forecasts"]["gain_on_best_model"]) < results["forecasts"]["deviation_of_gain"]
 
@@ -127,7 +127,7 @@ def test_white_noise_explains_the_heights_of_no_group(results):
 
 def test_choice_and_evidence_of_each_group(results):
     found = {
-        group: (each["chosen"], min(FORMS, key=lambda form: each["laws"][form]["two_log_bayes_factor"]))
+        group: (each["chosen"], min(each["laws"], key=lambda form: each["laws"][form]["two_log_bayes_factor"]))
         for group, each in results["choices"].items()
     }
     assert found == {
@@ -135,7 +135,7 @@ def test_choice_and_evidence_of_each_group(results):
         "whiffle balls": ("linear drag", "linear drag"),
         "closed balls": ("linear drag", "linear drag"),
         "basketballs": ("quadratic drag", "quadratic drag"),
-        "golf ball and baseball": ("quadratic drag", "quadratic drag"),
+        "golf ball and baseball": ("constant acceleration", "constant acceleration"),
         "tennis ball and volleyball": ("linear drag", "linear drag"),
     }
 
@@ -183,13 +183,13 @@ def test_the_verdicts_and_tables_say_the_numbers(report, results):
     page = (report / "report.html").read_text()
     assert "linear drag for the ten balls together, the whiffle balls, the closed balls" in page
     assert "for 6 of 6 groups" in page
-    assert "1.341 m, against 1.243 m" in page
+    assert "1.380 m, against 1.243 m" in page
     assert "a tie" in page
     choices = pd.read_csv(report / "tables" / "default-choices.csv")
     assert choices["linear"].tolist() == pytest.approx(
         [each["laws"]["linear drag"]["two_log_bayes_factor"] for each in results["choices"].values()]
     )
-    assert len(pd.read_csv(report / "tables" / "default-evidence.csv")) == 24
+    assert len(pd.read_csv(report / "tables" / "default-evidence.csv")) == 23
 
 
 def test_without_the_drops_the_part_is_left_out():

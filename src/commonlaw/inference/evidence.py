@@ -101,6 +101,7 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
         costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
+    costs = np.where(np.isnan(costs), np.inf, costs)
     found = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
     return found if np.isfinite(found) else np.inf
 

@@ -220,7 +220,7 @@ class Law(AbstractDelegates):
         >>> masses = zip(drops.objects, [0.3, 0.1, 0.1, 0.06, 0.043], strict=True)
         >>> law = cl.fit("x'' = -g - c v", drops)
         >>> print(law.explain({name: {"mass": mass} for name, mass in masses}))
-        x'' = -9.806 ± 0.015 - (0.03009 ± 0.00011)/mass v
+        x'' = -9.806 ± 0.015 - (0.03009 ± 0.00010)/mass v
         <BLANKLINE>
         with v = x'
         """
