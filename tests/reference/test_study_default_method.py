@@ -19,8 +19,6 @@ from studies.falling_balls.settings import BALL_GROUPS, DRAG_FORMS
 # With all that takes numbers from the study, so that it runs once
 pytestmark = pytest.mark.xdist_group("study")
 
-FORMS = ["constant acceleration", "linear drag", "quadratic drag", "both drags"]
-
 
 @pytest.fixture(scope="module")
 def drops(ball_drops_folder) -> cl.Trials:
