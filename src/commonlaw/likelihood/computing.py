@@ -1,6 +1,7 @@
 """Fits and linearisations: by the compiled kernel where there is one and it can, otherwise with NumPy."""
 
 from collections.abc import Sequence
+from ctypes import CDLL
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.kernel import kernel
 from commonlaw.likelihood import fitting, linearization
 from commonlaw.likelihood.compiled import fits, rows
-from commonlaw.likelihood.compiled.packing import packed
+from commonlaw.likelihood.compiled.packing import Packed, packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 
@@ -31,10 +32,10 @@ def fit(
     steps
         At most so many for each model error.
     """
-    library = kernel()
-    structures = None if library is None else packed(model)
-    if library is None or structures is None:
+    compiled = _compiled(model)
+    if compiled is None:
         return fitting.fit(model, start, support, model_errors, steps)
+    library, structures = compiled
     return fits.fit(library, model, structures, start, support, model_errors, steps)
 
 
@@ -59,11 +60,11 @@ def linearize(
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    library = kernel()
-    structures = None if library is None else packed(model)
-    if library is None or structures is None:
+    compiled = _compiled(model)
+    if compiled is None:
         return linearization.linearize(model, estimate, model_error, columns)
     free = np.ones(estimate.coefficients.shape, dtype=np.bool_) if columns is None else columns
+    library, structures = compiled
     return rows.linearize(library, model, structures, estimate, model_error, free)
 
 
@@ -79,9 +80,16 @@ def whitened(
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    library = kernel()
-    structures = None if library is None else packed(model)
-    if library is None or structures is None:
+    compiled = _compiled(model)
+    if compiled is None:
         return linearization.whitened(model, estimate, model_error, columns)
     free = np.ones_like(estimate.coefficients, dtype=np.bool_) if columns is None else columns
+    library, structures = compiled
     return rows.whitened(library, model, structures, estimate, model_error, free)
+
+
+def _compiled(model: TrajectoryModel) -> tuple[CDLL, Packed] | None:
+    """Return the kernel and the structures of a model that it takes; None where NumPy is to be used."""
+    library = kernel()
+    structures = None if library is None else packed(model)
+    return None if library is None or structures is None else (library, structures)

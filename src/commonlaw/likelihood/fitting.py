@@ -131,21 +131,7 @@ class Estimate:
 def fit(
     model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
 ) -> Estimate:
-    """Return the estimate of largest likelihood, by Gauss-Newton steps, one model error after the other.
-
-    Parameters
-    ----------
-    model
-        Of one object.
-    start
-        Where to begin.
-    support
-        The coefficients that are free, shape (equations, terms); the others stay.
-    model_errors
-        Standard deviations of the model error in each step, relative to the noise, from large to small.
-    steps
-        At most so many for each model error.
-    """
+    """Return the estimate of largest likelihood with NumPy, see `computing.fit`."""
     found = start
     for model_error in model_errors:
         found = _evaluated(model, found, model_error)

@@ -49,24 +49,7 @@ class Linearization:
 def linearize(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> Linearization:
-    """Return the likelihood about an estimate.
-
-    Parameters
-    ----------
-    model
-        Of one object.
-    estimate
-        About which the law is linearised.
-    model_error
-        Standard deviation of the model error in each step, relative to the noise.
-    columns
-        Which coefficients are columns, shape (equations, terms); the others stay as they are. Default: all.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
+    """Return the likelihood about an estimate with NumPy, see `computing.linearize`."""
     count = estimate.coefficients.size if columns is None else int(columns.sum())
     return joined(whitened(model, estimate, model_error, columns), count)
 
@@ -80,15 +63,7 @@ def joined(parts: Sequence[tuple[Floats, float]], count: int) -> Linearization:
 def whitened(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> list[tuple[Floats, float]]:
-    """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
-
-    The targets are the innovations of the states: what each sample adds to those before it.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
+    """Return the rows of each mesh with NumPy, see `computing.whitened`."""
     free = np.ones_like(estimate.coefficients, dtype=bool) if columns is None else columns
     return [_whitened(model, part, estimate.coefficients, free, model_error) for part in model.parts(estimate)]
 
