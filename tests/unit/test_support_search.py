@@ -51,11 +51,11 @@ def test_noise_of_unknown_scale_is_integrated_out():
     measured = Measured(77, freedom=len(target) + 4.0, prior=2.5)
 
     def exact(squares):
-        log_densities = lambda v: (  # noqa: E731
-            -len(target) / 2 * np.log(v) - squares / v / 2 - 3 * np.log(v) - 2.5 / v / 2
-        )
-        peak = minimize(lambda u: -log_densities(np.exp(u[0])), [0.0]).fun
-        area = quad(lambda u: np.exp(log_densities(np.exp(u)) + u + peak), -8, 8, points=[0.0], limit=200)[0]
+        def log_density(v):
+            return -len(target) / 2 * np.log(v) - squares / v / 2 - 3 * np.log(v) - 2.5 / v / 2
+
+        peak = minimize(lambda u: -log_density(np.exp(u[0])), [0.0]).fun
+        area = quad(lambda u: np.exp(log_density(np.exp(u)) + u + peak), -8, 8, points=[0.0], limit=200)[0]
         return -2 * (np.log(area) - peak)
 
     squares = np.array([20.0, 40.0, 80.0])

@@ -58,7 +58,7 @@ def protocol(lobby: Lobby) -> type[asyncio.Protocol]:
     """Return the protocol by which a server speaks whose connections wait in a lobby."""
 
     class Waiting(H11Protocol):
-        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        def connection_made(self, transport: Any) -> None:  # A server gives transports of its own
             super().connection_made(transport)
             lobby.enter(self._peer, transport)
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Unpack, cast
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Rows:
 
 def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    said: Reading = {**table.roles, **checked(roles, Reading)}  # type: ignore[typeddict-item]
+    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
     rows = _read_wide(table, default_object, said) if said.get("wide") else read_rows(table, default_object, said)
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
