@@ -11,18 +11,6 @@ from commonlaw.law import Law
 from commonlaw.selection.cross_validation import CrossValidationScore, Fold
 from commonlaw.trials import Trials
 
-_SEGMENTS = 8
-"""Into how many segments the later parts of few trials are cut, so that their scores show how sure the mean is."""
-
-ENOUGH = 20
-"""Measurements that tell by how much intervals are too narrow."""
-
-_TRIALS = 30
-"""How many trials are forecast at most."""
-
-_TOLD = 3
-"""Measured values of each state that a start is fitted to."""
-
 
 @dataclass(frozen=True, eq=False)
 class ForecastError:
