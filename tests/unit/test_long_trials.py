@@ -86,6 +86,3 @@ def test_another_method_is_taken_where_objects_are_too_many_only_and_that_is_sai
     assert not can_be_carried(many)
     assert isinstance(default_method(long, ModelStructure(1)), cl.TrajectoryLikelihood)
     assert isinstance(default_method(many, ModelStructure(1)), cl.DerivativeRegression)
-    law = cl.discover(swinging(0.1, 100), library="poly:1 + fourier:36")
-    (said,) = [each for each in law.outcomes if each.kind is OutcomeKind.METHOD]
-    assert "terms are too many for the likelihood of trajectories" in said.text

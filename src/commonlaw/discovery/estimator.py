@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
-_MANY_TERMS = 70
-"""More terms for each equation make the likelihood of trajectories too slow to be the default."""
-
 
 class LawDiscovery:
     """Finds the law that objects share, in scikit-learn's conventions.
@@ -215,8 +212,8 @@ _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:
     """Return the method that is used when none is named.
 
-    `TrajectoryLikelihood`, but `DerivativeRegression` for streams, for more than 70 terms and for so many objects that
-    less than 200 samples of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
+    `TrajectoryLikelihood`, but `DerivativeRegression` for streams and for so many objects that less than 200 samples
+    of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
     """
     return _default(trials, structure)[0]
 
@@ -225,17 +222,14 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     """Return the method that is used when none is named, and what to know if it is another than most are found by."""
     if structure.order == 0:
         return DiscreteTimeRegression(), ()
-    terms = len(structure.terms(trials.schema))
     if isinstance(trials, TrialStream):
         why = "trials came from a stream"
-    elif terms > _MANY_TERMS:
-        why = f"{terms} terms are too many for the likelihood of trajectories"
     elif not can_be_carried(trials):
         why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
     else:
         return TrajectoryLikelihood(), ()
     text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
-    remedy = "offer fewer terms or take fewer objects, or refine the law: commonlaw.refine(law, trials)"
+    remedy = "take fewer objects, or refine the law: commonlaw.refine(law, trials)"
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
 
 

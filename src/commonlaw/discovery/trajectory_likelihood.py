@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
+from commonlaw.array_types import Bools
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
@@ -22,13 +23,16 @@ from commonlaw.inference import (
     error_kinds,
     finish,
     known_noise,
+    missed_terms,
+    promising_terms,
     search_supports,
     with_error_models,
     with_interpolation,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
-from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
+from commonlaw.library import SelectedLibrary, Terms
+from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
@@ -126,36 +130,56 @@ class TrajectoryLikelihood(AbstractMethod):
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
-        as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
-        trials = with_logarithms(trials, self.positive)
-        trials = with_interpolation(trials, "linear" if self.input_between == "auto" else self.input_between)
-        kinds = error_kinds(self.errors, trials.schema)
-        found, steps = self._search(trials, structure, part(progress, 0.0, _SEARCH)), list[Step]()
-        if chosen:
-            progress("comparing interpolations of inputs between samples")
-            steps = [best_interpolation(found.problem, found.state)]
-            if steps[0].choice != trials.schema.input_between:
-                found = self._search(with_interpolation(trials, steps[0].choice), structure, progress)
-        odd = beyond_white_noise(found.problem, found.state) if self.errors == "auto" else "as asked for"
-        if odd:
-            progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
-            try:
-                other = DerivativeRegression().find(as_measured.without_noise(), structure, progress).support
-            except CommonlawError:
-                other = None
-            found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, _CHOSEN))
+        screened: _Screened | None = _Screened.of(with_logarithms(trials, self.positive), structure)
+        while screened:  # Terms that were left out may improve the law under other errors, too
+            last, found, steps = self._found(trials, screened, progress)
+            screened = last.with_missed(found) if found.problem.errors != NO_ERRORS else None
         law = finish(
             found,
             covariance=self.covariance,
-            universal=structure.universal_coefficients(trials.schema),
+            universal=last.structure.universal_coefficients(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=part(progress, _CHOSEN, 1.0),
         )
-        return replace(law, provenance=replace(law.provenance, history=(*steps, *law.history)))
+        return replace(law, provenance=replace(law.provenance, history=(*last.steps, *steps, *law.history)))
 
-    def _search(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
-        """Search for the supports of largest evidence."""
+    def _found(
+        self, trials: Trials, screened: "_Screened", progress: ProgressCallback
+    ) -> tuple["_Screened", LawSearch, list[Step]]:
+        """Search for the law and the errors of largest evidence, and say how inputs go on between samples."""
+        as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
+        trials = with_logarithms(trials, self.positive)
+        trials = with_interpolation(trials, "linear" if self.input_between == "auto" else self.input_between)
+        kinds = error_kinds(self.errors, trials.schema)
+        (screened, found), steps = self._search(trials, screened, part(progress, 0.0, _SEARCH)), list[Step]()
+        if chosen:
+            progress("comparing interpolations of inputs between samples")
+            steps = [best_interpolation(found.problem, found.state)]
+            if steps[0].choice != trials.schema.input_between:
+                screened, found = self._search(with_interpolation(trials, steps[0].choice), screened, progress)
+        odd = beyond_white_noise(found.problem, found.state) if self.errors == "auto" else "as asked for"
+        if odd:
+            progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
+            try:
+                as_measured = as_measured.without_noise()
+                other = DerivativeRegression().find(as_measured, screened.structure, progress).support
+            except CommonlawError:
+                other = None
+            found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, _CHOSEN))
+        return screened, found, steps
+
+    def _search(
+        self, trials: Trials, screened: "_Screened", progress: ProgressCallback
+    ) -> tuple["_Screened", LawSearch]:
+        """Search for the supports of largest evidence, until no term that was left out improves them."""
+        found = self._search_among(trials, screened.structure, progress)
+        while more := screened.with_missed(found):
+            progress("searching again with terms that were left out and improve the law")
+            screened, found = more, self._search_among(trials, more.structure, progress)
+        return screened, found
+
+    def _search_among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
         terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
         _check_effort(trials, len(terms), self.max_samples)
         provenance = Provenance(suitable_differentiation(trials, structure.order))
@@ -169,6 +193,44 @@ class TrajectoryLikelihood(AbstractMethod):
             most_samples=self.max_samples,
             progress=progress,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Screened:
+    """What is sought among the terms that a screening has kept of many, shape (terms,); all if they are not many."""
+
+    whole: ModelStructure
+    terms: Terms
+    kept: Bools
+
+    @classmethod
+    def of(cls, trials: Trials, structure: ModelStructure) -> "_Screened":
+        """Return what is sought in trials, of many terms those that explain most."""
+        terms, schema = structure.terms(trials.schema), trials.schema
+        known = structure.known_coefficients(schema, trials.objects)
+        needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
+        return cls(structure, terms, promising_terms(trials, terms, structure.order, known, np.asarray(needed)))
+
+    @property
+    def structure(self) -> ModelStructure:
+        """The same question with the terms that were kept."""
+        if self.kept.all():
+            return self.whole
+        names = tuple(self.terms.names[i] for i in np.flatnonzero(self.kept))
+        return replace(self.whole, library=SelectedLibrary(self.whole.library, names))
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """What is said of it."""
+        if self.kept.all():
+            return ()
+        why = "they explain most of smoothed rates; each of the others was tried on the law, and none improves it"
+        return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
+
+    def with_missed(self, found: LawSearch) -> "_Screened | None":
+        """Return the same with terms that were left out and improve a law; None if there are none."""
+        missed = np.zeros_like(self.kept) if self.kept.all() else missed_terms(found, self.terms, self.kept)
+        return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
 def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:

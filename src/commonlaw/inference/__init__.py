@@ -19,6 +19,7 @@ from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.scales import error_kinds
+from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -44,7 +45,9 @@ __all__ = [
     "fit_supports",
     "known_noise",
     "levels_in_words",
+    "missed_terms",
     "prepare",
+    "promising_terms",
     "refine",
     "search_supports",
     "with_error_models",

@@ -7,13 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation import RobustSpline
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, parabola
+from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
 from commonlaw.inference.prices import FACTOR, Prices, shifted
+from commonlaw.inference.smooth_rates import smooth_curves, terms_and_rates
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.inference.unmeasured import begun, filled_curves, spread_within, typical_states
 from commonlaw.library import Terms
@@ -286,7 +285,7 @@ def prepare(
     carried = as_many_as_are_carried(trials, levels, most_samples)
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
-    curves = [[_curves(trial, order) for trial in group] for group in groups]
+    curves = [[smooth_curves(trial, order) for trial in group] for group in groups]
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
@@ -328,39 +327,9 @@ def spread(count: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def _curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
-    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial.
-
-    Those of a state that was not measured in it are NaN.
-    """
-    columns = []
-    for column in trial.states.T:
-        seen = np.isfinite(column)
-        if not seen.any():
-            columns.append([column] * (order + 1))
-        elif seen.sum() >= 5:  # As a spline takes
-            rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
-            columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
-        elif seen.sum() > 1:
-            curve = parabola(trial.times[seen], column[seen])
-            columns.append([curve.deriv(k)(trial.times) for k in range(order + 1)])
-        else:
-            raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
-    curves = [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
-    return np.column_stack(curves[:order]), curves[order]
-
-
 def _first(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
     """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
-    blocks, rates, logarithmic = [], [], list(terms.variables.columns(terms.variables.logarithmic))
-    for trial, (states, highest) in curves:
-        values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
-        block = terms.evaluate(values)
-        terms.check_finite(block, values, trial.label)
-        blocks.append(block)
-        rates.append(highest.copy())
-        rates[-1][:, logarithmic] *= values[:, logarithmic]
-    library, targets = np.concatenate(blocks), np.concatenate(rates)
+    library, targets = terms_and_rates(terms, curves)
     found = np.nan_to_num(known)
     for equation, free in enumerate(np.isnan(known)):
         columns = library[:, free]

@@ -1,0 +1,53 @@
+"""Smooth curves through the measurements of a trial, and candidate terms and rates of change on them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import RobustSpline
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.first_noise import parabola
+from commonlaw.library import Terms
+from commonlaw.trials import Trial
+
+
+def smooth_curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
+    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial.
+
+    Those of a state that was not measured in it are NaN.
+    """
+    columns = []
+    for column in trial.states.T:
+        seen = np.isfinite(column)
+        if not seen.any():
+            columns.append([column] * (order + 1))
+        elif seen.sum() >= 5:  # As a spline takes
+            rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
+            columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
+        elif seen.sum() > 1:
+            curve = parabola(trial.times[seen], column[seen])
+            columns.append([curve.deriv(k)(trial.times) for k in range(order + 1)])
+        else:
+            raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
+    curves = [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+    return np.column_stack(curves[:order]), curves[order]
+
+
+def terms_and_rates(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]]) -> tuple[Floats, Floats]:
+    """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
+
+    Raises
+    ------
+    CommonlawError
+        If a term is not finite there; the message names the trial.
+    """
+    blocks, rates, logarithmic = [], [], list(terms.variables.columns(terms.variables.logarithmic))
+    for trial, (states, highest) in curves:
+        values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
+        block = terms.evaluate(values)
+        terms.check_finite(block, values, trial.label)
+        blocks.append(block)
+        rates.append(highest.copy())
+        rates[-1][:, logarithmic] *= values[:, logarithmic]
+    return np.concatenate(blocks), np.concatenate(rates)
