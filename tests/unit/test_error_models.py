@@ -109,7 +109,7 @@ def test_a_law_with_other_errors_survives_its_file(tmp_path):
     law = discover(correlated, errors="correlated")
     law.save(tmp_path / "law.json")
     again = cl.Law.load(tmp_path / "law.json")
-    for name in ("correlated", "memory", "widening"):
+    for name in ("correlated", "memory"):
         np.testing.assert_array_equal(
             getattr(again.uncertainty.error_model, name), getattr(law.uncertainty.error_model, name)
         )

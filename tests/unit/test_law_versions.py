@@ -76,3 +76,13 @@ def test_a_damaged_law_of_version_2_is_refused(damage):
     raw = json.loads((SAVED / "version-2.json").read_text())
     with pytest.raises(CommonlawError, match="this is not a law or it is damaged"):
         Law.from_json(json.dumps(raw | damage))
+
+
+def test_a_factor_of_all_intervals_becomes_a_widening_at_every_horizon():
+    raw = json.loads(Law.load(SAVED / "version-2.json").to_json())
+    for factor in (1.0, 2.5):
+        raw["uncertainty"]["error_model"] = {"widening": factor}
+        found = Law.from_json(json.dumps(raw)).uncertainty
+        assert not found.error_model
+        widths = np.ones(2) if found.widening is None else found.widening.at(np.array([0.0, 100.0]))
+        assert widths.tolist() == [factor, factor]

@@ -117,11 +117,8 @@ def misses(frame: Law, problem: SearchProblem, state: SearchState, pool: Callabl
 
 def calibrated(law: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> Law:
     """Return a law whose bands are as wide as forecasts of what was left out ask for, see `misses`."""
-    plain = replace(problem.errors, widening=1.0)
-    problem = problem.with_errors(problem.noise, plain, problem.noise_reason)
     wider = widening_of(misses(law, problem, state, pool))
-    errors = replace(law.uncertainty.error_model, widening=1.0)
-    return replace(law, uncertainty=replace(law.uncertainty, error_model=errors, widening=wider))
+    return replace(law, uncertainty=replace(law.uncertainty, widening=wider))
 
 
 LeftOut = list[tuple[list[Trial], int | None]]

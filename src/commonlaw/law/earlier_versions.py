@@ -22,9 +22,21 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
 
     Version 3 lacks what else a law could be, and the degrees of freedom of its noise.
     """
-    found = _renamed(document) if version < 3 else {**document, "version": 4}
+    found = _with_widening(_renamed(document) if version < 3 else {**document, "version": 4})
     wider = found.get("with_discrepancy")
-    return found | {"with_discrepancy": {**wider, "version": 4}} if isinstance(wider, dict) else found
+    return found | {"with_discrepancy": _with_widening({**wider, "version": 4})} if isinstance(wider, dict) else found
+
+
+def _with_widening(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document whose factor of intervals, if its errors have one, is a widening that no horizon changes."""
+    known = document.get("uncertainty")
+    errors = known.get("error_model") if isinstance(known, dict) else None
+    if not (isinstance(known, dict) and isinstance(errors, dict) and "widening" in errors):
+        return document
+    factor = errors["widening"]
+    left = {"error_model": {name: each for name, each in errors.items() if name != "widening"} or None}
+    wider = known.get("widening") or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
+    return document | {"uncertainty": known | left | {"widening": wider}}
 
 
 def _renamed(document: dict[str, Any]) -> dict[str, Any]:

@@ -208,10 +208,10 @@ class Forecast(ShownInNotebooks):
             raise CommonlawError(
                 "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
             )
-        width, factor = len(self.trials.schema.states), self.error_model.widening
-        factors: list[Floats | float] = [factor] * len(self.std)
+        width = len(self.trials.schema.states)
+        factors: list[Floats | float] = [1.0] * len(self.std)
         if self.widening is not None:
-            factors = [factor * self.widening.at(ahead)[:, np.newaxis] for ahead in self.horizons]
+            factors = [self.widening.at(ahead)[:, np.newaxis] for ahead in self.horizons]
         if not measured:
             return [wider * each[:, :width] for wider, each in zip(factors, self.std, strict=True)]
         triples = zip(factors, self.std, self.measurement_std(), strict=True)

@@ -57,7 +57,6 @@ class _Errors(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_def
     force: list[float] | None = None
     force_time: float | None = None
     walk: list[float] | None = None
-    widening: float | None = None
 
 
 class _OwnEstimates(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

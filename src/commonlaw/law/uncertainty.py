@@ -220,7 +220,7 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too
             found[name] = checked(values, f"{what} of errors ({name})", "states", (size,), low=0)
-    for name in ("memory", "force_time", "widening"):
+    for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
             raise CommonlawError(
                 f"the {name} of a law's errors is {getattr(errors, name)}, expected a number above zero"

@@ -24,8 +24,6 @@ class ErrorModel:
         A smooth force on each equation, see `LatentProcesses`, shape (d,), and a time.
     walk
         A random walk of the states (and their rates) that the law is added to, for a unit of time, shape (D,).
-    widening
-        By which factor intervals of forecasts are wider than these errors say, as measurements held out asked for.
     """
 
     proportional: Floats | None = None
@@ -34,7 +32,6 @@ class ErrorModel:
     force: Floats | None = None
     force_time: float = np.inf
     walk: Floats | None = None
-    widening: float = 1.0
 
     @property
     def latent(self) -> LatentProcesses:
@@ -47,9 +44,7 @@ class ErrorModel:
         return self.latent.hyperparameters + (0 if self.proportional is None else len(self.proportional))
 
     def __bool__(self) -> bool:
-        return self.widening > 1 or any(
-            each is not None for each in (self.proportional, self.correlated, self.force, self.walk)
-        )
+        return any(each is not None for each in (self.proportional, self.correlated, self.force, self.walk))
 
     @property
     def of_law(self) -> bool:
