@@ -6,9 +6,14 @@ y1, ... the matrix has three bands on either side; the first and the last y are 
 number of samples, and digits last for 50 000 samples, where the equation for z alone has lost them all.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
+
+_BANDS = 3
+"""On either side."""
 
 INNER = slice(3, -1, 2)
 """Where the multipliers of the inner samples stand."""
@@ -26,19 +31,40 @@ def slope_bands(steps: Floats) -> Floats:
     return bands
 
 
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """The factors of a system, with which it is solved and its determinant taken."""
+
+    triangular: Floats
+    pivots: Indices
+
+    @classmethod
+    def of(cls, bands: Floats) -> "Factors":
+        """Factor the system of these bands, shape (7, 2 n)."""
+        from scipy.linalg.lapack import dgbtrf
+
+        room = np.zeros((_BANDS + len(bands), bands.shape[1]), order="F")
+        room[_BANDS:] = bands
+        triangular, pivots, _ = dgbtrf(room, _BANDS, _BANDS, overwrite_ab=True)
+        return cls(triangular, pivots)
+
+    def solve(self, state: Floats) -> tuple[Floats, Floats]:
+        """Return z and y, each of shape (n,), for a state of shape (n,)."""
+        from scipy.linalg.lapack import dgbtrs
+
+        if not self.triangular[2 * _BANDS].all():
+            raise np.linalg.LinAlgError("singular matrix")
+        known = np.zeros(2 * len(state))
+        known[::2] = state
+        solution, _ = dgbtrs(self.triangular, _BANDS, _BANDS, known, self.pivots, overwrite_b=True)
+        return solution[::2], solution[1::2]
+
+    @property
+    def log_determinant(self) -> float:
+        """The logarithm of the absolute determinant of the system."""
+        return float(np.log(np.abs(self.triangular[2 * _BANDS])).sum())
+
+
 def solve(bands: Floats, state: Floats) -> tuple[Floats, Floats]:
     """Return z and y, each of shape (n,), for a state of shape (n,)."""
-    from scipy.linalg import solve_banded
-
-    known = np.zeros(2 * len(state))
-    known[::2] = state
-    solution = solve_banded((3, 3), bands, known)
-    return solution[::2], solution[1::2]
-
-
-def log_determinant(bands: Floats) -> float:
-    """Return the logarithm of the absolute determinant of the system."""
-    from scipy.linalg.lapack import dgbtrf
-
-    factors, _, _ = dgbtrf(np.pad(bands, ((3, 0), (0, 0))), 3, 3)
-    return float(np.log(np.abs(factors[6])).sum())
+    return Factors.of(bands).solve(state)

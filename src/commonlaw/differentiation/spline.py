@@ -1,12 +1,14 @@
 """Smoothing splines."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import blake2b
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
-from commonlaw.differentiation.curvature import INNER, log_determinant, slope_bands, solve
+from commonlaw.differentiation.curvature import INNER, Factors, slope_bands
 from commonlaw.errors import CommonlawError
 from commonlaw.validation import check_number
 
@@ -61,7 +63,7 @@ class SmoothingSpline(AbstractDifferentiator):
 
 def smoothing_spline(steps: Floats, state: Floats, strength: float) -> tuple[Floats, Floats, Floats]:
     """Return the spline's values, first and second derivatives at the samples, each of shape (n,)."""
-    smoothed, multipliers = solve(_bands(steps, strength), state)
+    smoothed, multipliers = _Systems.of(steps).factors(strength).solve(state)
     curvature = multipliers / strength
     slopes = np.diff(smoothed) / steps
     rate = slopes - steps * (2 * curvature[:-1] + curvature[1:]) / 6
@@ -69,29 +71,84 @@ def smoothing_spline(steps: Floats, state: Floats, strength: float) -> tuple[Flo
     return smoothed, np.append(rate, last), curvature
 
 
-def _bands(steps: Floats, strength: float) -> Floats:
-    bands = slope_bands(steps)
-    bands[3, INNER] = -(steps[:-1] + steps[1:]) / (3 * strength)
-    bands[1, 5:-1:2] = bands[5, 3:-3:2] = -steps[1:-1] / (6 * strength)
-    return bands
+@dataclass(frozen=True, eq=False)
+class _Systems:
+    """The systems of the spline at all strengths, of which most does not depend on the strength.
+
+    Parameters
+    ----------
+    bands
+        Of the changes of slope alone, shape (7, 2 n).
+    widths, beside
+        The Gram matrix of the hat functions, times -3 on its diagonal and times -6 beside it.
+    """
+
+    bands: Floats
+    widths: Floats
+    beside: Floats
+
+    @classmethod
+    def of(cls, steps: Floats) -> "_Systems":
+        return cls(slope_bands(steps), -(steps[:-1] + steps[1:]), -steps[1:-1])
+
+    def factors(self, strength: float) -> Factors:
+        bands = self.bands.copy()
+        bands[3, INNER] = self.widths / (3 * strength)
+        bands[1, 5:-1:2] = bands[5, 3:-3:2] = self.beside / (6 * strength)
+        return Factors.of(bands)
+
+    def trace(self, logarithm: float) -> float:
+        """Return the trace of 1 - A, A being the matrix from the measured to the smoothed state.
+
+        It is n - 2 and the derivative of the system's log determinant by the logarithm of the strength.
+        """
+        low, high = (self.factors(np.exp(logarithm + shift)).log_determinant for shift in (-0.01, 0.01))
+        return len(self.widths) + (high - low) / 0.02
+
+
+_KEPT = 4096
+"""Strengths that are remembered, of some hundred bytes each."""
+
+_strengths: dict[bytes, float] = {}
+"""Chosen strengths by a digest of steps and state: data checks, searches and forecasts smooth the same trials."""
 
 
 def cross_validated(steps: Floats, state: Floats) -> float:
     """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score."""
+    digest = blake2b(steps.tobytes() + state.tobytes(), digest_size=32).digest()
+    if digest not in _strengths:
+        found = _least_score(steps, state)
+        while len(_strengths) >= _KEPT:
+            _strengths.pop(next(iter(_strengths)), None)
+        _strengths[digest] = found
+        return found
+    return _strengths[digest]
+
+
+def _least_score(steps: Floats, state: Floats) -> float:
     from scipy.optimize import minimize_scalar
 
-    grid = np.linspace(np.log(2e-5), 4 * np.log(len(state)), 40)
-    best = int(np.argmin([_score(each, steps, state) for each in grid]))
+    systems, grid = _Systems.of(steps), _grid(len(state))
+    traces = _traces(steps.tobytes())
+    best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    return float(np.exp(minimize_scalar(_score, bounds=bounds, args=(steps, state), method="bounded").x))
+    return float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
 
 
-def _score(logarithm: float, steps: Floats, state: Floats) -> float:
-    """Return ``n RSS / trace(1 - A)^2``, A being the matrix from the measured to the smoothed state.
+def _grid(samples: int) -> Floats:
+    """Return the logarithms of the strengths that are tried first."""
+    return np.linspace(np.log(2e-5), 4 * np.log(samples), 40)
 
-    The trace is n - 2 and the derivative of the system's log determinant by the logarithm of the strength.
-    """
-    smoothed, _, _ = smoothing_spline(steps, state, np.exp(logarithm))
-    low, high = (log_determinant(_bands(steps, np.exp(logarithm + shift))) for shift in (-0.01, 0.01))
-    trace = len(state) - 2 + (high - low) / 0.02
+
+@lru_cache(maxsize=16)
+def _traces(steps: bytes) -> tuple[float, ...]:
+    """Return the traces on the grid, which are the same for all states that are measured at the same times."""
+    systems = _Systems.of(np.frombuffer(steps))
+    return tuple(systems.trace(each) for each in _grid(len(systems.widths) + 2))
+
+
+def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | None = None) -> float:
+    """Return ``n RSS / trace(1 - A)^2``, A being the matrix from the measured to the smoothed state."""
+    smoothed, _ = systems.factors(np.exp(logarithm)).solve(state)
+    trace = systems.trace(logarithm) if trace is None else trace
     return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)
