@@ -230,23 +230,29 @@ class _IntegralForm:
         step = float(np.median(np.concatenate([np.diff(each.times) for own in self.objects for each in own])))
         memories = [(share, step * steps) for share in _SHARES for steps in _MEMORIES]
         few = [own[:_MOST_FOR_ERRORS] for own in self.objects[:_MOST_FOR_ERRORS]]
+        mixed = [(own, self._mixture(own)) for own in few]
         share, memory = min(
             [(0.0, step), *memories],
-            key=lambda each: sum(self._restricted_deviance(own, equation, each) for own in few),
+            key=lambda each: sum(self._restricted_deviance(*own, equation, each) for own in mixed),
         )
         if not share:
             return self
         return self._made(self.terms, [tuple(_whitened(each, share, memory) for each in own) for own in self.objects])
 
-    def _restricted_deviance(self, own: Sequence[_Rows], equation: int, errors: tuple[float, float]) -> float:
+    def _mixture(self, own: Sequence[_Rows]) -> Floats:
+        """Return the mixture of terms that is orthonormal over an object's trials."""
+        scale, mixed = _independent(np.concatenate([each.without_start[:, : len(self.terms)] for each in own]))
+        return mixed / scale[:, np.newaxis]
+
+    def _restricted_deviance(
+        self, own: Sequence[_Rows], mixture: Floats, equation: int, errors: tuple[float, float]
+    ) -> float:
         """Return minus twice the restricted log-likelihood of an object's trials, given share and memory of errors."""
         white = [_whitened(each, *errors) for each in own]
         count, column = len(self.terms), len(self.terms) + equation
-        starts = [np.linalg.qr(each.start)[1] for each in white]
-        before = [each.without_start[:, :count] for each in own]
-        scale, mixed = _independent(np.concatenate(before))
+        starts = [np.asarray(np.linalg.qr(each.start, mode="r")) for each in white]
         rows = np.concatenate([each.without_start for each in white])
-        columns = (rows[:, :count] / scale) @ mixed
+        columns = rows[:, :count] @ mixture
         basis, triangle = np.linalg.qr(columns)
         rest = rows[:, column] - basis @ (basis.T @ rows[:, column])
         freedom = max(len(rows) - sum(each.start.shape[1] for each in own) - columns.shape[1], 1)
