@@ -77,6 +77,8 @@ def written(value: Any) -> str:
     if isinstance(value, list | tuple):
         inner = ", ".join(map(written, value))
         return f"[{inner}]" if isinstance(value, list) else f"({inner}{',' * (len(value) == 1)})"
+    if isinstance(value, np.ndarray) and value.dtype == float and np.isfinite(value).all():
+        return repr(value.tolist())
     if isinstance(value, np.ndarray | np.generic):
         return written(value.tolist())
     return f"float({str(value)!r})" if isinstance(value, float) and not np.isfinite(value) else repr(value)
