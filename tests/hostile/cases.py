@@ -139,8 +139,7 @@ def expression(r: random.Random) -> Case:
         left, begun = r.choice(["height' =", "height'' ="]), r.choice(["a + b", "-k", "a *", ""])
         return Case(("fit", f"{left} {begun} {written}", "drops.csv", *COLUMNS), {"drops.csv": table(r)})
     library = f"terms:1,{written}" if r.random() < 0.7 else written
-    quick = ("--solver", "group-stlsq:1", "--differentiation", "finite:2")
-    return Case(("discover", "drops.csv", *COLUMNS, "--library", library, *quick), {"drops.csv": table(r)})
+    return Case(("discover", "drops.csv", *COLUMNS, "--library", library, *REGRESSION), {"drops.csv": table(r)})
 
 
 def option(r: random.Random) -> Case:
@@ -185,9 +184,8 @@ def name(r: random.Random) -> Case:
 
     rows = [["ball", "drop", "t", "height"], *drops(r)]
     content = "\n".join(",".join(map(cell, row)) for row in rows).encode(errors="surrogateescape")
-    quick = ("--solver", "group-stlsq:1", "--differentiation", "finite:2", "--library", "poly:1")
     file = r.choice(["drops.csv", "日本.csv", "-drops.csv", "\x1b[2J.csv", "a b'\".csv", "\udcff.csv"])
-    found = ("discover", "--order", "1", *quick, "--save", "out.json")
+    found = ("discover", "--order", "1", *REGRESSION, "--library", "poly:1", "--save", "out.json")
     command = r.choice([("data", "check"), ("data", "export", "--save", "out.csv"), found])
     given = (*command, "--object", "ball", "--trial", "drop", "--time", "t", "--", file)
     return Case(given, {file: content}, frozenset({"out.csv", "out.json"}))
@@ -212,6 +210,7 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")
+REGRESSION = ("--solver", "group-stlsq:1", "--differentiation", "finite:2")
 CHECK = ("data", "check", "drops.csv", *COLUMNS)
 EXPORT = ("data", "export", "drops.csv", *COLUMNS, "--save")
 

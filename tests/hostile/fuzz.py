@@ -6,6 +6,7 @@ A case that is neither done nor refused in words is a fault; it is printed with 
 import argparse
 import json
 import os
+import random
 import re
 import resource
 import shutil
@@ -15,13 +16,15 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from io import FileIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from tests.hostile.case import SECRET, Case
-from tests.hostile.cases import EXECUTED, KINDS, folder, make, shown
+from tests.hostile.cases import COLUMNS, EXECUTED, KINDS, REGRESSION, folder, make, saved_law, shown, table
 
 SECONDS, BYTES = 60.0, 4 * 2**30
 """What a case may take."""
@@ -138,6 +141,25 @@ def _texts(file: Path) -> str:
     return file.read_bytes().decode(errors="replace") if file.is_file() else ""
 
 
+def load() -> None:
+    """Load what commands load when they run, so that cases, which are forks of this process, have it already."""
+    from commonlaw.cli import main
+
+    with tempfile.TemporaryDirectory() as at, chdir(at), redirect_stdout(None), redirect_stderr(None):
+        Path("law.json").write_bytes(saved_law())
+        Path("drops.csv").write_bytes(table(random.Random(0)))
+        for arguments in (
+            ("discover", "drops.csv", *COLUMNS, *REGRESSION),
+            ("fit", "height'' = a + b sin(height)", "drops.csv", *COLUMNS),
+            ("predict", "law.json", "drops.csv", *COLUMNS, "--save", "out.csv"),
+            ("show", "law.json"),
+            ("data", "check", "drops.csv", *COLUMNS, "--json"),
+            ("data", "export", "drops.csv", *COLUMNS, "--save", "out.parquet"),
+        ):
+            with patch.object(sys, "argv", ["commonlaw", *arguments]), suppress(SystemExit):
+                main()
+
+
 def judged(kind: str, seed: int) -> tuple[str, str]:
     """Run a case; return how it ended, and the report of a fault."""
     case, at = make(kind, seed), Path(tempfile.mkdtemp()) / "case"
@@ -162,6 +184,7 @@ def main() -> int:
     parser.add_argument("--kind", choices=list(KINDS), action="append", help="only this kind; repeat for more")
     chosen = parser.parse_args()
     kinds, counts, faults = chosen.kind or list(KINDS), Counter[tuple[str, str]](), 0
+    load()
     for i in range(chosen.cases):
         kind = kinds[i % len(kinds)]
         ended, report = judged(kind, chosen.seed + i // len(kinds))
