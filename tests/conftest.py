@@ -29,6 +29,8 @@ PHONE, SCREEN = 390, 1200
 # Of permissions, links, pipes, signals and limits as POSIX has them
 collect_ignore = ["hostile", "unit/test_files.py"] if sys.platform == "win32" else []
 
+os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
+
 NEEDS_DROPS = "needs the measured drops"
 
 FAULTS = """

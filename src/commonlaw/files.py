@@ -122,6 +122,26 @@ def make_folder(folder: AnyPath) -> None:
         ) from error
 
 
+def mark_as_used(file: Path) -> None:
+    """Have `remove_longest_unused` see a file as used just now."""
+    with suppress(OSError):
+        os.utime(file)
+
+
+def remove_longest_unused(files: Iterable[Path], most: int) -> None:
+    """Remove those of several files that were longest not written or used, until all take at most so many bytes."""
+    known = []
+    for each in files:
+        with suppress(OSError):  # Another process may have removed it
+            state = each.stat()
+            known.append((state.st_mtime_ns, state.st_size, each))
+    for _, size, each in sorted(known, reverse=True):
+        most -= size
+        if most < 0:
+            with suppress(OSError):
+                each.unlink()
+
+
 @contextmanager
 def private_file(name: str, content: bytes) -> Iterator[Path | None]:
     """Keep a file that nobody else can read, in a folder of its own, as long as what is within goes on.

@@ -52,6 +52,11 @@ _OPTIONS = (
         is_flag=True,
         help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
     ),
+    _law(
+        "--no-cache",
+        is_flag=True,
+        help="Find the law anew, even if the same was asked of the same trials before, and keep it nowhere.",
+    ),
 )
 
 
@@ -64,6 +69,7 @@ class Question:
     known: tuple[str, ...]
     universal: tuple[str, ...]
     explain: bool
+    no_cache: bool
     method: "AbstractMethod | None"
 
     def answer(self, training: "Trials", show: Callable[[str], None]) -> "Law":
@@ -78,6 +84,7 @@ class Question:
             known=_known(self.known),
             universal=[_key(name) for name in self.universal],
             progress=show,
+            cache=not self.no_cache,
         )
 
     def explained(self, law: "Law", show: Callable[[str], None], later: LaterSteps) -> "Law":

@@ -10,6 +10,7 @@ from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.further_trials import outcomes_of_rivals
+from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
@@ -61,6 +62,9 @@ class LawDiscovery:
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.
+    cache
+        Whether the law is kept in the user's cache folder, and taken from there if the same was asked of the same
+        trials before. The environment variable ``COMMONLAW_CACHE`` names another folder, or with ``off`` keeps none.
 
     Attributes
     ----------
@@ -87,6 +91,7 @@ class LawDiscovery:
         known: Base | None = None,
         universal: Sequence[Key] = (),
         progress: ProgressCallback | None = None,
+        cache: bool = True,
     ) -> None:
         self.order = order
         self.library = library
@@ -94,6 +99,7 @@ class LawDiscovery:
         self.known = known
         self.universal = universal
         self.progress = progress
+        self.cache = cache
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
         """Find the law of these trials.
@@ -111,6 +117,15 @@ class LawDiscovery:
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
                 "Trials.read"
             )
+        question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
+        progress = self.progress or on_terminal()
+        if self.cache and isinstance(trials, Trials):
+            self.law_ = found_once(trials, question, lambda: self._found(trials, progress), progress)
+        else:
+            self.law_ = self._found(trials, progress)
+        return self
+
+    def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
         rates: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             trials, rates = without_measured_rates(trials, self.order)
@@ -128,7 +143,7 @@ class LawDiscovery:
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
         with one_blas_thread():
-            law = method.find(trials, structure, self.progress or on_terminal())
+            law = method.find(trials, structure, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = Domain(), (*law.outcomes, *rates, *copies, *instead)
@@ -139,8 +154,7 @@ class LawDiscovery:
         if isinstance(trials, Trials):
             told = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
             law = replace(law, provenance=told)
-        self.law_ = law
-        return self
+        return law
 
     def predict(self, trials: Trials, start: int | None = None) -> "Forecast":
         """Forecast each trial from its own initial state, fitted to its first samples, see `Law.predict`."""
@@ -207,6 +221,9 @@ class LawDiscovery:
 
 
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
+
+_CHANGE_NOTHING = ("progress", "cache")
+"""Parameters that change nothing in a law."""
 
 
 def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:
