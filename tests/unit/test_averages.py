@@ -33,7 +33,7 @@ def law_of(decay: float, constant: float, variance: float = 1e-4, objects: tuple
 @pytest.fixture
 def law() -> Law:
     """A law that could have a constant too, with a probability of 0.3."""
-    return replace(law_of(-1.0, 0.0), other_laws=(PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
+    return law_of(-1.0, 0.0).with_others((PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_forecasts_are_the_mean_and_the_quantiles_of_the_mixture(law, trials):
 
 
 def test_forecasts_can_be_those_of_the_law_alone(law, trials):
-    alone = replace(law, other_laws=()).predict(trials, return_std=True)
+    alone = law.with_others(()).predict(trials, return_std=True)
     found = law.predict(trials, return_std=True, averaged=False)
     for one, other in zip(found.bands(measured=True), alone.bands(measured=True), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -133,7 +133,7 @@ def test_averages_go_from_process_to_process_with_their_curves(law, trials):
 def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trials):
     wild = law_of(40.0, 0.0)
     long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
-    law = replace(law_of(-1.0, 0.0), other_laws=(PlausibleLaw(0.2, wild),))
+    law = law_of(-1.0, 0.0).with_others((PlausibleLaw(0.2, wild),))
     found, own = law.predict(long, return_std=True), law.predict(long, return_std=True, averaged=False)
     np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
     np.testing.assert_allclose(found.bands()[0], own.bands()[0])
@@ -151,11 +151,11 @@ def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
     other = law.other_laws[0].law
     with pytest.raises(CommonlawError, match="of the same objects and terms"):
-        replace(law, other_laws=(PlausibleLaw(0.3, other.select(["mug"])),))
+        law.with_others((PlausibleLaw(0.3, other.select(["mug"])),))
     with pytest.raises(CommonlawError, match="has the probability 0"):
-        replace(law, other_laws=(PlausibleLaw(0.0, other),))
+        law.with_others((PlausibleLaw(0.0, other),))
     with pytest.raises(CommonlawError, match="leave none for the law"):
-        replace(law, other_laws=(PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
+        law.with_others((PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
 
 
 def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
@@ -181,6 +181,6 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
 def test_forecasts_say_what_else_the_law_could_be_where_that_matters(law, trials):
     (note,) = law.predict(trials, return_std=True).trials.notes
     assert "x' = a x + b (probability 0.3)" in note
-    alike = replace(law, other_laws=(PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
+    alike = law.with_others((PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
     assert alike.predict(trials, return_std=True).trials.notes == ()
     assert law.predict(trials, return_std=True, averaged=False).trials.notes == ()

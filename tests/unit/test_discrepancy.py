@@ -140,6 +140,6 @@ def test_a_law_that_carries_no_discrepancy_or_was_changed_is_not_forecast_with_o
 ) -> None:
     law = without_drag.law
     with pytest.raises(CommonlawError, match="carries no discrepancy"):
-        replace(law, with_discrepancy=None).predict(drops, discrepancy=True)
+        replace(law, provenance=replace(law.provenance, with_discrepancy=None)).predict(drops, discrepancy=True)
     with pytest.raises(CommonlawError, match="was changed after its discrepancy was found"):
         replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)

@@ -35,7 +35,7 @@ def law(coefficients: list[float], error: float = 1e-3) -> Law:
 
 def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() -> None:
     rival = law([0, -0.3, 0])
-    (said,) = outcomes_of_rivals(replace(law([-9.8, 0, 0]), other_laws=(PlausibleLaw(0.3, rival),)), _FALL)
+    (said,) = outcomes_of_rivals(law([-9.8, 0, 0]).with_others((PlausibleLaw(0.3, rival),)), _FALL)
     assert said.kind is OutcomeKind.NOT_IDENTIFIABLE
     assert said.text.startswith("x'' with x in place of 1 is plausible, too (probability 0.3)")
     # From any start the two are x = h - 4.9 t^2 and x = h cos(sqrt(0.3) t) for v = 0
@@ -57,7 +57,7 @@ def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() 
     ids=["improbable", "alike", "uncertain"],
 )
 def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival: Law, probability: float) -> None:
-    asked = replace(law([-9.8, 0, 0], error=0.05), other_laws=(PlausibleLaw(probability, rival),))
+    asked = law([-9.8, 0, 0], error=0.05).with_others((PlausibleLaw(probability, rival),))
     assert outcomes_of_rivals(asked, _FALL) == ()
 
 

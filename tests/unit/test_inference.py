@@ -195,7 +195,7 @@ def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
 def with_narrow_bands(law):
     """Return a law without what forecasts by pooled or unpooled coefficients missed."""
     narrow = replace(law, uncertainty=replace(law.uncertainty, widening=None))
-    return replace(narrow, other_laws=law.each_other(with_narrow_bands))
+    return narrow.with_others(law.each_other(with_narrow_bands))
 
 
 def test_objects_learn_from_each_other_unless_that_is_not_wanted(drops, drag):

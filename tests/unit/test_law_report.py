@@ -123,9 +123,10 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
         law,
         objects=tuple(each.object for each in copies),
         coefficients=law.coefficients[some],
-        uncertainty=replace(law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None),
+        uncertainty=replace(
+            law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None, other_laws=()
+        ),
         properties={},
-        other_laws=(),
     )
     trials = replace(drops, trials=tuple(copies), properties={})
     case = LawCase(find(many, trials), str)

@@ -38,10 +38,8 @@ def test_many_objects_stand_in_the_order_of_their_coefficients(law):
     count = 60
     names = tuple(f"ball {i}" for i in range(count))
     some = np.random.default_rng(0).integers(0, 2, count)
-    uncertainty = replace(law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None)
-    many = replace(
-        law, objects=names, coefficients=law.coefficients[some], uncertainty=uncertainty, properties={}, other_laws=()
-    )
+    uncertainty = cl.Uncertainty(law.covariance[some], noise=law.noise)
+    many = replace(law, objects=names, coefficients=law.coefficients[some], uncertainty=uncertainty, properties={})
     figure = plot_intervals(many)
     for panel in figure.axes:
         values = panel.lines[0].get_xdata()

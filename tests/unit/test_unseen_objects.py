@@ -60,7 +60,10 @@ def test_properties_in_another_unit_are_converted_and_others_refused(drops, law)
 
 def test_an_object_whose_properties_are_not_known_is_the_typical_one(drops, law):
     bare = replace(drops.select(object="Ball 6"), properties={})
-    for each, why in ((law, ", as its mass is not known"), (replace(law, explanation=None), "")):
+    for each, why in (
+        (law, ", as its mass is not known"),
+        (replace(law, uncertainty=replace(law.uncertainty, explanation=None)), ""),
+    ):
         forecast = each.predict(bare, return_std=True)
         assert forecast.trials.notes[-1] == f"Ball 6 is not in the law: it has the mean coefficients of the others{why}"
         found, _ = law_of(each, bare)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -90,7 +89,7 @@ def _within(law: Law, forecast: Forecast) -> Floats:
 
 
 def _alone(law: Law, times: Floats, start: Floats) -> Forecast:
-    return forecast_from(replace(law, other_laws=()), law.objects[0], times, start)
+    return forecast_from(law.with_others(()), law.objects[0], times, start)
 
 
 def _bands_apart(one: Forecast, other: Forecast) -> Floats:

@@ -88,10 +88,12 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate,
         own,
         coefficients=coefficients,
         uncertainty=replace(uncertainty, inclusion_probabilities=own.inclusion_probabilities),
-        provenance=replace(law.provenance, history=(*law.history, step), calls=(*law.provenance.calls, called)),
-        explanation=None,
-        with_discrepancy=whole,
-        other_laws=(),
+        provenance=replace(
+            law.provenance,
+            history=(*law.history, step),
+            calls=(*law.provenance.calls, called),
+            with_discrepancy=whole,
+        ),
     )
 
 

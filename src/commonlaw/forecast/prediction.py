@@ -249,4 +249,4 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
         )
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
     other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
-    return replace(law, objects=(name,), other_laws=other_laws), trials.with_trials(trials.trials, note)
+    return replace(law, objects=(name,)).with_others(other_laws), trials.with_trials(trials.trials, note)

@@ -38,15 +38,15 @@ def adapt(law: Law, trials: Trials) -> Law:
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)
-    uncertainty = replace(before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None)
+    uncertainty = replace(
+        before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None, explanation=None, other_laws=()
+    )
     step = Step("adaptation", f"{len(trials)} trials", "coefficients by them and by what other objects say of these")
     return replace(
         before,
         coefficients=coefficients,
         uncertainty=uncertainty,
         properties=trials.properties,
-        explanation=None,
-        other_laws=(),
         provenance=replace(law.provenance, history=(*law.history, step)),
     )
 

@@ -221,8 +221,6 @@ def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
         coefficients=start,
         uncertainty=Uncertainty(covariance),
         provenance=Provenance(law.differentiation),
-        explanation=None,
-        other_laws=(),
     )
     kind, given = kind_of(law.uncertainty.error_model), trials.schema.noise_columns
     levels = {} if law.noise is None or kind != "white" else dict(zip(law.states, law.noise.tolist(), strict=True))

@@ -120,9 +120,8 @@ def written_alike(law: Law, schema: Schema) -> Law:
         terms=terms,
         schema=replace(law.schema, inputs=after.inputs),
         coefficients=law.coefficients[:, :, used],
-        uncertainty=replace(law.uncertainty, inclusion_probabilities=None),
+        uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
-        other_laws=(),
     )
 
 

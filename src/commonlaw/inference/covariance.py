@@ -36,8 +36,6 @@ def fitted_law(
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
-        explanation=None,
-        other_laws=(),
         coefficients=np.array([each.coefficients for each in state.estimates]),
         uncertainty=replace(
             law.uncertainty,
@@ -48,6 +46,8 @@ def fitted_law(
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(problem, state),
             widening=None,
+            explanation=None,
+            other_laws=(),
         ),
     )
 

@@ -225,5 +225,5 @@ def finish(
         ),
     )
     law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))
-    law = replace(law, other_laws=other_laws(problem, state, law))
+    law = law.with_others(other_laws(problem, state, law))
     return law.partial_pooling(universal, partial_pooling)

@@ -1,9 +1,8 @@
 """Laws: equations with shared terms and each object's own coefficients."""
 
-from commonlaw.law.averages import PlausibleLaw
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.law import Law
 from commonlaw.law.provenance import Alternative, History, Provenance, Step
-from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
 
 __all__ = ["Alternative", "Forecast", "History", "Law", "PlausibleLaw", "Provenance", "Step", "Uncertainty"]

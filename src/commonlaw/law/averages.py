@@ -4,7 +4,7 @@ Bayesian model averaging (Hoeting and others 1999), over the supports that the t
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -14,33 +14,26 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.equations import AbstractEquations
 from commonlaw.law.provenance import Alternative, History
 from commonlaw.law.quantiles import mixture_interval
+from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.outcomes import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LawType = TypeVar("LawType")
-
-
-class PlausibleLaw(NamedTuple, Generic[LawType]):
-    """What a law could be, and how probable that is.
-
-    Parameters
-    ----------
-    probability
-        Between 0 and 1, among all that remains plausible.
-    law
-        Of the same objects, over the same terms.
-    """
-
-    probability: float
-    law: LawType
-
 
 class AbstractAverages(AbstractEquations):
     """What is known of a law, and of what else it could be."""
 
-    other_laws: tuple[PlausibleLaw[Self], ...]
+    @property
+    def other_laws(self) -> tuple[PlausibleLaw[Self], ...]:
+        """See `Uncertainty`."""
+        return self.uncertainty.other_laws
+
+    @property
+    def with_discrepancy(self) -> Self | None:
+        """See `Provenance`."""
+        wider: Self | None = self.provenance.with_discrepancy
+        return wider
 
     @property
     def differentiation(self) -> AbstractDifferentiator | None:

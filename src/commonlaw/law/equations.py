@@ -42,7 +42,11 @@ class AbstractEquations(ShownInNotebooks, ABC):
     coefficients: Floats
     uncertainty: Uncertainty
     provenance: Provenance
-    explanation: Explanation | None
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.explanation
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -59,8 +59,8 @@ def explained(
     units: Sequence[str | None],
     table: PropertyTable,
     property_units: Mapping[str, str],
-) -> tuple[Floats, Uncertainty, Explanation]:
-    """Return coefficients by their relations to properties, their uncertainty, and these relations.
+) -> tuple[Floats, Uncertainty]:
+    """Return coefficients by their relations to properties, and their uncertainty, with these relations.
 
     The first arguments are those of a `Law`, with the unit of each parameter where it is known; the table has a row for
     each of its objects.
@@ -83,8 +83,10 @@ def explained(
         relations[place] = relation
     changed = coefficients.copy()
     changed[:, support] = values
-    known = replace(uncertainty, covariance=covariance, shared_factor=factor, unpooled=own)
-    return changed, known, Explanation(tuple(relations), found.factor_covariance)
+    explanation = Explanation(tuple(relations), found.factor_covariance)
+    return changed, replace(
+        uncertainty, covariance=covariance, shared_factor=factor, unpooled=own, explanation=explanation
+    )
 
 
 def table_of(found: Properties, names: Sequence[str], objects: Sequence[str]) -> PropertyTable:
@@ -93,10 +95,10 @@ def table_of(found: Properties, names: Sequence[str], objects: Sequence[str]) ->
     return PropertyTable(tuple(names), np.array(rows).reshape(len(objects), len(names)))
 
 
-def explaining_step(explanation: Explanation, keys: Sequence[tuple[str, str]], names: Sequence[str]) -> Step:
+def explaining_step(uncertainty: Uncertainty, keys: Sequence[tuple[str, str]], names: Sequence[str]) -> Step:
     """Return what was found of each coefficient, by equation and term, for the history of a law."""
-    words = []
-    for (equation, term), each in zip(keys, explanation.relations, strict=True):
+    words, relations = [], uncertainty.explanation.relations if uncertainty.explanation else ()
+    for (equation, term), each in zip(keys, relations, strict=True):
         if each is not None:
             follows = " of ".join(filter(None, (str(each.kind), dependence(each))))
             words.append(f"{term} in {equation}: {follows} ({each.probability:.2g})")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.checked_arrays import checked
 from commonlaw.law.dimensions import is_number, meaning
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.law.text import Addend, summed
-from commonlaw.law.uncertainty import checked
 from commonlaw.library.naming import latex_name, powered
 
 if TYPE_CHECKING:

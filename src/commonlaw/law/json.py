@@ -28,7 +28,7 @@ from commonlaw.trials.trial import Property
 VERSION = 4
 
 Properties = Mapping[str, Mapping[str, Property]]
-Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, Properties, Explanation | None]
+Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, Properties]
 """What a law is made of: its fields, in order."""
 
 
@@ -323,7 +323,7 @@ def decode(content: bytes) -> Decoded:
 
 def _other_fields(saved: _Other, own: Fields) -> Fields:
     """Return what another law is made of, given what the law is made of that is saved with it."""
-    terms, schema, order, objects, coefficients, _, _, properties, _ = own
+    terms, schema, order, objects, coefficients, _, _, properties = own
     shape = (coefficients.shape[1], len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
@@ -336,9 +336,8 @@ def _other_fields(saved: _Other, own: Fields) -> Fields:
     values[:, support] = _matrix(rows, "coefficients of what else it could be are", (len(objects), parameters))
     if not np.array_equal(np.any(values != 0, axis=0), support):
         raise CommonlawError("the law is damaged: what else it could be has terms without a coefficient")
-    uncertainty = _read_uncertainty(saved.uncertainty, objects, shape, parameters)
-    explanation = None if saved.explanation is None else _read_explanation(saved.explanation)
-    return terms, schema, order, objects, values, uncertainty, Provenance(), properties, explanation
+    uncertainty = _read_uncertainty(saved, objects, shape, parameters)
+    return terms, schema, order, objects, values, uncertainty, Provenance(), properties
 
 
 def _fields(document: _Law) -> Fields:
@@ -351,19 +350,17 @@ def _fields(document: _Law) -> Fields:
     ]
     coefficients = np.array(matrices).reshape(len(objects), *shape)
     parameters = int(np.any(coefficients, axis=0).sum())
-    uncertainty = _read_uncertainty(document.uncertainty, objects, shape, parameters)
+    uncertainty = _read_uncertainty(document, objects, shape, parameters)
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
-    own = {field.name: getattr(saved, field.name) for field in fields(Provenance)}
-    provenance = Provenance(**own | {"differentiation": method})
-    explanation = None if document.explanation is None else _read_explanation(document.explanation)
-    found = terms, schema, document.order, objects, coefficients, uncertainty, provenance
-    return *found, document.properties, explanation
+    provenance = Provenance(**msgspec.structs.asdict(saved) | {"differentiation": method})
+    return terms, schema, document.order, objects, coefficients, uncertainty, provenance, document.properties
 
 
 def _read_uncertainty(
-    saved: _Uncertainty, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
+    document: _Law | _Other, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
 ) -> Uncertainty:
+    saved, explanation = document.uncertainty, document.explanation
     inclusion = saved.inclusion_probabilities
     return Uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
@@ -374,6 +371,7 @@ def _read_uncertainty(
         None if saved.unpooled is None else _read_own_estimates(saved.unpooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
         None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
+        None if explanation is None else _read_explanation(explanation),
     )
 
 

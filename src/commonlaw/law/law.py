@@ -14,12 +14,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
 from commonlaw.law import text
-from commonlaw.law.averages import PlausibleLaw
+from commonlaw.law.checked_arrays import checked
 from commonlaw.law.delegates import AbstractDelegates
-from commonlaw.law.explanation import Explanation
 from commonlaw.law.from_text import Names, read_equations, stated_law
 from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import Uncertainty, checked
+from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
 from commonlaw.library import Terms
 from commonlaw.trials import Schema
 from commonlaw.trials.properties import Properties
@@ -46,17 +45,11 @@ class Law(AbstractDelegates):
     coefficients
         Shape (objects, equations, terms).
     uncertainty
-        How accurate coefficients and measurements are.
+        How accurate coefficients and measurements are, what decides them, and what else the law could be.
     provenance
         How the law was found.
     properties
         What is known of the objects, by object and name; the units stand in ``schema.units``.
-    explanation
-        What decides the coefficients, if `explain` was asked.
-    with_discrepancy
-        The same law with a discrepancy as further terms, if `discrepancy` found these coefficients.
-    other_laws
-        What else it could be, with probabilities, see `plausible`.
 
     Raises
     ------
@@ -73,9 +66,6 @@ class Law(AbstractDelegates):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     provenance: Provenance = field(default_factory=Provenance)
     properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
-    explanation: Explanation | None = None
-    with_discrepancy: "Law | None" = None
-    other_laws: "tuple[PlausibleLaw[Law], ...]" = ()
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -87,8 +77,6 @@ class Law(AbstractDelegates):
         others = [name for name in self.properties if name not in self.objects]
         if others:
             raise CommonlawError(f"properties are given for {', '.join(others)}, which the law does not have")
-        if self.explanation is not None:
-            object.__setattr__(self, "explanation", self.explanation.checked(int(self.support.sum())))
         self._check_others()
 
     def _check_names(self) -> None:
@@ -127,7 +115,7 @@ class Law(AbstractDelegates):
         """
         mean = self.coefficients.mean(axis=0, keepdims=True)
         others = self.each_other(lambda law: law.average())
-        return replace(self._of_others(("average",), mean, self.uncertainty.average(), others), explanation=None)
+        return self._of_others(("average",), mean, self.uncertainty.average(), others)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only.
@@ -154,11 +142,13 @@ class Law(AbstractDelegates):
             self,
             objects=objects,
             coefficients=coefficients,
-            uncertainty=uncertainty.restrict(kept),
+            uncertainty=replace(uncertainty.restrict(kept), other_laws=other_laws),
             properties={name: self.properties[name] for name in objects if name in self.properties},
-            explanation=self.explanation if kept.all() else None,
-            other_laws=other_laws,
         )
+
+    def with_others(self, other_laws: "tuple[PlausibleLaw[Law], ...]") -> "Law":
+        """Return the law with these as what else it could be."""
+        return replace(self, uncertainty=replace(self.uncertainty, other_laws=other_laws))
 
     def partial_pooling(self, universal: Bools | None = None, others: bool = True) -> "Law":
         """Return the law with each coefficient drawn to its mean over objects, as far as the objects are alike in it.
@@ -184,13 +174,12 @@ class Law(AbstractDelegates):
         pooled = self.each_other(lambda law: law.partial_pooling(universal, others))
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
         if found is None:
-            return replace(self, other_laws=pooled) if pooled else self
+            return self.with_others(pooled) if pooled else self
         coefficients, uncertainty, shrinkage = found
         step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
         provenance = replace(self.provenance, history=(*self.history, step))
-        return replace(
-            self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance, other_laws=pooled
-        )
+        uncertainty = replace(uncertainty, other_laws=pooled)
+        return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with fewer numbers: what in it is universal, follows the objects' properties, or is their own.
@@ -238,7 +227,7 @@ class Law(AbstractDelegates):
             return each
 
         provenance = replace(law.provenance, calls=(*law.provenance.calls, f"law.explain({given})"))
-        return replace(law, provenance=provenance, other_laws=self.each_other(other))
+        return replace(law, provenance=provenance).with_others(self.each_other(other))
 
     def _explained_by(self, found: Properties, names: Sequence[str]) -> "Law":
         """Return the law by properties of these names, without looking at what else it could be."""
@@ -247,10 +236,10 @@ class Law(AbstractDelegates):
         table = table_of(found, names, self.objects)
         keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
         units, given = self.coefficient_units(), {**self.schema.units, **found.units}
-        values, uncertainty, explanation = explained(
+        values, uncertainty = explained(
             self.coefficients, self.uncertainty, self.support, [units.get(key) for key in keys], table, given
         )
-        step = explaining_step(explanation, keys, names)
+        step = explaining_step(uncertainty, keys, names)
         return replace(
             self,
             coefficients=values,
@@ -258,7 +247,6 @@ class Law(AbstractDelegates):
             provenance=replace(self.provenance, history=(*self.history, step)),
             schema=replace(self.schema, units=given),
             properties=found.values,
-            explanation=explanation,
         )
 
     # What the law says
@@ -357,7 +345,9 @@ class Law(AbstractDelegates):
 
         own, wider, others = decode(content.encode() if isinstance(content, str) else content)
         plausible = tuple(PlausibleLaw(probability, cls(*each)) for probability, each in others)
-        return cls(*own, with_discrepancy=wider and cls(*wider), other_laws=plausible)
+        law = cls(*own)
+        provenance = replace(law.provenance, with_discrepancy=wider and cls(*wider))
+        return replace(law, provenance=provenance).with_others(plausible)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law as JSON, whole or not at all.

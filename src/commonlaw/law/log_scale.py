@@ -28,6 +28,5 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
         law,
         schema=replace(law.schema, logarithmic=names),
         terms=Terms(replace(law.terms.variables, logarithmic=names), law.terms.terms),
-        uncertainty=replace(law.uncertainty, noise=None, error_model=NO_ERRORS),
-        other_laws=(),
+        uncertainty=replace(law.uncertainty, noise=None, error_model=NO_ERRORS, other_laws=()),
     )

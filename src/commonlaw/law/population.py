@@ -48,10 +48,15 @@ def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
         law,
         objects=(*seen, *unseen),
         coefficients=np.array([*law.coefficients[indices], *(each.coefficients for each in drawn)]),
-        uncertainty=replace(law.uncertainty, covariance=covariance, shared_factor=None, unpooled=None),
+        uncertainty=replace(
+            law.uncertainty,
+            covariance=covariance,
+            shared_factor=None,
+            unpooled=None,
+            explanation=None,
+            other_laws=law.each_other(lambda other: law_of(other, trials)[0]),
+        ),
         properties={},
-        explanation=None,
-        other_laws=law.each_other(lambda other: law_of(other, trials)[0]),
     )
     return found, tuple(each.note for each in drawn)
 

@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
+from typing import Any
 
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.law.domain import Domain
@@ -103,6 +104,8 @@ class Provenance:
         they are not known.
     domain
         What it was learned from, and how far ahead its forecasts are good.
+    with_discrepancy
+        The same law with a discrepancy as further terms, if `Law.discrepancy` found these coefficients.
     """
 
     differentiation: AbstractDifferentiator | None = None
@@ -112,6 +115,7 @@ class Provenance:
     equations: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
     domain: Domain = field(default_factory=Domain)
+    with_discrepancy: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))

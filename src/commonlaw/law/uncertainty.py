@@ -1,20 +1,35 @@
-"""How accurate a law is: the errors of its coefficients, the noise of measurements, the probability of its terms."""
+"""How accurate a law is: errors of coefficients and measurements, what decides them, what else it could be."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.law.checked_arrays import checked, checked_covariance
+from commonlaw.law.explanation import Explanation
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 
-_ASYMMETRY = 1e-6
-"""Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
+LawType = TypeVar("LawType")
+
+
+class PlausibleLaw(NamedTuple, Generic[LawType]):
+    """What a law could be, and how probable that is.
+
+    Parameters
+    ----------
+    probability
+        Between 0 and 1, among all that remains plausible.
+    law
+        Of the same objects, over the same terms.
+    """
+
+    probability: float
+    law: LawType
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +81,10 @@ class Uncertainty:
         with so many. None if the noise was given, for normal errors.
     widening
         By how much intervals of forecasts are wider than all this says, as forecasts of what was left out asked for.
+    explanation
+        What decides the coefficients, if `Law.explain` was asked.
+    other_laws
+        What else the law could be, with probabilities, see `Law.plausible`.
     """
 
     covariance: Floats | None = None
@@ -76,6 +95,8 @@ class Uncertainty:
     unpooled: OwnEstimates | None = None
     degrees_of_freedom: Floats | None = None
     widening: Widening | None = None
+    explanation: Explanation | None = None
+    other_laws: tuple[PlausibleLaw[Any], ...] = ()
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -103,7 +124,10 @@ class Uncertainty:
         if degrees is not None:
             degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
         errors, wider = _checked_errors(errors, len(support)), self.widening and self.widening.checked()
-        return Uncertainty(covariance, factor, noise, inclusion, errors, own, degrees, wider)
+        explanation = self.explanation and self.explanation.checked(size)
+        return Uncertainty(
+            covariance, factor, noise, inclusion, errors, own, degrees, wider, explanation, self.other_laws
+        )
 
     def reach(self, states: int, level: float = 0.95) -> Floats:
         """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).
@@ -189,20 +213,21 @@ class Uncertainty:
     def average(self) -> "Uncertainty":
         """Return that of the mean over objects, which are independent but for the shared factor."""
         if self.covariance is None:
-            return replace(self, shared_factor=None, unpooled=None)
+            return replace(self, shared_factor=None, unpooled=None, explanation=None)
         own, shared = self.covariance.sum(axis=0), 0.0
         if self.shared_factor is not None:
             factor = self.shared_factor
             own = own - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
             shared = factor.sum(axis=0) @ factor.sum(axis=0).T
         covariance = (own + shared)[np.newaxis] / len(self.covariance) ** 2
-        return replace(self, covariance=covariance, shared_factor=None, unpooled=None)
+        return replace(self, covariance=covariance, shared_factor=None, unpooled=None, explanation=None)
 
     def restrict(self, parameters: Bools) -> "Uncertainty":
         """Return that of some parameters, shape (parameters,), when the others have left the law."""
-        return self._changed(
+        found = self._changed(
             lambda values: values[:, parameters], lambda matrices: matrices[:, parameters][:, :, parameters]
         )
+        return found if parameters.all() else replace(found, explanation=None)
 
     def _changed(self, rows: Callable[[Floats], Floats], matrices: Callable[[Floats], Floats]) -> "Uncertainty":
         """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""
@@ -226,34 +251,3 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
                 f"the {name} of a law's errors is {getattr(errors, name)}, expected a number above zero"
             )
     return replace(errors, **found)
-
-
-def checked(
-    values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
-) -> Floats:
-    """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
-    array = np.array(values, dtype=np.float64)
-    if array.shape != shape:
-        raise CommonlawError(f"the {what} of a law has shape {array.shape}, expected ({axes}) = {shape}")
-    if not np.all(np.isfinite(array)):
-        raise CommonlawError(f"the {what} of a law has a value that is not finite")
-    if not np.all((low <= array) & (array <= high)):
-        wrong = array[(array < low) | (array > high)][0]
-        raise CommonlawError(f"the {what} of a law has the value {wrong:g}, expected {low:g} to {high:g}")
-    array.flags.writeable = False
-    return array
-
-
-def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
-    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit."""
-    shape = (len(objects), parameters, parameters)
-    matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
-    variances = np.diagonal(matrices, axis1=1, axis2=2)
-    for name, matrix, own in zip(objects, matrices, variances, strict=True):
-        if np.any(own < 0):
-            raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
-        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.outer(np.sqrt(own), np.sqrt(own))):
-            raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
-    symmetric = matrices / 2 + matrices.transpose(0, 2, 1) / 2  # The sum of the largest numbers is infinite
-    symmetric.flags.writeable = False
-    return symmetric

@@ -1,0 +1,41 @@
+"""The arrays of a law: read-only copies of the shape that it asks for."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+
+_ASYMMETRY = 1e-6
+"""Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
+
+
+def checked(
+    values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
+) -> Floats:
+    """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise CommonlawError(f"the {what} of a law has shape {array.shape}, expected ({axes}) = {shape}")
+    if not np.all(np.isfinite(array)):
+        raise CommonlawError(f"the {what} of a law has a value that is not finite")
+    if not np.all((low <= array) & (array <= high)):
+        wrong = array[(array < low) | (array > high)][0]
+        raise CommonlawError(f"the {what} of a law has the value {wrong:g}, expected {low:g} to {high:g}")
+    array.flags.writeable = False
+    return array
+
+
+def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
+    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit."""
+    shape = (len(objects), parameters, parameters)
+    matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
+    variances = np.diagonal(matrices, axis1=1, axis2=2)
+    for name, matrix, own in zip(objects, matrices, variances, strict=True):
+        if np.any(own < 0):
+            raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
+        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.outer(np.sqrt(own), np.sqrt(own))):
+            raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
+    symmetric = matrices / 2 + matrices.transpose(0, 2, 1) / 2  # The sum of the largest numbers is infinite
+    symmetric.flags.writeable = False
+    return symmetric
