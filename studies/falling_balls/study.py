@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Mapping
 
 from commonlaw.datasets import ball_drops
+from commonlaw.ending import end_with_parent
 from commonlaw.errors import CommonlawError
 from commonlaw.report import Report, Section
 from studies.falling_balls.candidates import candidates
@@ -98,12 +99,17 @@ def run(inquiry: Inquiry, started: Callable[[str], None] | None = None) -> Repor
     started
         Called with the title of each part when its turn comes.
     """
+    from joblib import Parallel, delayed
+
+    # Parts know nothing of each other, and are the same whoever does them
+    parallel = Parallel(n_jobs=-1, return_as="generator", pre_dispatch="all", initializer=end_with_parent)
+    found = parallel(delayed(part)(inquiry) for part in PARTS.values())
     sections: list[Section] = []
     titles = (*PARTS, LAST)
     for number, title in enumerate(titles, start=1):
         if started is not None:
             started(f"Part {number} of {len(titles)}: {title}")
         if title in PARTS:
-            sections.append(PARTS[title](inquiry))
+            sections.append(next(found))
     results = {key: value for section in sections for key, value in section.results.items()}
     return Report(TITLE, _SUMMARY, (*sections, findings(inquiry, results)))
