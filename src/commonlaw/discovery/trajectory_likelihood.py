@@ -18,6 +18,7 @@ from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
     LawSearch,
+    as_followed,
     best_interpolation,
     beyond_white_noise,
     error_kinds,
@@ -149,8 +150,7 @@ class TrajectoryLikelihood(AbstractMethod):
     ) -> tuple["_Screened", LawSearch, list[Step]]:
         """Search for the law and the errors of largest evidence, and say how inputs go on between samples."""
         as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
-        trials = with_logarithms(trials, self.positive)
-        trials = with_interpolation(trials, "linear" if self.input_between == "auto" else self.input_between)
+        trials = as_followed(trials, self.positive, self.input_between)
         kinds = error_kinds(self.errors, trials.schema)
         (screened, found), steps = self._search(trials, screened, part(progress, 0.0, _SEARCH)), list[Step]()
         if chosen:

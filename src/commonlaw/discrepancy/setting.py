@@ -10,16 +10,12 @@ from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionModel
-from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_interpolation import with_interpolation
+from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.mesh_refinement import FINEST
-from commonlaw.inference.refinement import known_coefficients, of_objects
-from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.library import Terms
 from commonlaw.trials import Trials
-from commonlaw.trials.logarithms import with_logarithms
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +31,9 @@ class Setting:
         cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
     ) -> "Setting":
         """Return the setting for functions of some texts."""
-        noise = matched_noise(law, trials, noise)
-        trials = matched(law, trials.with_trials([each.measured() for each in trials]))
-        law, trials = with_properties_in(texts, law, trials)
-        law = of_objects(law, trials)
-        trials = with_interpolation(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
-        levels, known = known_noise(noise, trials), known_coefficients(law)
-        problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+        setup = FitSetup.of(law, trials, noise, huber_threshold)
+        law, trials = with_properties_in(texts, setup.law, setup.trials)
+        problem = replace(setup, law=law, trials=trials).problem()
         return cls(law, problem, Visited.of(problem, law.terms))
 
     @property

@@ -6,6 +6,7 @@ from commonlaw.inference.comparison import compare
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
+from commonlaw.inference.fit_setup import as_followed
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.law_search import (
     PATH,
@@ -33,6 +34,7 @@ __all__ = [
     "ErrorKind",
     "LawSearch",
     "adapt",
+    "as_followed",
     "best_interpolation",
     "beyond_white_noise",
     "can_be_carried",

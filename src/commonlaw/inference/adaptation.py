@@ -6,8 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.input_interpolation import with_interpolation
-from commonlaw.inference.refinement import of_objects
+from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.search import FINAL, MODEL_ERRORS
 from commonlaw.inference.search_problem import prepare
 from commonlaw.law import Law, Step
@@ -15,7 +14,6 @@ from commonlaw.law.meeting import matched
 from commonlaw.law.population import law_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
-from commonlaw.trials.logarithms import with_logarithms
 
 _STEPS = 10
 """How often trajectories are fitted again with the coefficients that the last ones gave."""
@@ -31,9 +29,8 @@ def adapt(law: Law, trials: Trials) -> Law:
         lacks = "has errors beside white noise" if law.noise is not None else "does not know its noise"
         raise CommonlawError(f"this law {lacks}, by which it would weigh new trials: refine it with all trials instead")
     trials = matched(law, trials)
-    before = of_objects(law_of(law, trials)[0], trials)
-    trials = with_logarithms(trials.with_trials([each.measured() for each in trials]), law.schema.logarithmic)
-    trials = with_interpolation(trials, law.schema.input_between)
+    setup = FitSetup.of(law_of(law, trials)[0], trials)
+    before, trials = setup.law, setup.trials
     problem = prepare(trials, law.terms, law.order, before.coefficients, noise=law.noise)
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):

@@ -9,19 +9,18 @@ import numpy as np
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.error_choice import chosen, of_each_kind
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
-from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.law_search import beyond_white_noise
-from commonlaw.inference.refinement import fit_terms, of_objects
+from commonlaw.inference.refinement import fit_terms
 from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law, Provenance
-from commonlaw.law.meeting import matched, matched_noise
+from commonlaw.law.meeting import matched
 from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Schema, Trials
-from commonlaw.trials.logarithms import with_logarithms
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,9 +82,8 @@ def compare(
         raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
-    noise, trials = matched_noise(same[0], trials, noise), _in_one_unit(same, trials)
-    same = [of_objects(law, trials) for law in same]
-    fitted = [_fitted(law, trials, noise, huber_threshold) for law in same]
+    _check_one_unit(same, trials)
+    fitted = [fit_terms(FitSetup.of(law, trials, noise, huber_threshold)) for law in same]
     finest = max(problem.points for problem, _ in fitted)
     white = [_on_mesh(problem, state, finest) for problem, state in fitted]
     enough = errors == "auto" and not beyond_white_noise(*min(white, key=lambda each: each[1].value))
@@ -125,22 +123,12 @@ def written_alike(law: Law, schema: Schema) -> Law:
     )
 
 
-def _in_one_unit(laws: Sequence[Law], trials: Trials) -> Trials:
-    """Return trials in the units of laws, which have to be the same: evidence is that of one set of numbers."""
+def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
+    """Refuse laws in different units: evidence is that of one set of numbers."""
     found = matched(laws[0], trials)
     for law in laws[1:]:
         if matched(law, found) is not found:
             raise CommonlawError("the laws are in different units: compare laws that were found in the same units")
-    return found
-
-
-def _fitted(
-    law: Law, trials: Trials, noise: Mapping[str, float] | None, huber_threshold: float
-) -> tuple[SearchProblem, SearchState]:
-    """Return a law fitted on a mesh that is fine enough for it."""
-    trials = trials.with_trials([each.measured() for each in trials])
-    trials = with_interpolation(with_logarithms(trials, law.schema.logarithmic), law.schema.input_between)
-    return fit_terms(law, trials, noise, huber_threshold)
 
 
 def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> tuple[SearchProblem, SearchState]:

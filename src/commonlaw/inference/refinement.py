@@ -6,12 +6,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
+from commonlaw.inference.fit_setup import FitSetup
+from commonlaw.inference.input_interpolation import best_interpolation
 from commonlaw.inference.law_search import PATH, LawSearch, beyond_white_noise, with_errors_of_law
 from commonlaw.inference.mesh_refinement import until_resolved
 from commonlaw.inference.provenance import (
@@ -23,18 +22,16 @@ from commonlaw.inference.provenance import (
 )
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports, to_scale
-from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
 from commonlaw.law.log_scale import on_log_scale
-from commonlaw.law.meeting import matched, matched_noise
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
-from commonlaw.trials.logarithms import with_logarithms
 
 
 def refine(
@@ -110,25 +107,21 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
-    given, trials = trials, matched(law, trials.with_trials([each.measured() for each in trials]))
-    law = of_objects(law, trials)
     law = law if positive is None else on_log_scale(law, positive)
-    noise = matched_noise(law, given, noise)
-    trials = with_logarithms(trials, law.schema.logarithmic)
-    kinds = error_kinds(errors, trials.schema)
-    known = known_coefficients(law)
+    between = law.schema.input_between if input_between is None else input_between
+    setup, steps = FitSetup.of(law, trials, noise, huber_threshold, between), list[Step]()
+    kinds = error_kinds(errors, setup.trials.schema)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
-    between = law.schema.input_between if input_between is None else input_between
-    trials, steps = with_interpolation(trials, "linear" if between == "auto" else between), list[Step]()
-    problem, state = fit_terms(law, trials, noise, huber_threshold)
-    if between == "auto" and trials.schema.inputs:
+    problem, state = fit_terms(setup)
+    if between == "auto" and setup.trials.schema.inputs:
         steps = [best_interpolation(problem, state)]
-        if steps[0].choice != trials.schema.input_between:
-            trials = with_interpolation(trials, steps[0].choice)
-            problem, state = fit_terms(law, trials, noise, huber_threshold)
+        if steps[0].choice != setup.trials.schema.input_between:
+            setup = setup.between(steps[0].choice)
+            problem, state = fit_terms(setup)
+    law, trials = setup.law, setup.trials
     law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
-    frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(known))
+    frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
     found = LawSearch(frame, problem, state, PATH, (state,))
     if errors != "auto" or beyond_white_noise(found.problem, found.state):
         found = with_errors_of_law(found, kinds, progress)
@@ -149,32 +142,9 @@ def refine(
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
 
 
-def fit_terms(
-    law: Law, trials: Trials, noise: Mapping[str, float] | None, huber_threshold: float
-) -> tuple[SearchProblem, SearchState]:
+def fit_terms(setup: FitSetup) -> tuple[SearchProblem, SearchState]:
     """Return what was measured and the terms of a law fitted to it, on a mesh that is fine enough."""
-    levels, known = known_noise(noise, trials), known_coefficients(law)
-    problem = prepare(trials, law.terms, law.order, known, noise=levels, huber_threshold=huber_threshold)
+    problem = setup.problem()
     state = fit_supports(problem, problem.allowed, ANY_ERROR)
     problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
     return (problem, state) if state.has_model_error else to_scale(problem, state)
-
-
-def known_coefficients(law: Law) -> Floats:
-    """Return those that are known, shape (objects, equations, terms), NaN where one is to be found."""
-    known = np.where(law.support, np.nan, 0.0) + np.zeros_like(law.coefficients)
-    certain = law.standard_errors == 0
-    known[certain] = law.coefficients[certain]
-    return known
-
-
-def of_objects(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials, which it can be fitted to."""
-    if law.order == 0:
-        raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")
-    law = law.select(trials.objects)
-    if not law.shared:
-        raise CommonlawError(
-            "the objects of this law have terms of their own: refine each by itself, law.select([name])"
-        )
-    return law
