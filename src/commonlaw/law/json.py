@@ -12,16 +12,26 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
-from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law.domain import Domain
+from commonlaw.hierarchy import Relation
+from commonlaw.law.document import (
+    ErrorsDocument,
+    ExplanationDocument,
+    HeaderDocument,
+    LawDocument,
+    OtherDocument,
+    OwnEstimatesDocument,
+    ProvenanceDocument,
+    RelationDocument,
+    UncertaintyDocument,
+    WideningDocument,
+)
 from commonlaw.law.earlier_versions import as_now, compared_with_the_best
 from commonlaw.law.explanation import Explanation
-from commonlaw.law.provenance import Alternative, Provenance, Step
+from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.law.widening import Widening
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.likelihood import ErrorModel
-from commonlaw.outcomes import Outcome
 from commonlaw.trials import Schema
 from commonlaw.trials.trial import Property
 
@@ -41,105 +51,6 @@ class Decoded(NamedTuple):
     own: Fields
     with_discrepancy: Fields | None
     others: tuple[tuple[float, Fields], ...]
-
-
-class _Header(msgspec.Struct):
-    format: Literal["commonlaw law"]
-    version: int
-
-
-class _Errors(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Levels by state, see `ErrorModel`."""
-
-    proportional: list[float] | None = None
-    correlated: list[float] | None = None
-    memory: float | None = None
-    force: list[float] | None = None
-    force_time: float | None = None
-    walk: list[float] | None = None
-
-
-class _OwnEstimates(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `OwnEstimates`; by object."""
-
-    coefficients: dict[str, list[float]]
-    covariance: dict[str, list[float]]
-
-
-class _Widening(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Widening`."""
-
-    horizons: list[float]
-    factors: list[float]
-
-
-class _Uncertainty(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
-
-    covariance: dict[str, list[float]] | None = None
-    shared_factor: dict[str, list[list[float]]] | None = None
-    noise: list[float] | None = None
-    inclusion_probabilities: list[list[float]] | None = None
-    error_model: _Errors | None = None
-    unpooled: _OwnEstimates | None = None
-    degrees_of_freedom: list[float] | None = None
-    widening: _Widening | None = None
-
-
-class _Relation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """See `Relation`; exponents are fractions as text."""
-
-    kind: RelationKind
-    factors: tuple[float, ...]
-    errors: tuple[float, ...]
-    properties: tuple[str, ...] = ()
-    exponents: tuple[str, ...] = ()
-    scatter: float = 0.0
-    scatter_error: float = 0.0
-    relative: bool = True
-    probability: float = 1.0
-    typical: float = 1.0
-
-
-class _Explanation(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    relations: list[_Relation | None]
-    covariance: list[list[float]]
-
-
-class _Provenance(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    differentiation: str | None = None
-    outcomes: tuple[Outcome, ...] = ()
-    alternatives: tuple[Alternative, ...] = ()
-    history: tuple[Step, ...] = ()
-    equations: tuple[str, ...] = ()
-    calls: tuple[str, ...] = ()
-    domain: Domain = Domain()
-
-
-class _Other(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """What else a law could be: which terms (by their index) are in which equation, and by object what they have."""
-
-    probability: float
-    support: list[list[int]]
-    coefficients: dict[str, list[float]]
-    uncertainty: _Uncertainty
-    explanation: _Explanation | None = None
-
-
-class _Law(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[4] = 4
-    order: Literal[0, 1, 2]
-    schema: Schema
-    rates: list[str]
-    terms: list[str]
-    coefficients: dict[str, list[list[float]]]
-    uncertainty: _Uncertainty
-    provenance: _Provenance
-    properties: dict[str, dict[str, float | str]] = {}
-    explanation: _Explanation | None = None
-    with_discrepancy: "_Law | None" = None
-    other_laws: list[_Other] = []
 
 
 class SavedOther(Protocol):
@@ -183,17 +94,17 @@ def encode(law: SavedLaw) -> bytes:
     return msgspec.json.format(msgspec.json.encode(_document(law)), indent=1) + b"\n"
 
 
-def _document(law: SavedLaw) -> _Law:
+def _document(law: SavedLaw) -> LawDocument:
     terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
     method = provenance.differentiation
-    return _Law(
+    return LawDocument(
         order=cast(Literal[0, 1, 2], law.order),
         schema=law.schema,
         rates=list(terms.variables.states[len(law.schema.states) :]),
         terms=[term.expression(terms.variables.names) for term in terms.terms],
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
-        provenance=_Provenance(
+        provenance=ProvenanceDocument(
             differentiation=None if method is None else format_differentiation(method),
             outcomes=provenance.outcomes,
             alternatives=provenance.alternatives,
@@ -209,9 +120,9 @@ def _document(law: SavedLaw) -> _Law:
     )
 
 
-def _saved_other(probability: float, law: SavedLaw) -> _Other:
+def _saved_other(probability: float, law: SavedLaw) -> OtherDocument:
     support = np.any(law.coefficients != 0, axis=0)
-    return _Other(
+    return OtherDocument(
         probability=probability,
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
@@ -220,7 +131,7 @@ def _saved_other(probability: float, law: SavedLaw) -> _Other:
     )
 
 
-def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Uncertainty:
+def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
     covariance, own, wider = uncertainty.covariance, uncertainty.unpooled, uncertainty.widening
     factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
@@ -231,7 +142,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Unc
             uncertainty.degrees_of_freedom,
         )
     )
-    return _Uncertainty(
+    return UncertaintyDocument(
         covariance=None if covariance is None else _triangles(objects, covariance),
         shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
         noise=noise,
@@ -239,12 +150,14 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> _Unc
         error_model=_saved_errors(uncertainty.error_model),
         unpooled=None
         if own is None
-        else _OwnEstimates(
+        else OwnEstimatesDocument(
             coefficients=dict(zip(objects, own.coefficients.tolist(), strict=True)),
             covariance=_triangles(objects, own.covariance),
         ),
         degrees_of_freedom=degrees,
-        widening=None if wider is None else _Widening(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()),
+        widening=None
+        if wider is None
+        else WideningDocument(**{name: each.tolist() for name, each in vars(wider).items()}),
     )
 
 
@@ -252,23 +165,23 @@ def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[flo
     return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
 
 
-def _saved_explanation(explanation: Explanation) -> _Explanation:
+def _saved_explanation(explanation: Explanation) -> ExplanationDocument:
     saved = [None if each is None else _saved_relation(each) for each in explanation.relations]
-    return _Explanation(relations=saved, covariance=explanation.covariance.tolist())
+    return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
 
 
-def _saved_relation(relation: Relation) -> _Relation:
-    return _Relation(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))})
+def _saved_relation(relation: Relation) -> RelationDocument:
+    return RelationDocument(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))})
 
 
-def _read_explanation(saved: _Explanation) -> Explanation:
+def _read_explanation(saved: ExplanationDocument) -> Explanation:
     """Return the relations; `Explanation.checked` says whether they fit the law."""
     relations = tuple(None if each is None else _read_relation(each) for each in saved.relations)
     count = sum(len(each.factors) for each in relations if each is not None)
     return Explanation(relations, _matrix(saved.covariance, "the covariance of its factors is", (count, count)))
 
 
-def _read_relation(saved: _Relation) -> Relation:
+def _read_relation(saved: RelationDocument) -> Relation:
     try:
         exponents = tuple(map(Fraction, saved.exponents))
     except (ValueError, ZeroDivisionError):
@@ -276,13 +189,13 @@ def _read_relation(saved: _Relation) -> Relation:
     return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
 
 
-def _saved_errors(errors: ErrorModel) -> _Errors | None:
+def _saved_errors(errors: ErrorModel) -> ErrorsDocument | None:
     values = {field.name: getattr(errors, field.name) for field in fields(errors)}
     kept = {name: each for name, each in values.items() if each is not None and np.all(np.isfinite(each))}
-    return _Errors(**{name: np.asarray(each).tolist() for name, each in kept.items()}) if kept else None
+    return ErrorsDocument(**{name: np.asarray(each).tolist() for name, each in kept.items()}) if kept else None
 
 
-def _read_errors(saved: _Errors | None) -> ErrorModel:
+def _read_errors(saved: ErrorsDocument | None) -> ErrorModel:
     values = {} if saved is None else msgspec.structs.asdict(saved)
     given: dict[str, Any] = {name: each for name, each in values.items() if each is not None}
     given |= {name: np.array(each) for name, each in given.items() if isinstance(each, list)}
@@ -300,10 +213,10 @@ def decode(content: bytes) -> Decoded:
         If it is not a law, is damaged, or is of another version.
     """
     try:
-        version = read_json(content, _Header).version
+        version = read_json(content, HeaderDocument).version
         if 1 <= version <= VERSION:
             raw = read_json(content, dict[str, Any])
-            document = msgspec.convert(as_now(raw, version), type=_Law)
+            document = msgspec.convert(as_now(raw, version), type=LawDocument)
     except (CommonlawError, msgspec.ValidationError) as error:
         raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
     if not 1 <= version <= VERSION:
@@ -321,7 +234,7 @@ def decode(content: bytes) -> Decoded:
     return Decoded(own, None if wider is None else _fields(wider), others)
 
 
-def _other_fields(saved: _Other, own: Fields) -> Fields:
+def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
     """Return what another law is made of, given what the law is made of that is saved with it."""
     terms, schema, order, objects, coefficients, _, _, properties = own
     shape = (coefficients.shape[1], len(terms))
@@ -340,7 +253,7 @@ def _other_fields(saved: _Other, own: Fields) -> Fields:
     return terms, schema, order, objects, values, uncertainty, Provenance(), properties
 
 
-def _fields(document: _Law) -> Fields:
+def _fields(document: LawDocument) -> Fields:
     schema = document.schema
     variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time, schema.logarithmic)
     terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))
@@ -358,7 +271,7 @@ def _fields(document: _Law) -> Fields:
 
 
 def _read_uncertainty(
-    document: _Law | _Other, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
+    document: LawDocument | OtherDocument, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
 ) -> Uncertainty:
     saved, explanation = document.uncertainty, document.explanation
     inclusion = saved.inclusion_probabilities
@@ -375,7 +288,7 @@ def _read_uncertainty(
     )
 
 
-def _read_own_estimates(saved: _OwnEstimates, objects: tuple[str, ...], parameters: int) -> OwnEstimates:
+def _read_own_estimates(saved: OwnEstimatesDocument, objects: tuple[str, ...], parameters: int) -> OwnEstimates:
     rows = [saved.coefficients.get(name, []) for name in objects]
     values = _matrix(rows, "its own estimates are", (len(objects), parameters))
     return OwnEstimates(values, _covariance(saved.covariance, objects, parameters))
