@@ -1,4 +1,4 @@
-"""The path of a solver: every stretch of thresholds has its row, its step in the figure, and comes back from JSON."""
+"""The path of a solver: every segment of thresholds has its row, its step in the figure, and comes back from JSON."""
 
 from typing import Any
 

@@ -117,7 +117,7 @@ def _of_own_object(law: Law, asked: Sample) -> Law:
 
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
-    """Return the course of the states from a start, by a candidate of the law."""
+    """Return the trajectory from a start, by a candidate of the law."""
     law = found.candidate(asked.candidate)
     if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
         raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")

@@ -80,8 +80,8 @@ class Work(Generic[T]):
             begun = [when for _, when in self.stages]
             ends = [*begun[1:], time()]
             stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
-            told = {"stages": stages, "done": self.done, "made": self.times_made}
-            return {"running": self.is_running, "failure": self.failure} | told
+            steps = {"stages": stages, "done": self.done, "made": self.times_made}
+            return {"running": self.is_running, "failure": self.failure} | steps
 
     def _listen(self) -> None:
         with self._connection:

@@ -152,8 +152,8 @@ class LawDiscovery:
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, self.order, library))
         law = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
         if isinstance(trials, Trials):
-            told = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
-            law = replace(law, provenance=told)
+            provenance = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
+            law = replace(law, provenance=provenance)
         return law
 
     def predict(self, trials: Trials, start: int | None = None) -> "Forecast":

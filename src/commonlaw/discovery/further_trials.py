@@ -42,8 +42,8 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
     times = trials.trials[0].times[0] + np.linspace(0, lasting, _TIMES)
-    told = ((rival, _start_that_tells(law, rival.law, times)) for rival in rivals)
-    return tuple(_outcome(law, rival, found) for rival, found in told if found is not None)
+    starts = ((rival, _start_that_tells(law, rival.law, times)) for rival in rivals)
+    return tuple(_outcome(law, rival, found) for rival, found in starts if found is not None)
 
 
 def _start_that_tells(law: Law, rival: Law, times: Floats) -> _Found | None:

@@ -95,11 +95,11 @@ class Residuals(ShownInNotebooks):
         import pandas as pd
 
         schema, parts = self.trials.schema, []
-        for trial, fitted, off in zip(self.trials, self.fitted, self.standardized, strict=True):
+        for trial, fitted, residuals in zip(self.trials, self.fitted, self.standardized, strict=True):
             part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
             for j, name in enumerate(schema.states):
                 part[name], part[f"{name} fitted"] = trial.states[:, j], fitted[:, j]
-                part[f"{name} residual/noise"] = off[:, j]
+                part[f"{name} residual/noise"] = residuals[:, j]
             parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 

@@ -28,13 +28,13 @@ def residuals(law: Law, trials: Trials) -> Residuals:
     forecast = forecast.followed or forecast
     fitted = tuple(each.states for each in forecast.trajectories)
     states, errors = len(law.states), law.uncertainty.error_model
-    off = []
+    standardized = []
     for trial, own in zip(forecast.trials, fitted, strict=True):
         std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
-        off.append((trial.states - own[:, :states]) / std)
-    found = Residuals(forecast.trials, fitted, tuple(off), law.rates, ())
+        standardized.append((trial.states - own[:, :states]) / std)
+    found = Residuals(forecast.trials, fitted, tuple(standardized), law.rates, ())
     spent = law.order * len(trials) + _spent(law, trials)
-    return replace(found, patterns=patterns(law.states, off, found.columns, law.schema.time, spent.tolist()))
+    return replace(found, patterns=patterns(law.states, standardized, found.columns, law.schema.time, spent.tolist()))
 
 
 def _spent(law: Law, trials: Trials) -> Floats:

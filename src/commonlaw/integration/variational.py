@@ -100,9 +100,9 @@ def _along(steps: _Steps, first: Floats) -> Floats:
 def _coarse(steps: _Steps, own: Floats, scale: Floats, tolerance: float) -> Bools:
     """Return which steps are not exact enough for the derivatives that they start from, shape (m,)."""
     with np.errstate(all="ignore"):
-        off = steps.off_by_states @ own[:-1]
-        off[:, :, : steps.off_added.shape[2]] += steps.off_added
-        error, after = (np.abs(each).max(axis=1) * scale for each in (off, own[1:]))
+        residuals = steps.off_by_states @ own[:-1]
+        residuals[:, :, : steps.off_added.shape[2]] += steps.off_added
+        error, after = (np.abs(each).max(axis=1) * scale for each in (residuals, own[1:]))
         return np.asarray((error > tolerance * np.maximum(1.0, after)).any(axis=1))
 
 

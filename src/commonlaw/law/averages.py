@@ -116,8 +116,8 @@ class AbstractAverages(AbstractEquations):
         if not self.other_laws:
             return values - half, values + half
         low, high = self.interval_ends(level)
-        places = tuple(np.array([(each.parts[0].equation, each.parts[0].term) for each in self.named_coefficients]).T)
-        return low[:, *places], high[:, *places]
+        indices = tuple(np.array([(each.parts[0].equation, each.parts[0].term) for each in self.named_coefficients]).T)
+        return low[:, *indices], high[:, *indices]
 
     def intervals(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
         """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.

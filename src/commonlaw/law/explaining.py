@@ -79,8 +79,8 @@ def explained(
     values[:, free], factor[:, free] = found.estimates, found.shared_factors
     covariance[np.ix_(np.arange(len(values)), free, free)] = found.covariances
     relations: list[Relation | None] = [None] * len(free)
-    for place, relation in zip(np.flatnonzero(free).tolist(), found.relations, strict=True):
-        relations[place] = relation
+    for index, relation in zip(np.flatnonzero(free).tolist(), found.relations, strict=True):
+        relations[index] = relation
     changed = coefficients.copy()
     changed[:, support] = values
     explanation = Explanation(tuple(relations), found.factor_covariance)

@@ -78,12 +78,12 @@ def _finite(score: float) -> str:
 def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
     """Yield small pictures of the best, typical and worst objects, and the rest of them folded."""
     panels, names = ForecastPanels(forecast), [str(name) for name in case.relative_errors.index]
-    places = {name: i for i, name in enumerate(forecast.trials.objects)}
+    indices = {name: i for i, name in enumerate(forecast.trials.objects)}
 
     def picture(name: str, kind: str = "") -> Picture:
         off = literal(case.error_in_words(name)).replace(r"\.", ".")
         caption = f"**{literal(name)}**{kind}: {off}"
-        return Picture(f"forecast-{places[name] + 1}", caption, partial(panels.draw, name))
+        return Picture(f"forecast-{indices[name] + 1}", caption, partial(panels.draw, name))
 
     if len(names) <= _ALL:
         yield Gallery(tuple(picture(name) for name in forecast.trials.objects))

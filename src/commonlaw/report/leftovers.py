@@ -93,17 +93,17 @@ def _errors(case: LawCase) -> Iterator[Block]:
     frame = forecast.to_frame()
     rows = []
     for state in case.law.states:
-        off = frame[f"{state} error"].to_numpy(dtype=np.float64)
+        errors = frame[f"{state} error"].to_numpy(dtype=np.float64)
         row: dict[str, object] = {
             "state": state,
             "unit": case.trials.schema.units.get(state),
-            "measurements": int(np.isfinite(off).sum()),
-            "mean error": float(np.nanmean(off)) if np.isfinite(off).any() else None,
-            "rms error": float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else None,
+            "measurements": int(np.isfinite(errors).sum()),
+            "mean error": float(np.nanmean(errors)) if np.isfinite(errors).any() else None,
+            "rms error": float(np.sqrt(np.nanmean(errors**2))) if np.isfinite(errors).any() else None,
         }
         if f"{state} measured low" in frame:
             low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
-            inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(off)]
+            inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]
             row["within 95 % band"] = f"{100 * inside.mean():.0f} %" if len(inside) else None
         rows.append(row)
     caption = f"Forecasts of trials {case.forecast_of}, less what was measured."

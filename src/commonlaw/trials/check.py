@@ -234,13 +234,13 @@ def _jump(times: Floats, values: Floats) -> int | None:
     slopes = np.diff(values) / np.diff(times) * np.median(np.diff(times))
     bends = np.diff(slopes)
     neighbours = sliding_window_view(np.pad(bends, 2, mode="reflect"), 5)
-    off = np.abs(bends - np.median(neighbours, axis=1))
+    distances = np.abs(bends - np.median(neighbours, axis=1))
     deviation = 1.4826 * np.median(np.abs(bends - np.median(bends)))
     rounding = 1e-12 * np.abs(values).max()
     if deviation <= rounding:
         changes = np.abs(slopes)[np.abs(slopes) > rounding]
         deviation = changes.min(initial=np.inf)
-    wild = np.flatnonzero(off > _JUMP * deviation)
+    wild = np.flatnonzero(distances > _JUMP * deviation)
     if not len(wild):
         return None
     before, after = np.abs(slopes[wild[0] : wild[0] + 2] - np.median(slopes))
