@@ -5,6 +5,7 @@ Each step returns what the next one takes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import candidates, chosen, of_each_kind, runs_away
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
+from commonlaw.inference.few_samples import FEW_SAMPLES, search_by_few
 from commonlaw.inference.hypotheses import Hypothesis, hypotheses
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
@@ -92,16 +94,12 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    problem = prepare(
-        trials,
-        frame.terms,
-        frame.order,
-        known,
-        noise=noise,
-        huber_threshold=huber_threshold,
-        most_samples=most_samples,
-    )
-    found = search(problem, solver, part(progress, 0.05, 1.0))
+    prepared = partial(prepare, trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
+    problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
+    if sum(map(len, problem.trials)) > 2 * FEW_SAMPLES:
+        found = search_by_few(problem, prepared(most_samples=FEW_SAMPLES), solver, rest)
+    else:
+        found = search(problem, solver, rest)
     while found[0].has_model_error and problem.points < _FINER:  # As a coarse mesh looks, too
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(problem, found[0], (found[0].model_error / np.sqrt(2),))

@@ -103,10 +103,10 @@ def search(
         progress(Stage(f"choosing terms, step {number} of {len(schedules)}", (number - 1) / (len(schedules) + 1)))
         found += _anneal(problem, solver, model_errors)
     if schedules is not SCHEDULES:
-        return _sorted(found)
+        return list_by_evidence(found)
     found += _as_few_say(problem, solver, progress)
-    found += _without_model_error(problem, _sorted(found)[0])
-    best, *others = _with_rivals(problem, _sorted(found))
+    found += _without_model_error(problem, list_by_evidence(found)[0])
+    best, *others = with_rivals(problem, list_by_evidence(found))
     return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
 
 
@@ -145,7 +145,7 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     found = [state for way in ways for state in _anneal(problem, supports, way)]
     last = [state for state in found if state.model_error == smallest]
     others = [state for state in found if state.model_error != smallest]
-    return _sorted([*others, *sorted(last, key=_objective)[:1]])[0]
+    return list_by_evidence([*others, *sorted(last, key=_objective)[:1]])[0]
 
 
 def fit_with(
@@ -278,7 +278,7 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
     return []
 
 
-def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
+def with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
     """Fit what is hardly less probable than the best, until the best stays: evidence linearised about one law errs."""
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
     while True:
@@ -292,7 +292,7 @@ def _with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[Searc
             with suppress(NotPositiveError):
                 estimates = _restricted(problem, evidence, best.estimates, supports)
                 found.append(fitted(problem, estimates, supports, best.model_error)[0])
-        found = _sorted(found)
+        found = list_by_evidence(found)
 
 
 def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:
@@ -317,7 +317,8 @@ def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: S
     return found
 
 
-def _sorted(found: Sequence[SearchState]) -> list[SearchState]:
+def list_by_evidence(found: Sequence[SearchState]) -> list[SearchState]:
+    """Return what was found, the largest evidence first; nothing found is an error."""
     if not found:
         raise CommonlawError(
             "no law was found whose trajectories stay near the measurements: these may be too noisy or too far apart "
