@@ -45,7 +45,8 @@ def searches(found, monkeypatch):
 def numbers(law):
     """Return what is the same for laws that are alike in all that a file of a law keeps."""
     others = [(each.probability, replace(each.law, provenance=Provenance(None))) for each in law.other_laws]
-    return digest((replace(law, other_laws=()), others))
+    alone = replace(law, uncertainty=replace(law.uncertainty, other_laws=()))
+    return digest((alone, others))
 
 
 def entry(folder):
