@@ -36,7 +36,9 @@ demo: $(STAMP) ## Find a law in simulated drops: equations beside the truth, and
 study: $(STAMP) ## Redo the founding paper in report/: minutes; less with ARGS="--only simulated", and --help
 	$(BIN)/python -m studies.falling_balls $(ARGS)
 
-test: lint types contracts unit ## Run every check
+test: $(STAMP) ## Run every check
+	$(MAKE) --no-print-directory -j 3 lint types contracts
+	$(MAKE) --no-print-directory unit
 
 lint: $(STAMP) ## Style and format
 	$(BIN)/ruff check
