@@ -12,10 +12,12 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError
 from commonlaw.law.equations import AbstractEquations
+from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Alternative, History
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.outcomes import Outcome
+from commonlaw.trials.trial import ObjectProperties
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +25,13 @@ if TYPE_CHECKING:
 
 class AbstractAverages(AbstractEquations):
     """What is known of a law, and of what else it could be."""
+
+    properties: ObjectProperties
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.explanation
 
     @property
     def other_laws(self) -> tuple[PlausibleLaw[Self], ...]:

@@ -44,11 +44,6 @@ class AbstractEquations(ShownInNotebooks, ABC):
     provenance: Provenance
 
     @property
-    def explanation(self) -> Explanation | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.explanation
-
-    @property
     def states(self) -> tuple[str, ...]:
         """Names of the measured states."""
         return self.schema.states
@@ -320,12 +315,12 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     @property
     def _is_explained(self) -> bool:
-        return self.explanation is not None and len(self.objects) > 1
+        return self.uncertainty.explanation is not None and len(self.objects) > 1
 
     def _explained(self) -> Explanation:
-        if self.explanation is None:
+        if self.uncertainty.explanation is None:
             raise CommonlawError("nothing is known of what decides this law's coefficients: ask law.explain()")
-        return self.explanation
+        return self.uncertainty.explanation
 
     def relations(self) -> "pd.DataFrame":
         """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.

@@ -14,9 +14,7 @@ from commonlaw.law.explanation import Explanation, dependence
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.trials.properties import Properties, given_properties
-from commonlaw.trials.trial import Property
-
-ObjectProperties = Mapping[str, Mapping[str, Property]]
+from commonlaw.trials.trial import ObjectProperties
 
 
 def offered(given: Any, known: ObjectProperties, objects: tuple[str, ...], key: str) -> tuple[Properties, list[str]]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import msgspec
 import numpy as np
@@ -13,6 +13,7 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.hierarchy import Relation
+from commonlaw.law.averages import AbstractAverages
 from commonlaw.law.document import (
     ErrorsDocument,
     ExplanationDocument,
@@ -33,12 +34,11 @@ from commonlaw.law.widening import Widening
 from commonlaw.library import Terms, Variables, parse_term
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
-from commonlaw.trials.trial import Property
+from commonlaw.trials.trial import ObjectProperties
 
 VERSION = 4
 
-Properties = Mapping[str, Mapping[str, Property]]
-Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, Properties]
+Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, ObjectProperties]
 """What a law is made of: its fields, in order."""
 
 
@@ -53,48 +53,12 @@ class Decoded(NamedTuple):
     others: tuple[tuple[float, Fields], ...]
 
 
-class SavedOther(Protocol):
-    """See `PlausibleLaw`."""
-
-    @property
-    def probability(self) -> float: ...
-    @property
-    def law(self) -> "SavedLaw": ...
-
-
-class SavedLaw(Protocol):
-    """What a law is made of, see `Law`."""
-
-    @property
-    def terms(self) -> Terms: ...
-    @property
-    def schema(self) -> Schema: ...
-    @property
-    def order(self) -> int: ...
-    @property
-    def objects(self) -> tuple[str, ...]: ...
-    @property
-    def coefficients(self) -> Floats: ...
-    @property
-    def uncertainty(self) -> Uncertainty: ...
-    @property
-    def provenance(self) -> Provenance: ...
-    @property
-    def properties(self) -> Properties: ...
-    @property
-    def explanation(self) -> Explanation | None: ...
-    @property
-    def with_discrepancy(self) -> "SavedLaw | None": ...
-    @property
-    def other_laws(self) -> Sequence[SavedOther]: ...
-
-
-def encode(law: SavedLaw) -> bytes:
+def encode(law: AbstractAverages) -> bytes:
     """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
     return msgspec.json.format(msgspec.json.encode(_document(law)), indent=1) + b"\n"
 
 
-def _document(law: SavedLaw) -> LawDocument:
+def _document(law: AbstractAverages) -> LawDocument:
     terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
     method = provenance.differentiation
     return LawDocument(
@@ -120,7 +84,7 @@ def _document(law: SavedLaw) -> LawDocument:
     )
 
 
-def _saved_other(probability: float, law: SavedLaw) -> OtherDocument:
+def _saved_other(probability: float, law: AbstractAverages) -> OtherDocument:
     support = np.any(law.coefficients != 0, axis=0)
     return OtherDocument(
         probability=probability,

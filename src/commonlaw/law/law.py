@@ -22,7 +22,7 @@ from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
 from commonlaw.library import Terms
 from commonlaw.trials import Schema
 from commonlaw.trials.properties import Properties
-from commonlaw.trials.trial import Property, normalized
+from commonlaw.trials.trial import ObjectProperties, normalized
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ class Law(AbstractDelegates):
     coefficients: Floats
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     provenance: Provenance = field(default_factory=Provenance)
-    properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
+    properties: ObjectProperties = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_names()

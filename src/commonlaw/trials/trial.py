@@ -15,6 +15,7 @@ from commonlaw.trials.identifiers import label, plain
 from commonlaw.wording import counted
 
 Property = float | str
+ObjectProperties = Mapping[str, Mapping[str, Property]]
 PropertyTable = Mapping[Any, Mapping[str, Property]]
 
 _SHOWN = 3
@@ -223,7 +224,7 @@ class TrialData(NamedTuple):
 
     trials: tuple[Trial, ...]
     schema: Schema
-    properties: Mapping[str, Mapping[str, Property]]
+    properties: ObjectProperties
     notes: tuple[str, ...]
     nameless: bool = False
 
@@ -246,12 +247,12 @@ def shown(locations: Sequence[str]) -> str:
     return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
 
 
-def property_names(properties: Mapping[str, Mapping[str, Property]]) -> list[str]:
+def property_names(properties: ObjectProperties) -> list[str]:
     """Return the names of properties of objects, in order of first appearance."""
     return list(dict.fromkeys(name for values in properties.values() for name in values))
 
 
-def normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, dict[str, Property]]:
+def normalized(properties: ObjectProperties) -> dict[str, dict[str, Property]]:
     """Return properties with labels for objects, floats for numbers, and no object that has none."""
     return {
         label(name): {str(key): _property(f"property {key!r} of {name}", value) for key, value in values.items()}
@@ -260,7 +261,7 @@ def normalized(properties: Mapping[str, Mapping[str, Property]]) -> dict[str, di
     }
 
 
-def check_properties(properties: Mapping[str, Mapping[str, Property]], objects: Sequence[str], schema: Schema) -> None:
+def check_properties(properties: ObjectProperties, objects: Sequence[str], schema: Schema) -> None:
     """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used."""
     orphans = [name for name in properties if name not in objects]
     if orphans:

@@ -19,7 +19,7 @@ from commonlaw.trials.identifiers import label
 from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import read_trials, trials_from_frame
 from commonlaw.trials.trial import (
-    Property,
+    ObjectProperties,
     PropertyTable,
     Schema,
     Trial,
@@ -67,7 +67,7 @@ class Trials(ShownInNotebooks):
 
     trials: tuple[Trial, ...]
     schema: Schema
-    properties: Mapping[str, Mapping[str, Property]] = field(default_factory=dict)
+    properties: ObjectProperties = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     nameless: bool = False
 
