@@ -26,6 +26,8 @@ from unittest.mock import patch
 from tests.hostile.case import SECRET, Case
 from tests.hostile.cases import COLUMNS, EXECUTED, KINDS, REGRESSION, folder, make, saved_law, shown, table
 
+os.environ["COMMONLAW_CACHE"] = "off"  # Each case is worked on, whatever was asked before
+
 SECONDS, BYTES = 60.0, 4 * 2**30
 """What a case may take."""
 

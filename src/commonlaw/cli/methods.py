@@ -152,8 +152,9 @@ _METHOD = option(
     "--method",
     type=click.Choice(list(METHODS)),
     help="How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on "
-    "estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for large data "
-    "derivative-regression, for --order 0 discrete-time-regression; or the one whose options are given]",
+    "estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for hundreds "
+    "of objects with long trials derivative-regression, for --order 0 discrete-time-regression; or the one whose "
+    "options are given]",
 )
 
 
