@@ -82,7 +82,13 @@ def test_a_factor_of_all_intervals_becomes_a_widening_at_every_horizon():
     raw = json.loads(Law.load(SAVED / "version-2.json").to_json())
     for factor in (1.0, 2.5):
         raw["uncertainty"]["error_model"] = {"widening": factor}
-        found = Law.from_json(json.dumps(raw)).uncertainty
-        assert not found.error_model
-        widths = np.ones(2) if found.widening is None else found.widening.at(np.array([0.0, 100.0]))
-        assert widths.tolist() == [factor, factor]
+        other = {"uncertainty": raw["uncertainty"], "coefficients": {"Ball 1": [-9.0, -0.1], "Ball 2": [-9.0, -0.2]}}
+        raw["other_laws"] = [other | {"probability": 0.2, "support": [[0, 2]]}]
+        raw["with_discrepancy"] = {name: each for name, each in raw.items() if name != "other_laws"}
+        raw["with_discrepancy"] = json.loads(json.dumps(raw["with_discrepancy"])) | {"with_discrepancy": None}
+        law = Law.from_json(json.dumps(raw))
+        for each in (law, law.other_laws[0].law, law.with_discrepancy):
+            found = each.uncertainty
+            assert not found.error_model
+            widths = np.ones(2) if found.widening is None else found.widening.at(np.array([0.0, 100.0]))
+            assert widths.tolist() == [factor, factor]

@@ -23,6 +23,9 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
     Version 3 lacks what else a law could be, and the degrees of freedom of its noise.
     """
     found = _with_widening(_renamed(document) if version < 3 else {**document, "version": 4})
+    others = found.get("other_laws")
+    if isinstance(others, list):
+        found |= {"other_laws": [_with_widening(each) if isinstance(each, dict) else each for each in others]}
     wider = found.get("with_discrepancy")
     return found | {"with_discrepancy": _with_widening({**wider, "version": 4})} if isinstance(wider, dict) else found
 
