@@ -22,6 +22,7 @@ from commonlaw.inference.smooth_rates import smooth_curves, terms_and_rates
 from commonlaw.inference.support_search import MOST_TERMS
 from commonlaw.library import Terms
 from commonlaw.trials import Trial, Trials
+from commonlaw.wording import counted
 
 MOST_SEARCHED = 70
 """Terms of an equation among which supports are searched as they are: beyond, the search takes minutes."""
@@ -66,8 +67,8 @@ def promising_terms(trials: Trials, terms: Terms, order: int, known: Floats, nee
     if len(terms) <= MOST_SEARCHED:
         return np.ones(len(terms), dtype=np.bool_)
     objects = trials.objects
-    what = f"screening {len(terms)} candidate terms"
-    check_memory(what, 24 * len(objects) * len(terms) ** 2 + 24 * _SAMPLES * len(terms), "take a smaller library")
+    size = 8 * (2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * _SAMPLES * len(terms))
+    check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
     some = as_many_as_are_carried(trials, estimated_noise(trials)[0], _SAMPLES).trials
     problems = [_regression(some.of_object(name), terms, order, own) for name, own in zip(objects, known, strict=True)]
     factors = np.array([each.factor for each in problems if each is not None])
