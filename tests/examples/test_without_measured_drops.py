@@ -16,6 +16,8 @@ ROOT = Path(__file__).parents[2]
 FILES = ("tests/unit/test_trials_tables.py", "tests/unit/test_trials_check.py")
 """With tests on the measured drops, among others."""
 
+NEEDED = ("pyproject.toml", "tests/conftest.py", "tests/unit/tables.py")
+
 
 class Refusing(socketserver.TCPServer):
     """A proxy that hangs up on everybody, and counts."""
@@ -38,7 +40,7 @@ def proxy() -> Iterator[Refusing]:
 def run_tests(tmp_path, proxy):
     """Runs pytest in a checkout of these files alone, as far from data as can be."""
     checkout = tmp_path / "checkout"
-    for name in ("pyproject.toml", "tests/conftest.py", *FILES):
+    for name in (*NEEDED, *FILES):
         (checkout / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, checkout / name)
     address = "http://{}:{}".format(*proxy.server_address)

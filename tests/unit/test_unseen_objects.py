@@ -78,11 +78,17 @@ def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
     assert str(own.kind) == "own"
     found, _ = law_of(law, drops.select(object="Ball 6"))
     value, error = (each[0][found.support][1] for each in (found.coefficients, found.standard_errors))
-    # The mean and the deviation of draws from the population
+    # The mean of draws from the population, and what holds 95 % of them where the scatter is drawn as well
     spread = np.hypot(own.scatter, own.scatter_error)
     drawn = own.factors[0] * np.exp(spread * generator.standard_normal(400_000))
     assert value == pytest.approx(drawn.mean(), rel=0.03)
-    assert error == pytest.approx(np.hypot(drawn.std(), own.errors[0] * value / own.factors[0]), rel=0.1)
+    doubt = np.sqrt(np.log1p((own.scatter_error / own.scatter) ** 2))
+    scatters = own.scatter * np.exp(doubt * generator.standard_normal(400_000))
+    reach = np.quantile(abs(scatters * generator.standard_normal(400_000)), 0.95) / 1.96
+    drawn = np.exp(reach * generator.standard_normal(400_000))
+    of_scatter = value * drawn.std() / drawn.mean()
+    assert error == pytest.approx(np.hypot(of_scatter, own.errors[0] * value / own.factors[0]), rel=0.05)
+    assert reach > 1.1 * spread
 
 
 def test_known_and_unseen_objects_are_forecast_together(drops, law):

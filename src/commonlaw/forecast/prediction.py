@@ -249,4 +249,5 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
         )
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
     other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
-    return replace(law, objects=(name,)).with_others(other_laws), trials.with_trials(trials.trials, note)
+    uncertainty = replace(law.uncertainty, other_laws=other_laws)
+    return replace(law, objects=(name,), uncertainty=uncertainty), trials.with_trials(trials.trials, note)

@@ -4,15 +4,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.hermite import hermgauss
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
 from commonlaw.law.law import Law
-from commonlaw.law.quantiles import two_sided
+from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import Property
+
+_PLACES = 20
+"""Values of a scatter that a band is an average over."""
 
 
 class Population(NamedTuple):
@@ -103,13 +107,31 @@ def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
 
 
 def _moments(relation: Relation, value: float) -> tuple[float, float, float]:
-    """Return mean of a coefficient over objects, how it goes with the value that is typical, and its variance."""
-    variance = relation.scatter**2 + relation.scatter_error**2
+    """Return mean of a coefficient over objects, how it goes with the value that is typical, and its variance.
+
+    The variance is that of a normal distribution whose 95 % band is the coefficient's.
+    """
+    spread = _spread(relation)
     if not relation.relative:
         size = value / (relation.factors[0] * relation.typical) if relation.exponents else 1.0
-        return value, 1.0, variance * size**2
+        return value, 1.0, (spread * size) ** 2
+    variance = relation.scatter**2 + relation.scatter_error**2
     share = float(np.exp(variance / 2))
-    return share * value, share, (share * value) ** 2 * float(np.expm1(variance))
+    return share * value, share, (share * value) ** 2 * float(np.expm1(spread**2))
+
+
+def _spread(relation: Relation) -> float:
+    """Return half of the band that holds 95 % of all objects, in standard deviations of a normal distribution.
+
+    The scatter is known from few objects, with an error that is normal in its logarithm: tails are long.
+    """
+    if not relation.scatter:
+        return relation.scatter_error
+    places, weights = hermgauss(_PLACES)
+    deviation = np.sqrt(np.log1p((relation.scatter_error / relation.scatter) ** 2))
+    scales = relation.scatter * np.exp(np.sqrt(2) * deviation * places)
+    _, high = mixture_interval(weights / weights.sum(), np.zeros(_PLACES), scales, np.inf, 0.95)
+    return float(high / two_sided(0.95))
 
 
 def _columns(relation: Relation, name: str, given: dict[str, float]) -> Floats:
