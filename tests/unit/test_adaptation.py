@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.population import law_of
+from commonlaw.law.population import with_objects_of
 
 DRAGS = (-0.1, -0.2, -0.3, -0.5, -0.7, -0.4)
 
@@ -28,7 +28,7 @@ def numbers(law):
 
 def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell(drops, law):
     unseen = drops.select(object="Ball 6")
-    expected, _, spread = numbers(law_of(law, unseen)[0])
+    expected, _, spread = numbers(with_objects_of(law, unseen)[0])
     noise = {"x": float(law.noise[0])}
     own, _, covariance = numbers(cl.fit("x'' = -g - c v", unseen, noise=noise, partial_pooling=False))
     total = np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(covariance))
@@ -40,7 +40,7 @@ def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell
 
 def test_the_more_samples_the_nearer_the_truth_and_the_surer(drops, law):
     unseen = drops.select(object="Ball 6", trial=1)
-    before, known, _ = numbers(law_of(law, unseen)[0])
+    before, known, _ = numbers(with_objects_of(law, unseen)[0])
     errors = [known[1]]
     for end in (0.6, 1.5, 3.3):
         found, sure, _ = numbers(law.adapt(unseen.until(end)))

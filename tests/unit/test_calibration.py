@@ -7,14 +7,14 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.calibration import Misses, widening_of
+from commonlaw.inference.calibration import StandardizedErrors, widening_of
 from commonlaw.law.widening import Widening
 
 
-def trial(ahead: np.ndarray, growth: float, seed: int) -> Misses:
-    """Return misses of normal errors that grow with the horizon, in units of what 95 % intervals reach."""
+def trial(ahead: np.ndarray, growth: float, seed: int) -> StandardizedErrors:
+    """Return normal errors that grow with the horizon, in units of what 95 % intervals reach."""
     draws = np.random.default_rng(seed).standard_normal(len(ahead))
-    return Misses(ahead, abs((1 + growth * ahead) * draws / 1.96)[:, np.newaxis])
+    return StandardizedErrors(ahead, abs((1 + growth * ahead) * draws / 1.96)[:, np.newaxis])
 
 
 AHEAD = np.linspace(0.05, 6.0, 30)
@@ -38,22 +38,22 @@ def test_bands_are_never_made_narrower(count):
 
 
 def test_few_trials_lean_on_what_the_law_says_of_itself():
-    off = Misses(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
-    (one,) = set(widening_of([off]).factors.round(9))
-    (four,) = set(widening_of([off] * 4).factors.round(9))
+    wrong = StandardizedErrors(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
+    (one,) = set(widening_of([wrong]).factors.round(9))
+    (four,) = set(widening_of([wrong] * 4).factors.round(9))
     assert 1.0 < one < four < 3 * 1.96
     assert four**2 == pytest.approx((2 + 4 * (3 * 1.959964) ** 2) / 6, rel=1e-6)
 
 
 def test_a_trial_counts_once_however_often_it_was_measured():
     sparse = [trial(AHEAD, 0.0, seed) for seed in range(40)]
-    dense = Misses(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
+    dense = StandardizedErrors(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
     assert widening_of([*sparse, dense]).factors.max() < 3.0
 
 
 def test_what_was_never_forecast_widens_nothing():
     assert widening_of([]) is None
-    assert widening_of([Misses(np.array([]), np.empty((0, 1)))]) is None
+    assert widening_of([StandardizedErrors(np.array([]), np.empty((0, 1)))]) is None
 
 
 def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.population import is_typical, law_of
+from commonlaw.law.population import is_typical, with_objects_of
 
 DRAGS = [0.1, 0.2, 0.3, 0.5, 0.7, 0.4]
 
@@ -26,7 +26,7 @@ def law(drops):
 
 def test_coefficients_of_an_unseen_object_are_what_its_properties_give(drops, law):
     unseen = drops.select(object="Ball 6")
-    found, (note,) = law_of(law, unseen)
+    found, (note,) = with_objects_of(law, unseen)
     assert note == "Ball 6 is not in the law: it has the coefficients that follow from its mass"
     assert not is_typical(law, "Ball 6", unseen)
     gravity, drag = law.explanation.relations
@@ -49,7 +49,9 @@ def test_properties_in_another_unit_are_converted_and_others_refused(drops, law)
         properties={"Ball 6": {"mass": 75.0}},
         schema=replace(unseen.schema, units={**unseen.schema.units, "mass": "g"}),
     )
-    np.testing.assert_allclose(law_of(law, grams)[0].coefficients, law_of(law, unseen)[0].coefficients)
+    np.testing.assert_allclose(
+        with_objects_of(law, grams)[0].coefficients, with_objects_of(law, unseen)[0].coefficients
+    )
     metres = replace(grams, schema=replace(grams.schema, units={**grams.schema.units, "mass": "m"}))
     with pytest.raises(cl.CommonlawError, match="mass is in m in the trials and in kg in the law"):
         law.predict(metres)
@@ -66,7 +68,7 @@ def test_an_object_whose_properties_are_not_known_is_the_typical_one(drops, law)
     ):
         forecast = each.predict(bare, return_std=True)
         assert forecast.trials.notes[-1] == f"Ball 6 is not in the law: it has the mean coefficients of the others{why}"
-        found, _ = law_of(each, bare)
+        found, _ = with_objects_of(each, bare)
         np.testing.assert_allclose(found.coefficients[0], law.coefficients.mean(axis=0))
         assert found.standard_errors[0, 0, 1:].max() > np.std(law.coefficients[:, 0, 1:], axis=0).max()
 
@@ -76,7 +78,7 @@ def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
     law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5])).explain([])
     own = law.explanation.relations[1]
     assert str(own.kind) == "own"
-    found, _ = law_of(law, drops.select(object="Ball 6"))
+    found, _ = with_objects_of(law, drops.select(object="Ball 6"))
     value, error = (each[0][found.support][1] for each in (found.coefficients, found.standard_errors))
     # The mean of draws from the population, and what holds 95 % of them where the scatter is drawn as well
     spread = np.hypot(own.scatter, own.scatter_error)

@@ -12,7 +12,7 @@ from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast import forecast_from
 from commonlaw.law import Law
-from commonlaw.law.population import law_of
+from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 
 _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 600
@@ -113,7 +113,7 @@ def _of_own_object(law: Law, asked: Sample) -> Law:
         raise CommonlawError("this candidate does not say what properties do: choose the law, explained, or an object")
     trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.states))))
     trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
-    return law_of(law, trials)[0]
+    return with_objects_of(law, trials)[0]
 
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.law.from_text import Product, read_equations
-from commonlaw.law.population import law_of
+from commonlaw.law.population import with_objects_of
 from commonlaw.library import AbstractLibrary, ExpressionLibrary
 from commonlaw.library.tracing import summands, traced
 from commonlaw.trials import Trials
@@ -60,7 +60,7 @@ def _of_law(law: Law, order: int, trials: Trials) -> Numbers:
             f"the known law is of order {law.order} for {', '.join(law.states)}, and one of order {order} for "
             f"{', '.join(trials.schema.states)} is sought: give one of the same"
         )
-    law, names = law_of(law, trials)[0], law.terms.variables.names
+    law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
     return {
         (state, text): {name: float(law.coefficients_of(name)[j, k]) for name in trials.objects}

@@ -30,7 +30,7 @@ class Beginning:
         At whose times to forecast.
     inputs
         At any time.
-    told
+    start_samples
         The samples that tell the initial state.
     fitted
         The initial state that is fitted to them, or None for the first of them as measured.
@@ -38,7 +38,7 @@ class Beginning:
 
     trial: Trial
     inputs: Inputs
-    told: Trial
+    start_samples: Trial
     fitted: Start | None
 
     @property
@@ -51,11 +51,11 @@ class Beginning:
     @property
     def known_until(self) -> float:
         """The time of the last sample that tells the initial state."""
-        return float(self.told.times[0]) if self.fitted is None else self.fitted.known_until
+        return float(self.start_samples.times[0]) if self.fitted is None else self.fitted.known_until
 
     def initial(self, law: Law) -> Floats:
         """Return the initial state, shape (width,)."""
-        return _measured_start(law, self.told) if self.fitted is None else self.fitted.initial
+        return _measured_start(law, self.start_samples) if self.fitted is None else self.fitted.initial
 
 
 def begin(
@@ -88,7 +88,7 @@ def begin(
     if not found:
         raise CommonlawError(f"no trial can be forecast {why}")
     notes = [f"trials not forecast {why}"] if lost else []
-    unknown = [each.told.label for each in found if law.order == 2 and len(each.told) == 1]
+    unknown = [each.start_samples.label for each in found if law.order == 2 and len(each.start_samples) == 1]
     if unknown:
         notes.append(f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
@@ -112,10 +112,12 @@ def _begin_later(
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
     count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.order == 2 else 1)
-    told = measured.rows(slice(max(0, stop - count), stop))
-    first = int(np.searchsorted(extended.times, told.times[0]))
-    fitted = fit_initial_state(law, told, inputs, count) if (start or fits) and len(told) > 1 else None
-    return Beginning(extended.rows(slice(first, None)), inputs, told, fitted)
+    start_samples = measured.rows(slice(max(0, stop - count), stop))
+    first = int(np.searchsorted(extended.times, start_samples.times[0]))
+    fitted = (
+        fit_initial_state(law, start_samples, inputs, count) if (start or fits) and len(start_samples) > 1 else None
+    )
+    return Beginning(extended.rows(slice(first, None)), inputs, start_samples, fitted)
 
 
 def _count(law: Law, trial: Trial, ahead: bool) -> int:

@@ -17,7 +17,7 @@ from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simul
 from commonlaw.law import Law
 from commonlaw.law.forecast import Forecast, Part
 from commonlaw.law.meeting import matched, matched_times
-from commonlaw.law.population import law_of
+from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.property_inputs import with_property_inputs
@@ -168,8 +168,8 @@ class _Forecaster:
         for own, trajectory in zip(self.beginnings, found, strict=True):
             known = covariance[law.objects.index(own.trial.object)]
             if own.fitted is None:
-                each = errors.measurement_std(own.told.states, with_typical(own.told.noise, noise))
-                std = trajectory_std(trajectory, known, start_covariance(law, own.told, each, self.seed))
+                each = errors.measurement_std(own.start_samples.states, with_typical(own.start_samples.noise, noise))
+                std = trajectory_std(trajectory, known, start_covariance(law, own.start_samples, each, self.seed))
             else:
                 carried, initial = own.fitted.propagated(trajectory)
                 std = trajectory_std(carried, known, initial)
@@ -240,7 +240,7 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if not trials.nameless or name in law.objects:
         if len(law.objects) == 1:
             law.select(trials.objects)
-        law, notes = law_of(law, trials)
+        law, notes = with_objects_of(law, trials)
         return law, replace(trials, notes=(*trials.notes, *notes)) if notes else trials
     if len(law.objects) > 1:
         raise CommonlawError(

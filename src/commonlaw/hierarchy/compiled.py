@@ -32,9 +32,9 @@ def marginal_deviance(
         If the objects' information together is singular.
     """
     arrays = [np.ascontiguousarray(each, dtype=np.float64) for each in (estimates, information, scale, grid)]
-    places, result = [address(each) for each in arrays], np.empty(1)
+    addresses, result = [address(each) for each in arrays], np.empty(1)
     failed = library.commonlaw_marginal_deviance(
-        *estimates.shape, *places[:3], len(grid), places[3], sweeps, address(result)
+        *estimates.shape, *addresses[:3], len(grid), addresses[3], sweeps, address(result)
     )
     if failed:
         raise MemoryError if failed == _NO_MEMORY else np.linalg.LinAlgError("Singular matrix")

@@ -73,8 +73,8 @@ class RandomEffects:
         total = _symmetric(precisions.sum(axis=1))
         total[:, range(size), range(size)] *= 1 + _RIDGE
         means = np.linalg.solve(total, weighted.sum(axis=1))[..., 0]
-        gaps = self.estimates - means[:, np.newaxis]
-        squares = np.einsum("moi,moij,moj->mo", gaps, precisions, gaps)
+        deviations = self.estimates - means[:, np.newaxis]
+        squares = np.einsum("moi,moij,moj->mo", deviations, precisions, deviations)
         # Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below
         each = np.maximum(squares, 0.0) + np.maximum(np.linalg.slogdet(added)[1], 0.0)
         return Marginal(added, total, means, each.sum(axis=1))
@@ -101,10 +101,10 @@ class RandomEffects:
         along = np.sum(columns * self.estimates, axis=1)
         weighted = np.matmul(rest, self.estimates[..., np.newaxis]).sum(axis=0)[:, 0] + (shares * along) @ columns
         means = np.linalg.solve(total, weighted[..., np.newaxis])[..., 0]
-        gaps = self.estimates[:, np.newaxis] - means
+        deviations = self.estimates[:, np.newaxis] - means
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = np.sum(np.matmul(gaps, rest) * gaps, axis=2).T
-            squares += shares * np.matmul(gaps, columns[..., np.newaxis])[..., 0].T ** 2
+            squares = np.sum(np.matmul(deviations, rest) * deviations, axis=2).T
+            squares += shares * np.matmul(deviations, columns[..., np.newaxis])[..., 0].T ** 2
         # Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below
         determinants = np.maximum(np.linalg.slogdet(added)[1] + np.log1p(grown), 0.0)
         return np.asarray((np.maximum(squares, 0.0) + determinants).sum(axis=1))
@@ -229,10 +229,10 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     def average(tried: Floats, parameter: int) -> tuple[float, Floats]:
         posterior = _Posterior.of(effects, tried)
         weights = posterior.weights(parameter)
-        gaps = posterior.estimates - np.einsum("m,mok->ok", weights, posterior.estimates)
+        deviations = posterior.estimates - np.einsum("m,mok->ok", weights, posterior.estimates)
         shrinkage = posterior.shrinkage[:, parameter]
         variance = _variance_of(float(weights @ shrinkage), shrinkage, tried[:, parameter])
-        return variance, np.einsum("m,moj,mok->ojk", weights, gaps, gaps)
+        return variance, np.einsum("m,moj,mok->ojk", weights, deviations, deviations)
 
     likely, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
     final = _Posterior.of(effects, likely[np.newaxis])
@@ -267,10 +267,10 @@ class _Posterior:
         drawn = np.linalg.inv(marginal.added).swapaxes(-1, -2)
         shared = np.matmul(drawn, np.linalg.cholesky(np.linalg.inv(marginal.total))[:, np.newaxis])
         given_means = drawn * variances[:, np.newaxis, np.newaxis, :]
-        gaps = effects.estimates - marginal.means[:, np.newaxis]
+        deviations = effects.estimates - marginal.means[:, np.newaxis]
         return cls(
             marginal.restricted_deviance,
-            effects.estimates - np.einsum("moij,moj->moi", drawn, gaps),
+            effects.estimates - np.einsum("moij,moj->moi", drawn, deviations),
             given_means + np.matmul(shared, shared.swapaxes(-1, -2)),
             shared,
             np.diagonal(drawn, axis1=2, axis2=3).mean(axis=1),

@@ -11,15 +11,15 @@ from commonlaw.inference.search import FINAL, MODEL_ERRORS
 from commonlaw.inference.search_problem import prepare
 from commonlaw.law import Law, Step
 from commonlaw.law.meeting import matched
-from commonlaw.law.population import law_of
+from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
 
 _STEPS = 10
 """How often trajectories are fitted again with the coefficients that the last ones gave."""
 
-_SETTLED = 0.01
-"""Standard errors by which coefficients change once they are settled."""
+_CONVERGED = 0.01
+"""Standard errors by which coefficients change once they are converged."""
 
 
 def adapt(law: Law, trials: Trials) -> Law:
@@ -29,7 +29,7 @@ def adapt(law: Law, trials: Trials) -> Law:
         lacks = "has errors beside white noise" if law.noise is not None else "does not know its noise"
         raise CommonlawError(f"this law {lacks}, by which it would weigh new trials: refine it with all trials instead")
     trials = matched(law, trials)
-    setup = FitSetup.of(law_of(law, trials)[0], trials)
+    setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
     before, trials = setup.law, setup.trials
     problem = prepare(trials, law.terms, law.order, before.coefficients, noise=law.noise)
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
@@ -76,7 +76,7 @@ def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) ->
         covariance = spread - gain @ weighted
         found = expected + gain @ (target - rows @ expected)
         deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        settled, own = bool(np.all(abs(found - own) <= _SETTLED * deviations)), found
-        if settled:
+        converged, own = bool(np.all(abs(found - own) <= _CONVERGED * deviations)), found
+        if converged:
             break
     return own, (covariance + covariance.T) / 2

@@ -33,8 +33,8 @@ def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[P
     (own, _), *others = weighted(problem, chosen)
     kept = [(share, state) for share, state in others if share > LEAST][: MOST - 1]
     total = own + sum(share for share, _ in kept)
-    frame = replace(law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None))
-    found = [(share / total, fitted_law(frame, problem, state)) for share, state in kept]
+    template = replace(law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None))
+    found = [(share / total, fitted_law(template, problem, state)) for share, state in kept]
     wider = law.uncertainty.widening
     return tuple(
         PlausibleLaw(share, replace(each, uncertainty=replace(each.uncertainty, widening=wider)))

@@ -1,7 +1,7 @@
 """How far forecasts of what was left out are off, by how far ahead they forecast.
 
 A trial is left out where the others of its object tell its coefficients, else the later part of each trial; the law is
-fitted to the rest, under the same errors, and forecasts what was left out. Misses are in units of the standard
+fitted to the rest, under the same errors, and forecasts what was left out. Errors are in units of the standard
 deviations that the forecast says. Those of one trial are as good as one observation at a horizon.
 """
 
@@ -33,7 +33,7 @@ _FOLDS = 4
 """Trials of each object that are left out in turn at most."""
 
 _PARTS = 6
-"""Parts of the longest forecast, in the middle of which misses are gathered, as far as to the middles beside it."""
+"""Parts of the longest forecast, in the middle of which errors are gathered, as far as to the middles beside it."""
 
 _LEVEL = 0.95
 
@@ -45,7 +45,7 @@ _TRUST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Misses:
+class StandardizedErrors:
     """How far the forecast of one trial was off.
 
     Parameters
@@ -60,12 +60,12 @@ class Misses:
     sizes: Floats
 
 
-def widening_of(found: Sequence[Misses]) -> Widening | None:
+def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
     """Return by how much intervals should be wider at each horizon; None if nothing was forecast.
 
-    Where as many trials were left out as a conformal prediction takes, the quantile of their misses about a horizon,
+    Where as many trials were left out as a conformal prediction takes, the quantile of their errors about a horizon,
     which holds for another trial without assumptions (Lei and others 2018). Where fewer were, the mean square of the
-    misses, beside which what the law says of itself counts as two trials. Intervals are not made narrower: later
+    errors, beside which what the law says of itself counts as two trials. Intervals are not made narrower: later
     times, and other starts, are seldom forecast better than what was learned from.
     """
     longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
@@ -82,7 +82,7 @@ def widening_of(found: Sequence[Misses]) -> Widening | None:
 
 
 def _factor(trials: Sequence[Floats]) -> float:
-    """Return the factor from the misses of some trials, each of which counts once, however often it was measured."""
+    """Return the factor from the errors of some trials, each of which counts once, however often it was measured."""
     count = len(trials)
     if count >= _ENOUGH:
         sizes = np.concatenate(trials)
@@ -95,12 +95,14 @@ def _factor(trials: Sequence[Floats]) -> float:
 
 
 @unannounced()
-def misses(frame: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> list[Misses]:
+def standardized_errors(
+    template: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]
+) -> list[StandardizedErrors]:
     """Return how far forecasts by the terms of a state are off, of trials or parts of trials that were left out.
 
     Parameters
     ----------
-    frame
+    template
         Terms, schema and objects of the law, and coefficients that are known.
     problem, state
         What was measured, and the terms that were found, with their errors.
@@ -110,14 +112,18 @@ def misses(frame: Law, problem: SearchProblem, state: SearchState, pool: Callabl
     found = []
     for kept, left_out in _folds(problem.trials):
         with suppress(CommonlawError, NotPositiveError):
-            law = pool(_law_of(frame, problem, state, kept))
-            found += [each for own, start in left_out for each in _missed(law, problem.trials.with_trials(own), start)]
+            law = pool(_fitted_to(template, problem, state, kept))
+            found += [
+                each
+                for own, start in left_out
+                for each in _standardized_errors(law, problem.trials.with_trials(own), start)
+            ]
     return found
 
 
 def calibrated(law: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> Law:
-    """Return a law whose bands are as wide as forecasts of what was left out ask for, see `misses`."""
-    wider = widening_of(misses(law, problem, state, pool))
+    """Return a law whose bands are as wide as forecasts of what was left out ask for, see `standardized_errors`."""
+    wider = widening_of(standardized_errors(law, problem, state, pool))
     return replace(law, uncertainty=replace(law.uncertainty, widening=wider))
 
 
@@ -142,27 +148,29 @@ def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
         yield rest, [(left_out, None)]
 
 
-def _law_of(frame: Law, problem: SearchProblem, state: SearchState, kept: Sequence[Trial]) -> Law:
+def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: Sequence[Trial]) -> Law:
     """Return the law with the terms and errors of a state, fitted to some of the trials."""
     trials = problem.trials.with_trials(kept)
-    places = [problem.trials.objects.index(name) for name in trials.objects]
-    threshold, known = problem.models[0].observation.huber_threshold, problem.known[places]
+    indices = [problem.trials.objects.index(name) for name in trials.objects]
+    threshold, known = problem.models[0].observation.huber_threshold, problem.known[indices]
     noise = problem.first_noise
-    part = prepare(trials, frame.terms, frame.order, known, noise=noise, huber_threshold=threshold)
+    part = prepare(trials, template.terms, template.order, known, noise=noise, huber_threshold=threshold)
     part = part.with_errors_of(problem)
     starts = [
         replace(start, coefficients=state.estimates[i].coefficients)
-        for start, i in zip(part.starts, places, strict=True)
+        for start, i in zip(part.starts, indices, strict=True)
     ]
     fitted = fit_with(part, state.supports, state.model_error, starts)
-    provenance = Provenance(frame.differentiation, domain=frame.provenance.domain)
-    own = Law(frame.terms, frame.schema, frame.order, trials.objects, np.nan_to_num(known), provenance=provenance)
+    provenance = Provenance(template.differentiation, domain=template.provenance.domain)
+    own = Law(
+        template.terms, template.schema, template.order, trials.objects, np.nan_to_num(known), provenance=provenance
+    )
     law = fitted_law(own, part, fitted)
     degrees = degrees_of_freedom(problem, state)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))
 
 
-def _missed(law: Law, trials: Trials, start: int | None) -> Iterator[Misses]:
+def _standardized_errors(law: Law, trials: Trials, start: int | None) -> Iterator[StandardizedErrors]:
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(
@@ -171,4 +179,4 @@ def _missed(law: Law, trials: Trials, start: int | None) -> Iterator[Misses]:
         middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
         sizes = abs(trial.states - middle) / half
         if np.isfinite(middle).all() and np.isfinite(half).all():
-            yield Misses(ahead[ahead > 0], sizes[ahead > 0])
+            yield StandardizedErrors(ahead[ahead > 0], sizes[ahead > 0])

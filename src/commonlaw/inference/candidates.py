@@ -86,7 +86,7 @@ def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[
     supports = _supports(law, most - 1)
     for k, support in enumerate(supports):
         progress(Stage(f"fitting the candidate with {counted(int(support.sum()), 'term')}", k / len(supports)))
-        with suppress(CommonlawError):  # What cannot be fitted is no rival
+        with suppress(CommonlawError):  # What cannot be fitted is no alternative
             yield candidate_law(law, trials, support)
 
 
@@ -216,7 +216,7 @@ def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
     start = np.where(certain, law.coefficients, support * 1.0)
     free = np.where(certain[support], 0.0, 1.0)
     covariance = np.tile(np.diag(free), (len(law.objects), 1, 1))
-    frame = replace(
+    template = replace(
         law,
         coefficients=start,
         uncertainty=Uncertainty(covariance),
@@ -225,4 +225,4 @@ def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
     kind, given = kind_of(law.uncertainty.error_model), trials.schema.noise_columns
     levels = {} if law.noise is None or kind != "white" else dict(zip(law.states, law.noise.tolist(), strict=True))
     noise = {name: level for name, level in levels.items() if name not in given}
-    return refine(frame, trials, noise=noise or None, errors=kind, progress=lambda _: None)
+    return refine(template, trials, noise=noise or None, errors=kind, progress=lambda _: None)

@@ -57,7 +57,7 @@ def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:
 @unannounced()
 def runs_away(problem: SearchProblem, state: SearchState) -> bool:
     """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
-    found, course = [], problem.trials.schema.input_between
+    found, between = [], problem.trials.schema.input_between
     for i in spread(len(problem.models), _OBJECTS):
         model, estimate = problem.models[i], state.estimates[i]
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
@@ -65,7 +65,7 @@ def runs_away(problem: SearchProblem, state: SearchState) -> bool:
             for first, last in pairwise(cuts):
                 times = mesh.times[first:last]
                 field = replace(
-                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], course)
+                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], between)
                 )
                 found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
     return any(each.outcome for each in simulate(found, tolerance=1e-6))

@@ -50,7 +50,7 @@ class Measured:
         """Return the same when so many coefficients are fitted besides."""
         return replace(self, freedom=self.freedom - coefficients)
 
-    def beside(self, outliers: float, count: int) -> "Measured":
+    def with_outliers(self, outliers: float, count: int) -> "Measured":
         """Return the same where so many outliers add this to sums of squares."""
         return replace(self, outliers=outliers, freedom=self.freedom - count)
 

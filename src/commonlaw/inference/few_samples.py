@@ -12,11 +12,11 @@ from commonlaw.inference.search import (
     NO_ERROR,
     SCHEDULES,
     SearchState,
+    fit_close_neighbours,
     fit_with,
     list_by_evidence,
     polish,
     search,
-    with_rivals,
 )
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import Estimate, NotPositiveError
@@ -49,7 +49,7 @@ def search_by_few(
 
 
 def _weighed(problem: SearchProblem, found: SearchState, solver: AbstractSolver) -> list[SearchState]:
-    """Return a law that some samples show, chosen again by all, beside the same law with model errors, and rivals."""
+    """Return a law that some samples show, chosen again by all, the same with model errors, and close neighbours."""
     pairs = zip(problem.starts, found.estimates, strict=True)
     start: Sequence[Estimate] = tuple(replace(own, coefficients=each.coefficients) for own, each in pairs)
     states = []
@@ -59,5 +59,5 @@ def _weighed(problem: SearchProblem, found: SearchState, solver: AbstractSolver)
         else:
             states.append(polish(problem, found.supports, start, NO_ERROR, solver))
         start = states[-1].estimates
-    best, *others = with_rivals(problem, list_by_evidence(states))
-    return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
+    best, *others = fit_close_neighbours(problem, list_by_evidence(states))
+    return [best.with_alternatives([each for each in others if each.model_error == best.model_error]), *others]

@@ -41,7 +41,7 @@ class LawSearch:
 
     Parameters
     ----------
-    frame
+    template
         Terms, schema, order and objects of the law that is sought, and the coefficients that are known.
     problem, state
         What was measured, and what was found so far.
@@ -51,7 +51,7 @@ class LawSearch:
         All that was found, the largest evidence first.
     """
 
-    frame: Law
+    template: Law
     problem: SearchProblem
     state: SearchState
     solver: AbstractSolver
@@ -60,7 +60,7 @@ class LawSearch:
 
 def search_supports(
     trials: Trials,
-    frame: Law,
+    template: Law,
     known: Floats,
     *,
     solver: AbstractSolver,
@@ -75,7 +75,7 @@ def search_supports(
     ----------
     trials
         What was measured.
-    frame, solver
+    template, solver
         See `LawSearch`.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
@@ -94,7 +94,9 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    prepared = partial(prepare, trials, frame.terms, frame.order, known, noise=noise, huber_threshold=huber_threshold)
+    prepared = partial(
+        prepare, trials, template.terms, template.order, known, noise=noise, huber_threshold=huber_threshold
+    )
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     if sum(map(len, problem.trials)) > 2 * FEW_SAMPLES:
         found = search_by_few(problem, prepared(most_samples=FEW_SAMPLES), solver, rest)
@@ -111,7 +113,7 @@ def search_supports(
     best = found[0]
     if not best.has_model_error:
         problem, best = to_scale(problem, best)
-    return LawSearch(frame, problem, best, solver, found)
+    return LawSearch(template, problem, best, solver, found)
 
 
 def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
@@ -170,7 +172,7 @@ def _with_best(found: LawSearch, compared: Sequence[Hypothesis]) -> LawSearch:
     if best.kind != "white":  # Levels about the law itself, to the last digits: units and origins do not show
         problem, state = with_errors_of_kind(problem, state, best.kind)
     alike = [each.state for each in compared if each.kind == best.kind]
-    return replace(found, problem=problem, state=state.beside(alike))
+    return replace(found, problem=problem, state=state.with_alternatives(alike))
 
 
 def finish(
@@ -204,22 +206,22 @@ def finish(
         progress("choosing terms again on a finer mesh")
         return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
 
-    frame = found.frame
+    template = found.template
     problem, state = to_scale(*until_resolved(found.problem, found.state, again))
     progress("judging terms and coefficients")
     compared = [
         [replace(each, support=each.support | given) for each in listed]
-        for given, listed in zip(frame.support, neighbours(problem, state), strict=True)
+        for given, listed in zip(template.support, neighbours(problem, state), strict=True)
     ]
-    law = fitted_law(frame, problem, state, covariance, seed)
+    law = fitted_law(template, problem, state, covariance, seed)
     law = replace(
         law,
         uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(compared)),
         provenance=replace(
-            frame.provenance,
-            outcomes=(*outcomes(frame, problem, state), *differing_trials(frame, problem, state)),
-            alternatives=alternatives(frame, compared),
-            history=history(frame, problem, state, compared),
+            template.provenance,
+            outcomes=(*outcomes(template, problem, state), *differing_trials(template, problem, state)),
+            alternatives=alternatives(template, compared),
+            history=history(template, problem, state, compared),
         ),
     )
     law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))

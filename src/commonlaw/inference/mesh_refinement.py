@@ -57,7 +57,7 @@ def _change(
     total, stride = 0.0, finer.points // problem.points
     for model, one, other in zip(problem.models, coarse, fine, strict=True):
         for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
-            change = (finest[mesh.places(stride)] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
+            change = (finest[mesh.indices_on(stride)] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
     return total
 

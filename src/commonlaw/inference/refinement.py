@@ -121,8 +121,8 @@ def refine(
             problem, state = fit_terms(setup)
     law, trials = setup.law, setup.trials
     law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
-    frame = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
-    found = LawSearch(frame, problem, state, PATH, (state,))
+    template = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
+    found = LawSearch(template, problem, state, PATH, (state,))
     if errors != "auto" or beyond_white_noise(found.problem, found.state):
         found = with_errors_of_law(found, kinds, progress)
     problem, state = to_scale(found.problem, found.state)

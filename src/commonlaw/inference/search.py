@@ -70,7 +70,7 @@ class SearchState:
     value: float
     fitted: tuple[tuple[float, Bools], ...] = ()
 
-    def beside(self, others: Sequence["SearchState"]) -> "SearchState":
+    def with_alternatives(self, others: Sequence["SearchState"]) -> "SearchState":
         """Return the state with the evidence of others, which were fitted under the same errors, against its own."""
         listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.value)}
         return replace(self, fitted=tuple((each.value - self.value, each.supports) for each in listed.values()))
@@ -104,10 +104,10 @@ def search(
         found += _anneal(problem, solver, model_errors)
     if schedules is not SCHEDULES:
         return list_by_evidence(found)
-    found += _as_few_say(problem, solver, progress)
+    found += _found_by_groups(problem, solver, progress)
     found += _without_model_error(problem, list_by_evidence(found)[0])
-    best, *others = with_rivals(problem, list_by_evidence(found))
-    return [best.beside([each for each in others if each.model_error == best.model_error]), *others]
+    best, *others = fit_close_neighbours(problem, list_by_evidence(found))
+    return [best.with_alternatives([each for each in others if each.model_error == best.model_error]), *others]
 
 
 def polish(
@@ -252,7 +252,7 @@ def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -
     return fitted(problem, start, supports, state.model_error)[0]
 
 
-def _as_few_say(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
+def _found_by_groups(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
     """Return the laws that some of many objects find, fitted to all; none where there are few objects.
 
     Evidence linearised about one law errs for each object, and of many by more than what tells laws apart.
@@ -278,16 +278,16 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
     return []
 
 
-def with_rivals(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
+def fit_close_neighbours(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
     """Fit what is hardly less probable than the best, until the best stays: evidence linearised about one law errs."""
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
     while True:
         best = found[0]
-        rivals = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
-        if not rivals:
+        close = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
+        if not close:
             return found
         evidence = evidence_about(problem, best)
-        for supports in rivals:
+        for supports in close:
             done.add(supports.tobytes())
             with suppress(NotPositiveError):
                 estimates = _restricted(problem, evidence, best.estimates, supports)
@@ -345,7 +345,7 @@ def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error
     known = np.nan_to_num(problem.known)
     problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
     extra = offset(problem, linear, model_error)
-    counted = problem.counted.beside(
+    counted = problem.counted.with_outliers(
         *np.sum([_of_outliers(*pair) for pair in zip(problem.models, estimates, strict=True)], axis=0)
     )
     return SupportEvidence(problems, problem.allowed, counted, problem.prices, problem.most_terms, extra)

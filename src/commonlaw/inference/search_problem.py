@@ -228,8 +228,8 @@ class SearchProblem:
         points = 2 * self.points
         groups = [self.trials.of_object(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
-        course = self.trials.schema.input_between
-        models = tuple(replace(model, meshes=meshes(group, points, input_between=course)) for model, group in pairs)
+        between = self.trials.schema.input_between
+        models = tuple(replace(model, meshes=meshes(group, points, input_between=between)) for model, group in pairs)
         starts = tuple(
             replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
             for model, start in zip(self.models, self.starts, strict=True)
@@ -291,15 +291,15 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
     models, starts = [], []
-    course, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
+    between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
     typical = typical_states(curves)
     own_laws = []
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        models.append(TrajectoryModel(terms, order, meshes(group, input_between=course), observation, unit))
-        told = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
-        coefficients = _first(terms, told, fixed) if told else np.nan_to_num(fixed)
+        models.append(TrajectoryModel(terms, order, meshes(group, input_between=between), observation, unit))
+        usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
+        coefficients = _first(terms, usable, fixed) if usable else np.nan_to_num(fixed)
         starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
-        own_laws.append([coefficients] if told else [])
+        own_laws.append([coefficients] if usable else [])
     others = [each for own in own_laws for each in own]
     for o, own in enumerate(curves):
         if any(np.isnan(states).any() for states, _ in own):

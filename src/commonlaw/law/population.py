@@ -27,7 +27,7 @@ class Population(NamedTuple):
     note: str
 
 
-def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
+def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     """Return the law of the objects of these trials, and a remark on each that it does not know.
 
     By the relations of its coefficients, if `Law.explain` found them and the properties that they take are there; else
@@ -58,7 +58,7 @@ def law_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
             shared_factor=None,
             unpooled=None,
             explanation=None,
-            other_laws=law.each_other(lambda other: law_of(other, trials)[0]),
+            other_laws=law.each_other(lambda other: with_objects_of(other, trials)[0]),
         ),
         properties={},
     )

@@ -63,14 +63,14 @@ class Mesh:
         within = np.arange(len(self)) - np.repeat(first, np.diff(first, append=len(self)))
         return np.asarray(within % points == 0)
 
-    def places(self, stride: int) -> Floats:
+    def indices_on(self, stride: int) -> Floats:
         """Return where its points are on a mesh with that many steps for each of its own, shape (n,)."""
         return np.concatenate([[0], np.cumsum(np.where(self.contiguous, stride, 1))])
 
     def halfway(self, values: Floats) -> Floats:
         """Return values at its points, shape (n, columns), on the mesh of half its steps, on straight lines."""
-        places = self.places(2)
-        return np.column_stack([np.interp(np.arange(places[-1] + 1), places, column) for column in values.T])
+        indices = self.indices_on(2)
+        return np.column_stack([np.interp(np.arange(indices[-1] + 1), indices, column) for column in values.T])
 
     def with_inputs(self, inputs: Inputs) -> "Mesh":
         """Return the mesh of one segment with inputs that are known at any time."""
@@ -150,7 +150,7 @@ def meshes(
     most
         Samples of a mesh; longer trials are cut into segments.
     input_between
-        The course of inputs between samples, see `Inputs`.
+        The interpolation of inputs between samples, see `Inputs`.
     """
     return [
         _mesh([(trials[i], segment) for i, segment in group], points, input_between)

@@ -9,7 +9,7 @@ from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched
-from commonlaw.law.population import is_typical, law_of
+from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
 from commonlaw.verdict.law_verdict import NEAR, LawVerdict, StateError, listed
@@ -35,7 +35,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
             continue
         single = trials.with_trials([trial])
         try:
-            found.append(forecast_errors(law_of(law, single)[0], single, segment))
+            found.append(forecast_errors(with_objects_of(law, single)[0], single, segment))
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
             unjudged.append(str(error))
             continue

@@ -84,8 +84,8 @@ def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshSt
         _GRIDS[grid] = (*map(address, grid.arrays), address(grid.contiguous))
     std = _floats(np.broadcast_to(noise * mesh.scale, mesh.measured.shape))
     hidden = () if latent is None else tuple(map(_floats, (latent.start, latent.end, latent.anchors)))
-    places = tuple(map(address, hidden)) or (0, 0, 0)
-    return MeshStructure(len(mesh), mesh.typical_step, *_GRIDS[grid], address(std), *places), (grid, std, hidden)
+    addresses = tuple(map(address, hidden)) or (0, 0, 0)
+    return MeshStructure(len(mesh), mesh.typical_step, *_GRIDS[grid], address(std), *addresses), (grid, std, hidden)
 
 
 def _floats(values: Floats) -> Floats:
