@@ -1,7 +1,9 @@
 """States and coefficients fitted together to what was measured, terms chosen by their evidence."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -13,28 +15,25 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
+    CHOSEN,
     MOST_SAMPLES,
     PATH,
     CovarianceKind,
     ErrorKind,
     LawSearch,
     as_followed,
-    best_interpolation,
-    beyond_white_noise,
-    error_kinds,
+    choose_errors,
     finish,
     known_noise,
     missed_terms,
     promising_terms,
     search_supports,
-    with_error_models,
-    with_interpolation,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.library import SelectedLibrary, Terms
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
-from commonlaw.progress import ProgressCallback, Stage, part
+from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
@@ -45,11 +44,6 @@ _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
 
 _SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.3, 1e-2, 5e-4
-
-
-_SEARCH, _SEARCH_OF_MANY, _CHOSEN = 0.75, 0.2, 0.9
-"""Shares of the time after which terms are found, if white noise is enough, and if errors are to be estimated; and
-after which the law is chosen. They are only shown, while it works."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,53 +125,46 @@ class TrajectoryLikelihood(AbstractMethod):
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
-        screened: _Screened | None = _Screened.of(with_logarithms(trials, self.positive), structure)
-        while screened:  # Terms that were left out may improve the law under other errors, too
-            last, found, steps = self._found(trials, screened, progress)
-            screened = last.with_missed(found) if found.problem.errors != NO_ERRORS else None
+        screened = _Screened.of(with_logarithms(trials, self.positive), structure)
+
+        def by_derivatives(found: LawSearch) -> Bools | None:
+            with suppress(CommonlawError):
+                sought = screened.among(found).structure
+                return DerivativeRegression().find(trials.without_noise(), sought, progress).support
+            return None
+
+        while True:
+            found, steps = choose_errors(
+                partial(self._search, screened),
+                as_followed(trials, self.positive, self.input_between),
+                input_between=self.input_between,
+                errors=self.errors,
+                propose=by_derivatives,
+                progress=progress,
+            )
+            screened = screened.among(found)
+            # Terms that were left out may improve the law under other errors, too
+            more = screened.with_missed(found) if found.problem.errors != NO_ERRORS else None
+            if more is None:
+                break
+            screened = more
         law = finish(
             found,
             covariance=self.covariance,
-            universal=last.structure.universal_coefficients(trials.schema),
+            universal=screened.structure.universal_coefficients(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
-            progress=part(progress, _CHOSEN, 1.0),
+            progress=part(progress, CHOSEN, 1.0),
         )
-        return replace(law, provenance=replace(law.provenance, history=(*last.steps, *steps, *law.history)))
+        return replace(law, provenance=replace(law.provenance, history=(*screened.steps, *steps, *law.history)))
 
-    def _found(
-        self, trials: Trials, screened: "_Screened", progress: ProgressCallback
-    ) -> tuple["_Screened", LawSearch, list[Step]]:
-        """Search for the law and the errors of largest evidence, and say how inputs go on between samples."""
-        as_measured, chosen = trials, self.input_between == "auto" and bool(trials.schema.inputs)
-        trials = as_followed(trials, self.positive, self.input_between)
-        kinds = error_kinds(self.errors, trials.schema)
-        (screened, found), steps = self._search(trials, screened, part(progress, 0.0, _SEARCH)), list[Step]()
-        if chosen:
-            progress("comparing interpolations of inputs between samples")
-            steps = [best_interpolation(found.problem, found.state)]
-            if steps[0].choice != trials.schema.input_between:
-                screened, found = self._search(with_interpolation(trials, steps[0].choice), screened, progress)
-        odd = beyond_white_noise(found.problem, found.state) if self.errors == "auto" else "as asked for"
-        if odd:
-            progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
-            try:
-                as_measured = as_measured.without_noise()
-                other = DerivativeRegression().find(as_measured, screened.structure, progress).support
-            except CommonlawError:
-                other = None
-            found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, _CHOSEN))
-        return screened, found, steps
-
-    def _search(
-        self, trials: Trials, screened: "_Screened", progress: ProgressCallback
-    ) -> tuple["_Screened", LawSearch]:
+    def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""
         found = self._search_among(trials, screened.structure, progress)
         while more := screened.with_missed(found):
             progress("searching again with terms that were left out and improve the law")
             screened, found = more, self._search_among(trials, more.structure, progress)
-        return screened, found
+        return found
 
     def _search_among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
         terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
@@ -227,9 +214,13 @@ class _Screened:
         why = "they explain most of smoothed rates; each of the others was tried on the law, and none improves it"
         return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
 
+    def among(self, found: LawSearch) -> "_Screened":
+        """Return the same with the terms among which a law was found."""
+        return replace(self, kept=np.isin(self.terms.names, found.template.terms.names))
+
     def with_missed(self, found: LawSearch) -> "_Screened | None":
         """Return the same with terms that were left out and improve a law; None if there are none."""
-        missed = np.zeros_like(self.kept) if self.kept.all() else missed_terms(found, self.terms, self.kept)
+        missed = missed_terms(found, self.terms)
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 

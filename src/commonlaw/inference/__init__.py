@@ -7,25 +7,24 @@ from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.fit_setup import as_followed
-from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.law_search import (
+    CHOSEN,
     PATH,
     LawSearch,
-    beyond_white_noise,
+    choose_errors,
     finish,
     search_supports,
-    with_error_models,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
-from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
+    "CHOSEN",
     "HUBER_THRESHOLD",
     "MOST_SAMPLES",
     "PATH",
@@ -35,14 +34,12 @@ __all__ = [
     "LawSearch",
     "adapt",
     "as_followed",
-    "best_interpolation",
-    "beyond_white_noise",
     "can_be_carried",
     "candidate_law",
     "candidate_laws",
     "candidates_in_turn",
+    "choose_errors",
     "compare",
-    "error_kinds",
     "finish",
     "fit_supports",
     "known_noise",
@@ -52,6 +49,4 @@ __all__ = [
     "promising_terms",
     "refine",
     "search_supports",
-    "with_error_models",
-    "with_interpolation",
 ]

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.error_choice import chosen, of_each_kind
+from commonlaw.inference.error_choice import chosen
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.hypotheses import OF_LAWS, WORDS
-from commonlaw.inference.law_search import beyond_white_noise
-from commonlaw.inference.refinement import fit_terms
+from commonlaw.inference.hypotheses import OF_LAWS, WORDS, under_each_kind
+from commonlaw.inference.law_search import beyond_white_noise, fit_terms
 from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
@@ -84,8 +83,8 @@ def compare(
     same = [written_alike(law, trials.schema) for law in laws.values()]
     _check_one_unit(same, trials)
     fitted = [fit_terms(FitSetup.of(law, trials, noise, huber_threshold)) for law in same]
-    finest = max(problem.points for problem, _ in fitted)
-    white = [_on_mesh(problem, state, finest) for problem, state in fitted]
+    finest = max(each.problem.points for each in fitted)
+    white = [_on_mesh(each.problem, each.state, finest) for each in fitted]
     enough = errors == "auto" and not beyond_white_noise(*min(white, key=lambda each: each[1].value))
     kinds = () if enough else error_kinds(errors, trials.schema)
     found = [_with_errors(*each, kinds) for each in white]
@@ -143,7 +142,7 @@ def _with_errors(
     problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
 ) -> tuple[ErrorKind, SearchState]:
     """Return the kind of errors of largest evidence, and the state fitted under it; without any, those that it has."""
-    found = of_each_kind(problem, state.supports, kinds)
+    found = under_each_kind(problem, state.supports, kinds)
     if not found:
         return "walk" if state.has_model_error else "white", state
     best = chosen(found)

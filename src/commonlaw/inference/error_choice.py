@@ -10,8 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.hypotheses import Hypothesis, with_errors_of_each_kind
+from commonlaw.inference.hypotheses import Hypothesis
 from commonlaw.inference.search import SearchState, evidence_of
 from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
@@ -39,13 +38,6 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
                 fitted = hypothesis.fit(pool[i])
                 compared.append(replace(hypothesis, problem=fitted[0], state=fitted[1]))
     return compared
-
-
-@unannounced()
-def of_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
-    """Return supports, shape (equations, terms), under each kind of errors, with levels of their own."""
-    found = with_errors_of_each_kind(problem, supports, kinds)
-    return [Hypothesis(kind, *own) for kind, own in found.items()]
 
 
 def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:

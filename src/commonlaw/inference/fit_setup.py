@@ -4,7 +4,7 @@ Finding a law begins with `as_followed`; refining, comparing, adapting and its d
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -82,10 +82,6 @@ class FitSetup:
         between = law.schema.input_between if input_between is None else input_between
         trials = as_followed(trials, law.schema.logarithmic, between)
         return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold)
-
-    def between(self, input_between: str) -> "FitSetup":
-        """Return the same with another interpolation of inputs between samples."""
-        return replace(self, trials=with_interpolation(self.trials, input_between))
 
     @property
     def known(self) -> Floats:

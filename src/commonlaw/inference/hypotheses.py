@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.search import (
@@ -87,39 +88,36 @@ def hypotheses(
     largest evidence comes first.
     """
     progress("comparing kinds of errors")
-    starts = with_errors_of_each_kind(problem, state.supports, kinds)
+    starts = under_each_kind(problem, state.supports, kinds)
     found = []
     groups = (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS)
     for number, group in enumerate(groups, start=1):
         show = part(progress, number / (len(groups) + 1), (number + 1) / (len(groups) + 1))
-        own = {kind: starts[kind] for kind in group if kind in starts}
-        for kind in sorted(own, key=lambda each: own[each][1].value)[:1]:
-            show(f"seeking the law with {WORDS[kind]}")
+        for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.value)[:1]:
+            show(f"seeking the law with {WORDS[start.kind]}")
             with suppress(CommonlawError, NotPositiveError):
-                found.append(_hypothesis(*own[kind], kind, solver, show))
+                found.append(_in_turn(start, solver, show))
     return sorted(found, key=lambda each: each.state.value)
 
 
-def with_errors_of_each_kind(
-    problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]
-) -> dict[ErrorKind, tuple[SearchProblem, SearchState]]:
-    """Return the problem and the state with errors of each kind that can be fitted, for supports of all equations."""
-    found: dict[ErrorKind, tuple[SearchProblem, SearchState]] = {}
+@unannounced()
+def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
+    """Return supports, shape (equations, terms), under each kind of errors that can be fitted, with its own levels."""
+    found = []
     with suppress(CommonlawError, NotPositiveError):
         solved = fit_solutions(problem, supports)
         for kind in [each for each in kinds if each != "walk"]:
             with suppress(CommonlawError, NotPositiveError):
-                found[kind] = with_errors_of_kind(*solved, kind)
+                found.append(Hypothesis(kind, *with_errors_of_kind(*solved, kind)))
     if "walk" in kinds:
         with suppress(CommonlawError, NotPositiveError):
-            found["walk"] = with_errors_of_kind(problem, fit_supports(problem, supports), "walk")
+            found.append(Hypothesis("walk", *with_errors_of_kind(problem, fit_supports(problem, supports), "walk")))
     return found
 
 
-def _hypothesis(
-    problem: SearchProblem, state: SearchState, kind: ErrorKind, solver: AbstractSolver, progress: ProgressCallback
-) -> Hypothesis:
+def _in_turn(start: Hypothesis, solver: AbstractSolver, progress: ProgressCallback) -> Hypothesis:
     """Return a kind of errors with the supports and the levels that are found in turn."""
+    kind, problem, state = start.kind, start.problem, start.state
     for _ in range(_ROUNDS):
         found = _searched(problem, state, kind, solver, progress)
         others = [each for each in found if not np.array_equal(each.supports, state.supports)]

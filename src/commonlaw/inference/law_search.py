@@ -1,11 +1,12 @@
-"""The default way from trials to a law: search supports, perhaps take others, finish.
+"""The way from trials to a law: search supports, or fit the one that is given, choose its errors, finish.
 
 Each step returns what the next one takes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -13,23 +14,30 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws
 from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
-from commonlaw.inference.error_choice import candidates, chosen, of_each_kind, runs_away
+from commonlaw.inference.error_choice import candidates, chosen, runs_away
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.few_samples import FEW_SAMPLES, search_by_few
-from commonlaw.inference.hypotheses import Hypothesis, hypotheses
+from commonlaw.inference.fit_setup import FitSetup
+from commonlaw.inference.hypotheses import hypotheses, under_each_kind
+from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
 from commonlaw.inference.residuals import unexplained
-from commonlaw.inference.search import SearchState, neighbours, polish, search, to_scale
+from commonlaw.inference.scales import error_kinds
+from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports, neighbours, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.trial_differences import differing_trials
-from commonlaw.law import Law
+from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
 _FINER = 4
 """Points for each sampling step up to which a law with a model error is sought again: it needs no finer mesh."""
+
+_SEARCH, _SEARCH_OF_MANY, CHOSEN = 0.75, 0.2, 0.9
+"""Shares of the time after which terms are found, if white noise is enough, and if errors are to be estimated; and
+after which the law is chosen. They are only shown, while it works."""
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -46,7 +54,7 @@ class LawSearch:
     problem, state
         What was measured, and what was found so far.
     solver
-        Whose path lists the candidates of each equation.
+        Whose path lists the candidates of each equation; None where the terms are given.
     found
         All that was found, the largest evidence first.
     """
@@ -54,7 +62,7 @@ class LawSearch:
     template: Law
     problem: SearchProblem
     state: SearchState
-    solver: AbstractSolver
+    solver: AbstractSolver | None
     found: Sequence[SearchState]
 
 
@@ -116,6 +124,23 @@ def search_supports(
     return LawSearch(template, problem, best, solver, found)
 
 
+def fit_terms(setup: FitSetup) -> LawSearch:
+    """Fit the terms of a law to what was measured, on a mesh that is fine enough.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
+    """
+    problem, law = setup.problem(), setup.law
+    state = fit_supports(problem, problem.allowed, ANY_ERROR)
+    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
+    if not state.has_model_error:
+        problem, state = to_scale(problem, state)
+    template = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
+    return LawSearch(template, problem, state, None, (state,))
+
+
 def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
     """Return what speaks against white noise with a law that was found, in words; nothing if nothing does."""
     odd = unexplained(problem, state)
@@ -124,49 +149,68 @@ def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
     return odd
 
 
-def with_error_models(
-    found: LawSearch, other: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
-) -> LawSearch:
-    """Return a search with the law and the errors that are chosen where white noise does not explain the measurements.
+def choose_errors(
+    begin: Callable[[Trials, ProgressCallback], LawSearch],
+    trials: Trials,
+    *,
+    input_between: str,
+    errors: ErrorKind | Literal["auto"],
+    propose: Callable[[LawSearch], Bools | None],
+    progress: ProgressCallback,
+) -> tuple[LawSearch, list[Step]]:
+    """Return a search with the interpolation of inputs and the errors that are chosen, and what to say of the first.
 
     Parameters
     ----------
-    found
-        By `search_supports`.
-    other
-        Supports that are compared too, shape (equations, terms).
-    kinds
-        Of errors that are compared.
+    begin
+        Searches supports by `search_supports`, or fits those that are given by `fit_terms`.
+    trials
+        What was measured, as the law follows it.
+    input_between
+        The interpolation of inputs between samples, ``"auto"`` for the one of largest evidence.
+    errors
+        Those beside white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
+        measurements.
+    propose
+        Returns supports that are compared too then, shape (equations, terms), if there are any.
     progress
         Takes what is being done.
 
     Raises
     ------
     CommonlawError
-        If the likelihood cannot be computed.
+        If the likelihood cannot be computed, or errors do not go with the trials.
     """
-    hypothesized = hypotheses(found.problem, found.state, kinds, found.solver, part(progress, 0.0, 0.5))
-    if not hypothesized:
-        return found
-    others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
-    progress(Stage("comparing laws under each kind of errors", 0.5))
-    compared = candidates(hypothesized, others, found.solver)
+    kinds, steps = error_kinds(errors, trials.schema), list[Step]()
+    found = begin(trials, part(progress, 0.0, _SEARCH))
+    if input_between == "auto" and trials.schema.inputs:
+        progress("comparing interpolations of inputs between samples")
+        steps = [best_interpolation(found.problem, found.state)]
+        if steps[0].choice != trials.schema.input_between:
+            found = begin(with_interpolation(trials, steps[0].choice), progress)
+    odd = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
+    if odd:
+        progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
+        found = _with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
+    return found, steps
+
+
+def _with_error_models(
+    found: LawSearch, other: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
+) -> LawSearch:
+    """Return a search with the law of largest evidence, and errors of these kinds; its terms stay if they are given."""
+    compared = []
+    if found.solver is None:
+        compared = under_each_kind(found.problem, found.state.supports, kinds)
+    elif hypothesized := hypotheses(found.problem, found.state, kinds, found.solver, part(progress, 0.0, 0.5)):
+        others = [each.supports for each in found.found] + ([] if other is None else [other & found.problem.allowed])
+        progress(Stage("comparing laws under each kind of errors", 0.5))
+        compared = candidates(hypothesized, others, found.solver)
+        if compared:
+            progress("comparing errors of the law that is chosen")
+            compared += under_each_kind(found.problem, chosen(compared).state.supports, kinds)
     if not compared:
         return found
-    progress("comparing errors of the law that is chosen")
-    compared += of_each_kind(found.problem, chosen(compared).state.supports, kinds)
-    return _with_best(found, compared)
-
-
-def with_errors_of_law(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> LawSearch:
-    """Return a search with the errors that are chosen for the supports that were found, see `with_error_models`."""
-    progress("comparing errors")
-    compared = of_each_kind(found.problem, found.state.supports, kinds)
-    return _with_best(found, compared) if compared else found
-
-
-def _with_best(found: LawSearch, compared: Sequence[Hypothesis]) -> LawSearch:
-    """Return a search with the best hypothesis, beside others with errors of its kind."""
     best = chosen(compared)
     problem, state = best.problem, best.state
     if best.kind != "white":  # Levels about the law itself, to the last digits: units and origins do not show
@@ -189,7 +233,7 @@ def finish(
     Parameters
     ----------
     found
-        By `search_supports` or `with_error_models`.
+        By `search_supports` and `choose_errors`.
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal
@@ -204,6 +248,7 @@ def finish(
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
         progress("choosing terms again on a finer mesh")
+        assert found.solver is not None  # Terms that are given are not chosen again
         return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
 
     template = found.template

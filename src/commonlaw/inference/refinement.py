@@ -4,15 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, get_args
 
-import numpy as np
-
 from commonlaw.errors import check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.input_interpolation import best_interpolation
-from commonlaw.inference.law_search import PATH, LawSearch, beyond_white_noise, with_errors_of_law
-from commonlaw.inference.mesh_refinement import until_resolved
+from commonlaw.inference.law_search import choose_errors, fit_terms
 from commonlaw.inference.provenance import (
     fit_steps,
     noise_step,
@@ -20,11 +16,9 @@ from commonlaw.inference.provenance import (
     sample_steps,
     without_outcomes_of_fit,
 )
-from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports, to_scale
-from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search import to_scale
 from commonlaw.integration import BETWEEN
-from commonlaw.law import Law, Step
+from commonlaw.law import Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.log_scale import on_log_scale
 from commonlaw.law.script import call
@@ -109,42 +103,30 @@ def refine(
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
     law = law if positive is None else on_log_scale(law, positive)
     between = law.schema.input_between if input_between is None else input_between
-    setup, steps = FitSetup.of(law, trials, noise, huber_threshold, between), list[Step]()
-    kinds = error_kinds(errors, setup.trials.schema)
+    setup = FitSetup.of(law, trials, noise, huber_threshold, between)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
-    problem, state = fit_terms(setup)
-    if between == "auto" and setup.trials.schema.inputs:
-        steps = [best_interpolation(problem, state)]
-        if steps[0].choice != setup.trials.schema.input_between:
-            setup = setup.between(steps[0].choice)
-            problem, state = fit_terms(setup)
-    law, trials = setup.law, setup.trials
-    law = replace(law, schema=replace(law.schema, input_between=trials.schema.input_between))
-    template = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
-    found = LawSearch(template, problem, state, PATH, (state,))
-    if errors != "auto" or beyond_white_noise(found.problem, found.state):
-        found = with_errors_of_law(found, kinds, progress)
+    found, steps = choose_errors(
+        lambda own, _: fit_terms(replace(setup, trials=own)),
+        setup.trials,
+        input_between=between,
+        errors=errors,
+        propose=lambda _: None,
+        progress=progress,
+    )
     problem, state = to_scale(found.problem, found.state)
-    found = replace(found, problem=problem, state=state)
-    refined = fitted_law(law, found.problem, found.state, covariance, seed)
-    chosen = *steps, *sample_steps(found.problem), noise_step(found.problem), *fit_steps(found.problem, found.state)
+    schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
+    law, trials = replace(setup.law, schema=schema), setup.trials
+    refined = fitted_law(law, problem, state, covariance, seed)
+    chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
     provenance = replace(
         law.provenance,
         outcomes=(
             *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-            *outcomes_of_fit(found.problem, found.state),
+            *outcomes_of_fit(problem, state),
         ),
         history=(*law.history, *chosen),
         calls=calls,
         domain=Domain.of(trials, law.rates),
     )
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
-
-
-def fit_terms(setup: FitSetup) -> tuple[SearchProblem, SearchState]:
-    """Return what was measured and the terms of a law fitted to it, on a mesh that is fine enough."""
-    problem = setup.problem()
-    state = fit_supports(problem, problem.allowed, ANY_ERROR)
-    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
-    return (problem, state) if state.has_model_error else to_scale(problem, state)

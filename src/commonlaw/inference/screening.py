@@ -83,17 +83,19 @@ def promising_terms(trials: Trials, terms: Terms, order: int, known: Floats, nee
     return kept
 
 
-def missed_terms(found: LawSearch, terms: Terms, kept: Bools) -> Bools:
+def missed_terms(found: LawSearch, terms: Terms) -> Bools:
     """Return which terms that were left out would improve the evidence of a law that was found, shape (terms,).
 
     Parameters
     ----------
     found
         The search among the terms that were kept, in their order.
-    terms, kept
-        All terms, and which were kept, shape (terms,).
+    terms
+        All terms.
     """
-    problem, state = found.problem, found.state
+    problem, state, kept = found.problem, found.state, np.isin(terms.names, found.template.terms.names)
+    if kept.all():
+        return np.zeros_like(kept)
     inside = np.flatnonzero(kept)[state.supports.any(axis=0)]
     mine, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
     left_out = np.flatnonzero(~kept)
