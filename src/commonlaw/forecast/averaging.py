@@ -14,8 +14,10 @@ from commonlaw.law.forecast import Forecast, Part
 def averaged(parts: Sequence[Part]) -> Forecast:
     """Return the average of forecasts of the same trials, of which the first is that of the law itself.
 
-    States are the mean, weighted with the probabilities, and intervals hold their share of the mixture of all. Where
-    the law forecasts a trial whole, others that diverge in it do not count for it; where it diverges, it stands alone.
+    States are the median of what the laws say, weighted with their probabilities: that of one law wherever it is more
+    probable than all others together. Standard deviations are about that, and intervals hold their share of the mixture
+    of all. A law that diverges in a trial does not count for it, as the trial goes on; where all do, the law stands
+    alone.
     """
     if len(parts) == 1:
         return parts[0].forecast
@@ -38,15 +40,23 @@ def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
 
 
 def remarks_on(found: Forecast) -> tuple[str, ...]:
-    """Return what else the law could be, in a sentence, where that moves a forecast by more than its own error.
+    """Return in a sentence what else the law could be, where it diverges or that moves a forecast by more than it errs.
 
-    Nothing without standard deviations, or if there is no other law.
+    Nothing of the latter without standard deviations, and nothing if there is no other law.
     """
-    if found.std is None or len(found.parts) < 2:
+    if len(found.parts) < 2:
         return ()
-    own, farthest = found.parts[0].forecast, 0.0
+    own, farthest = found.parts[0], 0.0
+    lost = [each.label for each, share in zip(found.trials, own.weights, strict=True) if not share]
+    if lost:
+        return (
+            f"the law itself diverges in {', '.join(lost)}: what is forecast there is what else the law could be, with "
+            f"a probability of {1 - own.probability:.2g}",
+        )
+    if found.std is None:
+        return ()
     width = len(found.trials.schema.states)
-    for i, (std, noise) in enumerate(zip(own.std or (), own.measurement_std(), strict=True)):
+    for i, (std, noise) in enumerate(zip(own.forecast.std or (), own.forecast.measurement_std(), strict=True)):
         middle = found.trajectories[i].states[:, :width]
         off = [(each.weights[i], each.forecast.trajectories[i].states[:, :width]) for each in found.parts]
         between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in off if share))
@@ -63,11 +73,10 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
 def _weights(parts: Sequence[Part], trial: int) -> Floats:
     """Return what each forecast of a trial counts, shape (parts,)."""
     shares: Floats = np.array([each.probability for each in parts])
-    whole = [_is_whole(each.forecast, trial) for each in parts]
-    if not whole[0]:
+    whole = np.array([_is_whole(each.forecast, trial) for each in parts])
+    if not whole.any():
         return np.asarray(np.eye(len(parts))[0])
-    shares = shares * whole
-    return np.asarray(shares / shares.sum())
+    return np.asarray(shares * whole / shares[whole].sum())
 
 
 def _is_whole(forecast: Forecast, trial: int) -> bool:
@@ -77,13 +86,20 @@ def _is_whole(forecast: Forecast, trial: int) -> bool:
 
 
 def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajectory, Floats]:
-    """Return the mean trajectory of a trial and the standard deviation about it, shape (n, width)."""
-    first = parts[0].forecast.trajectories[trial]
+    """Return the median trajectory of a trial and the standard deviation about it, shape (n, width)."""
     kept = [(share, each.forecast) for share, each in zip(weights, parts, strict=True) if share]
-    mean = np.sum([share * each.trajectories[trial].states for share, each in kept], axis=0)
-    variance = np.zeros_like(mean)
-    for share, each in kept:
-        off = each.trajectories[trial].states - mean
+    states = np.array([each.trajectories[trial].states for _, each in kept])
+    median = _weighted_median(states, weights[weights > 0])
+    variance = np.zeros_like(median)
+    for (share, each), own in zip(kept, states, strict=True):
         with np.errstate(invalid="ignore"):
-            variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + off**2)
-    return replace(first, states=mean), np.sqrt(variance)
+            variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + (own - median) ** 2)
+    return replace(kept[0][1].trajectories[trial], states=median), np.sqrt(variance)
+
+
+def _weighted_median(values: Floats, weights: Floats) -> Floats:
+    """Return the least of the values, shape (k, ...), up to which half of the weight lies; shape (...)."""
+    order = np.argsort(values, axis=0)
+    reached = np.cumsum(weights[order], axis=0) >= 0.5 * (1 - 1e-12)
+    found = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
+    return np.asarray(np.take_along_axis(values, found, axis=0)[0])

@@ -135,8 +135,9 @@ class AbstractDelegates(AbstractAverages):
         discrepancy
             Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
         averaged
-            Whether forecasts are averaged over what the law could be, see `plausible`: each is the mean over these
-            laws, by their probabilities, and its interval is that of the mixture. Else they are those of this law.
+            Whether forecasts are averaged over what the law could be, see `plausible`: each is the median of what
+            these laws say, weighted by their probabilities, and its interval is that of the mixture. Else they are
+            those of this law.
 
         Raises
         ------
