@@ -25,10 +25,10 @@ def balls(scatter: float, seed: int, trials: int = 4) -> cl.Trials:
     return cl.Trials.from_arrays([TIMES] * len(states), states, object=objects, names=["x"])
 
 
-def problem_of(trials: cl.Trials) -> tuple[Law, SearchProblem, SearchState]:
+def problem_of(trials: cl.Trials) -> tuple[SearchProblem, SearchState]:
     law = Law.from_text("x' = -a x", {"a": dict.fromkeys(trials.objects, 0.7)})
     problem = prepare(trials, law.terms, 1, np.full((2, 1, 1), np.nan))
-    return law, problem, fit_supports(problem, problem.allowed, (0.3, 0.03))
+    return problem, fit_supports(problem, problem.allowed, (0.3, 0.03))
 
 
 def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
@@ -36,7 +36,7 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     from scipy.optimize import least_squares
 
     trials = balls(0.05, 3)
-    law, problem, state = problem_of(trials)
+    problem, state = problem_of(trials)
     own = [each.states[:, 0] for each in trials.of_object("ball 2")]
 
     def left(rates, starts):
@@ -45,7 +45,7 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     together = 2 * least_squares(lambda p: left([p[0]] * 4, p[1:]), [0.9, 1, 1, 1, 1]).cost
     alone = 2 * least_squares(lambda p: left(p[:4], p[4:]), [0.9] * 4 + [1] * 4).cost
     expected = f.sf((together - alone) / 3 / (alone / 72), 3, 72)
-    found = trial_differences._probability(law, problem, state, "ball 2")
+    found = trial_differences._probability(problem, state, "ball 2")
     assert np.log(found) == pytest.approx(np.log(expected), rel=0.1)
 
 

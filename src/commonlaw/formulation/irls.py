@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.array_types import Floats
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.formulation.weak import WeakForm
 from commonlaw.formulation.weak_rows import WeakRows
@@ -17,9 +16,11 @@ _CONVERGED = 1e-6
 """Relative change of a fit below which reweighting ends; the steps after it would change no digit that noise leaves."""
 
 
-def reweight(
-    trials: Trials, terms: Terms, form: WeakForm, support: Bools | None = None, sweeps: int = 30
-) -> tuple[WeakForm, dict[str, Floats]]:
+_SWEEPS = 30
+"""How many there are at most."""
+
+
+def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, dict[str, Floats]]:
     """Return the form with coefficients that fit the rows that these same coefficients whiten, and the coefficients.
 
     Each sweep is generalised least squares with the covariance at the coefficients before it, for each equation its
@@ -33,35 +34,29 @@ def reweight(
         The library.
     form
         How rows are made; its own coefficients are not used.
-    support
-        Which terms may be used, shape (equations, terms); None is all.
-    sweeps
-        How many at most.
 
     Raises
     ------
     CommonlawError
         If a trial cannot be used; the message names it.
     """
-    shape = len(trials.schema.states), len(terms)
-    used = np.ones(shape, dtype=np.bool_) if support is None else np.asarray(support, dtype=np.bool_)
-    if used.shape != shape:
-        raise CommonlawError(f"a support of shape {used.shape} does not fit; give one of shape {shape}")
+    states = len(trials.schema.states)
     found = {
-        name: _coefficients([form.tested(trial, terms) for trial in trials.of_object(name)], used, sweeps)
+        name: _coefficients([form.tested(trial, terms) for trial in trials.of_object(name)], states)
         for name in trials.objects
     }
     return replace(form, coefficients=found), found
 
 
-def _coefficients(tested: Sequence[WeakRows], support: Bools, sweeps: int) -> Floats:
+def _coefficients(tested: Sequence[WeakRows], equations: int) -> Floats:
     """Return the coefficients of one object, shape (equations, terms)."""
     plain = merge(LeastSquaresProblem.of(each.library, each.targets) for each in tested)
-    found = np.array([plain.least_squares(own, j) for j, own in enumerate(support)])
-    for j, own in enumerate(support):
-        for _ in range(sweeps):
+    used = np.ones(plain.terms, dtype=np.bool_)
+    found = np.array([plain.least_squares(used, j) for j in range(equations)])
+    for j in range(equations):
+        for _ in range(_SWEEPS):
             problem = merge(LeastSquaresProblem.of(*each.whitened(found, (j,))) for each in tested)
-            before, found[j] = found[j].copy(), problem.least_squares(own, j)
+            before, found[j] = found[j].copy(), problem.least_squares(used, j)
             change, size = (np.linalg.norm(problem.norms * each) for each in (found[j] - before, found[j]))
             if change <= _CONVERGED * size:
                 break

@@ -16,7 +16,7 @@ from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.search import SearchState, fit_with
-from commonlaw.inference.search_problem import SearchProblem, prepare, spread
+from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
@@ -150,12 +150,9 @@ def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
 
 def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: Sequence[Trial]) -> Law:
     """Return the law with the terms and errors of a state, fitted to some of the trials."""
-    trials = problem.trials.with_trials(kept)
-    indices = [problem.trials.objects.index(name) for name in trials.objects]
-    threshold, known = problem.models[0].observation.huber_threshold, problem.known[indices]
-    noise = problem.first_noise
-    part = prepare(trials, template.terms, template.order, known, noise=noise, huber_threshold=threshold)
-    part = part.with_errors_of(problem)
+    objects = problem.trials.with_trials(kept).objects
+    indices = [problem.trials.objects.index(name) for name in objects]
+    part = problem.of_trials(kept, problem.known[indices])
     starts = [
         replace(start, coefficients=state.estimates[i].coefficients)
         for start, i in zip(part.starts, indices, strict=True)
@@ -163,7 +160,7 @@ def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: 
     fitted = fit_with(part, state.supports, state.model_error, starts)
     provenance = Provenance(template.differentiation, domain=template.provenance.domain)
     own = Law(
-        template.terms, template.schema, template.order, trials.objects, np.nan_to_num(known), provenance=provenance
+        template.terms, template.schema, template.order, objects, np.nan_to_num(part.known), provenance=provenance
     )
     law = fitted_law(own, part, fitted)
     degrees = degrees_of_freedom(problem, state)

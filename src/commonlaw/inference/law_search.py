@@ -264,7 +264,7 @@ def finish(
         uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(compared)),
         provenance=replace(
             template.provenance,
-            outcomes=(*outcomes(template, problem, state), *differing_trials(template, problem, state)),
+            outcomes=(*outcomes(template, problem, state), *differing_trials(problem, state)),
             alternatives=alternatives(template, compared),
             history=history(template, problem, state, compared),
         ),

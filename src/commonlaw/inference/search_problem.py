@@ -117,6 +117,19 @@ class SearchProblem:
             known=self.known[indices],
         )
 
+    def of_trials(self, trials: Sequence[Trial], known: Floats) -> "SearchProblem":
+        """Return the problem of other trials of the same schema, with the same errors, and on as fine a mesh.
+
+        Coefficients that are known, shape (objects, equations, terms), are those of the objects of these trials.
+        """
+        model, some = self.models[0], self.trials.with_trials(trials)
+        threshold = model.observation.huber_threshold
+        found = prepare(some, model.terms, model.order, known, noise=self.first_noise, huber_threshold=threshold)
+        while found.points < self.points:
+            found = found.finer()
+        models = tuple(replace(each, unit=model.unit) for each in found.models)
+        return replace(found, models=models).with_errors(self.noise, self.errors, self.noise_reason)
+
     def noisier(self, factor: float, reason: str) -> "SearchProblem":
         """Return the same problem with the noise of every state times a factor, and the reason for it."""
         models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
@@ -204,14 +217,6 @@ class SearchProblem:
         """
         std = errors.white_std(states, with_typical(mesh.noise, noise))
         return np.where(mesh.still, with_typical(mesh.noise, self.first_noise), std) / noise
-
-    def with_errors_of(self, other: "SearchProblem") -> "SearchProblem":
-        """Return the same problem with the errors of another, and on as fine a mesh."""
-        finer = self
-        while finer.points < other.points:
-            finer = finer.finer()
-        models = tuple(replace(each, unit=other.models[0].unit) for each in finer.models)
-        return replace(finer, models=models).with_errors(other.noise, other.errors, other.noise_reason)
 
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""

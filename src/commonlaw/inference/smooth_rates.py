@@ -42,7 +42,7 @@ def terms_and_rates(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Fl
     CommonlawError
         If a term is not finite there; the message names the trial.
     """
-    blocks, rates, logarithmic = [], [], list(terms.variables.columns(terms.variables.logarithmic))
+    blocks, rates, logarithmic = [], [], terms.variables.logarithmic_columns
     for trial, (states, highest) in curves:
         values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
         block = terms.evaluate(values)

@@ -8,8 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search import SearchState
-from commonlaw.inference.search_problem import SearchProblem, prepare, spread
-from commonlaw.law import Law
+from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials.trial import shown
@@ -24,7 +23,7 @@ _MODEL_ERRORS = (0.3, 0.03, 0.003, 0.0003)
 """At which the states of a trial are fitted with coefficients that stay, relative to the noise."""
 
 
-def differing_trials(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
+def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
     """Return a word on the objects whose trials ask for different coefficients, by an F test of each object.
 
     What the likelihood, linearised about the law, leaves with coefficients common to an object's trials is compared
@@ -35,7 +34,7 @@ def differing_trials(law: Law, problem: SearchProblem, state: SearchState) -> tu
     found = []
     for name in names:
         with suppress(CommonlawError, NotPositiveError):
-            if _probability(law, problem, state, name) < _RARE / len(names):
+            if _probability(problem, state, name) < _RARE / len(names):
                 found.append(name)
     if not found:
         return ()
@@ -44,12 +43,12 @@ def differing_trials(law: Law, problem: SearchProblem, state: SearchState) -> tu
     return (Outcome(OutcomeKind.TRIALS_DIFFER, "", text, remedy),)
 
 
-def _probability(law: Law, problem: SearchProblem, state: SearchState, name: str) -> float:
+def _probability(problem: SearchProblem, state: SearchState, name: str) -> float:
     """Return how probable differences as large are between trials of an object that do not differ."""
     from scipy.stats import f
 
     index = problem.trials.objects.index(name)
-    factors, left = _factors(law, problem, state, index)
+    factors, left = _factors(problem, state, index)
     size = factors[0].shape[1] - 1
     alone = sum(_rest(each) for each in factors)
     together = _rest(np.concatenate(factors))
@@ -61,14 +60,12 @@ def _probability(law: Law, problem: SearchProblem, state: SearchState, name: str
     return float(f.sf((together - alone) / more / (alone / within), more, within))
 
 
-def _factors(law: Law, problem: SearchProblem, state: SearchState, index: int) -> tuple[list[Floats], int]:
+def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[list[Floats], int]:
     """Return the triangular factor of each trial's problem, and the measurements beside initial states of all."""
     group = problem.trials.of_object(problem.trials.objects[index])
     alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]
     known = np.repeat(problem.known[index : index + 1], len(group), axis=0)
-    trials, noise = problem.trials.with_trials(alone), problem.first_noise
-    threshold = problem.models[0].observation.huber_threshold
-    part = prepare(trials, law.terms, law.order, known, noise=noise, huber_threshold=threshold).with_errors_of(problem)
+    part = problem.of_trials(alone, known)
     estimate = state.estimates[index]
     own: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
     none, last = np.zeros_like(own), state.fitted_model_error
@@ -77,8 +74,7 @@ def _factors(law: Law, problem: SearchProblem, state: SearchState, index: int) -
     for model, start in zip(part.models, part.starts, strict=True):
         fitted = fit(model, Estimate(start.states, estimate.coefficients), none, errors)
         found.append(linearize(model, fitted, last, own).problem.factor)
-    width = law.order * len(law.states)
-    return found, sum(part.measured) - width * len(group)
+    return found, sum(part.measured) - part.models[0].width * len(group)
 
 
 def _rest(factor: Floats) -> float:

@@ -126,22 +126,17 @@ class VectorField:
         found[:, width - equations :] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
         if self.order == 2:
             found[:, range(equations), range(equations, width)] = 1.0
-        if self._logarithmic:
+        if terms.variables.logarithmic:
             found = self._relative(natural, found)
             relative = self._relative(natural, terms.evaluate(natural) @ coefficients.T)
-            for j in self._logarithmic:
+            for j in terms.variables.logarithmic_columns:
                 found[:, :, j] *= natural[:, j, np.newaxis]
                 found[:, j, j] -= relative[:, j]
         return found
 
-    @cached_property
-    def _logarithmic(self) -> tuple[int, ...]:
-        """The indices of the states that are followed by their logarithms."""
-        return self.terms.variables.columns(self.terms.variables.logarithmic)
-
     def _relative(self, natural: Floats, derivatives: Floats) -> Floats:
         """Return derivatives, shape (n, D, ...), of logarithms where these are followed; values are natural ones."""
-        for j in self._logarithmic:
+        for j in self.terms.variables.logarithmic_columns:
             derivatives[:, j] /= natural[:, j].reshape(-1, *(1,) * (derivatives.ndim - 2))
         return derivatives
 

@@ -55,10 +55,15 @@ class Variables:
         """Return values of the variables, shape (n, variables), of which some were given by their logarithms."""
         if not self.logarithmic:
             return values
-        found, columns = values.copy(), self.columns(self.logarithmic)
+        found, columns = values.copy(), self.logarithmic_columns
         with np.errstate(over="ignore"):
             found[:, columns] = np.exp(found[:, columns])
         return found
+
+    @cached_property
+    def logarithmic_columns(self) -> tuple[int, ...]:
+        """The columns of the states that are followed by their logarithms."""
+        return self.columns(self.logarithmic)
 
     def columns(self, names: Sequence[str] | None = None) -> tuple[int, ...]:
         """Return the columns of the named variables; without names those of all states and inputs, but not time.

@@ -57,12 +57,6 @@ class Mesh:
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
 
-    def sampled(self, points: int) -> Bools:
-        """Return which of its points are samples, if there are so many points for each sampling step, shape (n,)."""
-        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
-        within = np.arange(len(self)) - np.repeat(first, np.diff(first, append=len(self)))
-        return np.asarray(within % points == 0)
-
     def indices_on(self, stride: int) -> Floats:
         """Return where its points are on a mesh with that many steps for each of its own, shape (n,)."""
         return np.concatenate([[0], np.cumsum(np.where(self.contiguous, stride, 1))])

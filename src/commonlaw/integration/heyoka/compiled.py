@@ -61,7 +61,7 @@ class Structure:
             vector_field.order,
             len(vector_field.terms.variables.names),
             len(vector_field.terms.variables.inputs),
-            vector_field.terms.variables.columns(vector_field.terms.variables.logarithmic),
+            vector_field.terms.variables.logarithmic_columns,
             0 if vector_field.inputs is None else vector_field.inputs.powers,
             tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
             max(options.tolerance, float(np.finfo(float).eps)),

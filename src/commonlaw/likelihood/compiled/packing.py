@@ -40,8 +40,7 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
     noise = model.observation.noise
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = _floats(model.unit), np.zeros(model.width, dtype=np.uint8)
-    if model.terms.variables.logarithmic:
-        logarithmic[list(model.terms.variables.columns(model.terms.variables.logarithmic))] = 1
+    logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
     latent = model.latent_steps[0]
     std = np.zeros(0) if latent is None else _floats(latent.std)
     structure = ModelStructure(
