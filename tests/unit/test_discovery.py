@@ -259,39 +259,6 @@ def test_a_state_that_never_changes_is_refused():
         )
 
 
-@pytest.fixture
-def populations():
-    """Logistic maps of three populations, each from two starts."""
-    trials = []
-    for name, growth in (("fast", 3.9), ("slow", 2.6), ("even", 3.3)):
-        for run, start in (("1", 0.2), ("2", 0.55)):
-            states = [start]
-            for _ in range(40):
-                states.append(growth * states[-1] * (1 - states[-1]))
-            trials.append(cl.Trial(name, run, np.arange(41.0), states))
-    return cl.Trials(tuple(trials), cl.Schema(("x",), time="k"))
-
-
-def test_a_law_in_discrete_time(populations, tmp_path):
-    law = cl.discover(
-        populations, order=0, library="poly:3", method=cl.DiscreteTimeRegression(solver="group-stlsq:0.5")
-    )
-    assert law.structure() == ("x[k+1] = a x + b x^2",)
-    assert law.equations("fast") == ("x[k+1] = 3.9 x - 3.9 x^2",)
-    assert law.to_latex("slow") == "\\begin{aligned}\nx_{k+1} &= 2.6\\, x - 2.6\\, x^{2}\n\\end{aligned}"
-    law.save(tmp_path / "law.json")
-    assert cl.Law.load(tmp_path / "law.json").equations("even") == law.equations("even")
-
-
-def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
-    trial = populations[0]
-    times = trial.times.copy()
-    times[20:] += 0.5
-    uneven = populations.with_trials([cl.Trial(trial.object, trial.name, times, trial.states)])
-    with pytest.raises(cl.CommonlawError, match=r"fast, trial 1: the step from sample 20 to sample 21 is 1.5"):
-        cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"))
-
-
 def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
     drops.to_parquet(tmp_path / "drops.parquet")
     stream = cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
@@ -351,10 +318,6 @@ def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):
     np.testing.assert_array_equal(
         cl.discover(stream, **settings).coefficients, cl.discover(drops, **settings).coefficients
     )
-
-
-def test_a_law_in_discrete_time_is_chosen(populations):
-    assert cl.discover(populations, order=0).structure() == ("x[k+1] = a x + b x^2",)
 
 
 def test_a_universal_term_has_one_coefficient_for_all_objects(drops):

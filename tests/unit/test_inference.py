@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from sklearn.base import clone
 
 import commonlaw as cl
@@ -235,56 +234,6 @@ def test_given_noise_is_used(drops, drag):
     methods = [cl.TrajectoryLikelihood(noise={"x": noise}) for noise in (0.1, 0.05)]
     high, low = (cl.discover(drops, method=method, order=2, library="terms:1,v").standard_errors for method in methods)
     assert high == pytest.approx(2 * low, rel=0.05)
-
-
-def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals():
-    times, generator = np.linspace(0, 4, 200), np.random.default_rng(0)
-
-    def field(t, z):
-        return [z[1], -9.8 - 0.05 * z[1] * abs(z[1]) - 3 * np.sin(5 * t)]
-
-    paths = [
-        solve_ivp(field, (0, 4), start, t_eval=times, rtol=1e-10, atol=1e-10).y[:1].T for start in ([60, 0], [50, 8])
-    ]
-    states = [path + 0.01 * generator.standard_normal(path.shape) for path in paths]
-    trials = cl.Trials.from_arrays([times] * 2, states, object=["ball"] * 2, names=["x"])
-    within = cl.discover(trials, order=2, library="terms:1,x,v,v*abs(v),sin(5*t)")
-    without = cl.discover(trials, order=2, library="poly:1")
-    assert [name for name, used in zip(within.terms.names, within.support[0], strict=True) if used] == [
-        "1", "v*abs(v)", "sin(5 t)",
-    ]  # fmt: skip
-    steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
-    assert steps[within].choice == "none"
-    assert within.outcomes == ()
-    (progress,) = (each for each in without.outcomes if each.kind != "not identifiable")
-    assert progress.kind == "model error"
-    assert steps[without].choice in progress.text
-    table = without.candidates()
-    assert table["chosen"].tolist().index(True) == table["2 log B"].argmin()
-    assert "a smooth force on x" in steps[without].choice
-    # Sine waves of amplitude 3, of which some is in the coefficients
-    error_model = without.uncertainty.error_model
-    assert 0.2 < error_model.force[0] < 3
-    assert 0.1 < error_model.force_time < 2 * np.pi / 5
-    assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
-    assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
-    assert np.all((without.inclusion_probabilities >= 0) & (without.inclusion_probabilities <= 1))
-
-
-def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
-    times, generator = np.linspace(0, 30, 301), np.random.default_rng(0)
-    path = solve_ivp(lambda _, z: [z[1], -z[0] - 0.05 * z[1]], (0, 30), [2, 0], t_eval=times, rtol=1e-9).y[:1].T
-    error = 0.05 * np.sin(7.3 * times)[:, np.newaxis] + 0.005 * generator.standard_normal(path.shape)
-    law = cl.discover(cl.Trials.from_arrays([times], [path + error], names=["x"]), order=2, library="poly:2")
-    assert law.structure() == ("x'' = a x + b v",)
-    missed = law.coefficients[law.support[np.newaxis]] - [-1, -0.05]
-    assert np.all(np.abs(missed) < 3 * law.standard_errors[law.support[np.newaxis]])
-    assert law.uncertainty.error_model.correlated == pytest.approx([error.std()], rel=0.2)
-    assert 0.1 < law.uncertainty.error_model.memory < 2 * np.pi / 7.3
-    steps = {step.stage: step for step in law.history}
-    assert steps["model error"].choice == "none"
-    assert "errors with a memory" in steps
-    assert law.outcomes == ()
 
 
 # Other ways

@@ -1,13 +1,9 @@
 """Figures show the data they are given, say what they show, and are the same bytes every time."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -22,8 +18,7 @@ from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance
 from commonlaw.law.widening import Widening
 from commonlaw.library import PolynomialLibrary
-from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render, save_figure
-from commonlaw.plots.style import math
+from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render
 from commonlaw.trials import Schema, Trial, Trials
 
 DRAG = tuple(np.linspace(-0.1, -0.7, 10))
@@ -141,17 +136,6 @@ def test_unknown_states_and_objects_are_named() -> None:
         plot_forecast(law_of(drops(1)).predict(drops(1)), objects=["Bal 1"])
 
 
-def test_the_library_has_a_panel_for_each_term_with_its_values_along_the_trial() -> None:
-    trials = drops(1)
-    terms = law_of(trials, degree=3).terms
-    figure = plot_library(trials[0], FORM, terms, trials.schema.units)
-    rows, _ = FORM.rows(trials[0], terms)
-    assert [panel.get_title() for panel in figure.axes[:4]] == ["$1$", "$x$", "$v$", "$x^{2}$"]
-    for i, panel in enumerate(figure.axes):
-        np.testing.assert_array_equal(xy(panel, 0), (trials[0].times, rows[:, i]))
-    assert [panel.get_xlabel() for panel in figure.axes] == [""] * 5 + ["t (s)"] * 5
-
-
 def test_reference_curves_are_black_in_their_own_line_styles_and_change_nothing_else() -> None:
     times, trials = np.arange(20) / 15, drops(3)
     curves = {"free fall": (times, 47 - 4.9 * times**2), "drag": (times, 47 - times)}
@@ -165,17 +149,6 @@ def test_reference_curves_are_black_in_their_own_line_styles_and_change_nothing_
     lines = figure.axes[0].lines[-2:]
     assert [(line.get_color(), line.get_linestyle()) for line in lines] == [("black", "-"), ("black", "--")]
     assert legend_of(figure) == [*legend_of(plain), "free fall", "drag"]
-
-
-def test_candidate_terms_have_their_units_beside_the_axes() -> None:
-    trials = drops(1)
-    terms = law_of(trials).terms
-    labels = {
-        panel.get_title(): panel.get_ylabel()
-        for panel in plot_library(trials[0], FORM, terms, {"x": "m", "t": "s"}).axes
-    }
-    assert labels == {"$1$": "", "$x$": "m", "$v$": "m/s", "$x^{2}$": "m²", "$x v$": "m²/s", "$v^{2}$": "m²/s²"}
-    assert {panel.get_ylabel() for panel in plot_library(trials[0], FORM, terms).axes} == {""}
 
 
 def test_heat_maps_colour_magnitudes_blank_zeros_and_print_values() -> None:
@@ -379,14 +352,6 @@ def test_the_same_data_give_the_same_bytes_without_warnings(name: str) -> None:
     assert first == render(drawn(name), "svg") == render(EVERY[name](), "svg")
 
 
-@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_the_suffix_of_a_path_chooses_the_format(suffix: str, start: bytes) -> None:
-    figure = drawn("law")
-    first = render(figure, f"a folder/law.2.{suffix}")
-    assert first.startswith(start)
-    assert first == render(figure, f".{suffix.upper()}") == render(figure, suffix)
-
-
 def test_names_of_any_kind_are_shown_as_they_are() -> None:
     names = ["_hidden", "US$ 5 $x$", r"\frac{", "мяч №1", "球", "a long name " * 8]
     times = np.arange(40) / 15
@@ -406,20 +371,6 @@ def test_names_of_any_kind_are_shown_as_they_are() -> None:
     assert legend_of(plot_trials(trials))[5].endswith("…")
 
 
-@pytest.mark.parametrize(
-    ("latex", "shown"),
-    [
-        (r"\dot{\mathrm{weight}}", r"$\mathrm{d}\ \mathrm{weight}/\mathrm{d}t$"),
-        (r"\ddot{\mathrm{height}_{1}}", r"$\mathrm{d}^2\ \mathrm{height}_{1}/\mathrm{d}t^2$"),
-        (r"\ddot{x}", r"$\ddot{x}$"),
-        (r"\mathrm{Pc} \mathrm{Pa}^{2} v", r"$\mathrm{Pc}\ \mathrm{Pa}^{2}\ v$"),
-        ("x^{2} v", "$x^{2} v$"),
-    ],
-)
-def test_words_have_no_dots_and_keep_a_space_between_them(latex: str, shown: str) -> None:
-    assert math(latex, "") == shown
-
-
 def test_ticks_on_both_sides_of_zero_keep_their_distance() -> None:
     law = law_of(drops(balls=1), degree=2)
     coefficients = law.coefficients.copy()
@@ -432,30 +383,3 @@ def test_ticks_on_both_sides_of_zero_keep_their_distance() -> None:
     boxes = [each.get_window_extent() for each in ticks if low <= each.get_position()[0] <= high]
     assert len(boxes) >= 2
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-
-
-def test_matplotlib_settings_of_the_user_are_neither_used_nor_changed() -> None:
-    usual = render(plot_trials(drops(2)), "png")
-    with mpl.rc_context({"font.size": 30, "lines.linewidth": 9, "savefig.dpi": 40}):
-        before = dict(mpl.rcParams)
-        assert render(plot_trials(drops(2)), "png") == usual
-        assert dict(mpl.rcParams) == before
-
-
-def test_a_figure_is_saved_in_the_format_of_its_suffix(tmp_path: Path) -> None:
-    figure = plot_trials(drops(1))
-    save_figure(figure, tmp_path / "drops.svg")
-    assert (tmp_path / "drops.svg").read_bytes() == render(figure, "svg")
-    with pytest.raises(CommonlawError, match=r"unknown format of a figure 'jpeg': .*Known: png, svg, pdf"):
-        save_figure(figure, tmp_path / "drops.jpeg")
-    assert [path.name for path in tmp_path.iterdir()] == ["drops.svg"]
-
-
-def test_pyplot_is_never_imported() -> None:
-    code = """
-import sys
-from commonlaw import datasets, plots
-plots.render(plots.plot_trials(datasets.linear_drag()), "svg")
-sys.exit("matplotlib.pyplot" in sys.modules)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
