@@ -61,11 +61,13 @@ class SupportEvidence:
 
         Each is chosen from the solver's path, beginning with those of `start`, shape (equations, terms), in the others.
         """
-        supports = start.copy()
+        supports, known = start.copy(), dict[int, bytes]()
         for _ in range(_SWEEPS):
             before = supports.copy()
             for j in range(len(supports)):
-                supports[j] = self._choose_equation(supports, j, solver)
+                others = np.delete(supports, j, axis=0).tobytes()
+                if known.get(j) != others:  # Where nothing else has changed, the same is chosen again
+                    known[j], supports[j] = others, self._choose_equation(supports, j, solver)
             if np.array_equal(before, supports):
                 break
         return supports
