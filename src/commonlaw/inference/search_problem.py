@@ -69,7 +69,7 @@ class SearchProblem:
         """Which terms may enter which equation, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known[0]))
 
-    @property
+    @cached_property
     def measured_states(self) -> tuple[Bools, ...]:
         """Which states of each object were measured in one of its trials, each of shape (states,)."""
         groups = (self.trials.of_object(name) for name in self.trials.objects)

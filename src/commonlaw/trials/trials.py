@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from operator import attrgetter
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Unpack, overload
@@ -192,7 +193,14 @@ class Trials(ShownInNotebooks):
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of the objects, in order of first appearance."""
-        return tuple(dict.fromkeys(trial.object for trial in self.trials))
+        return tuple(self._by_object)
+
+    @cached_property
+    def _by_object(self) -> dict[str, tuple[Trial, ...]]:
+        found = dict[str, list[Trial]]()
+        for trial in self.trials:
+            found.setdefault(trial.object, []).append(trial)
+        return {name: tuple(own) for name, own in found.items()}
 
     @property
     def _data(self) -> TrialData:
@@ -232,7 +240,7 @@ class Trials(ShownInNotebooks):
 
     def of_object(self, name: str) -> tuple[Trial, ...]:
         """Return the trials of one object."""
-        return tuple(trial for trial in self.trials if trial.object == name)
+        return self._by_object.get(name, ())
 
     def until(self, time: float) -> "Trials":
         """Return the samples up to a time; trials that begin later are left out.
