@@ -1,4 +1,6 @@
-/* What coefficients cost by their scatter over objects, as random_effects.py's marginal_deviance. */
+/* What coefficients cost by their scatter over objects, as random_effects.py's marginal_deviance.
+
+   LANES objects go through each step together. */
 #include "kernel.h"
 
 #include <float.h>
@@ -8,8 +10,10 @@
 
 static const double RIDGE = 1e-12;
 
-/* Solve in place by elimination with pivots; adds the logarithm of the determinant's size; false if singular. */
-static bool solve_square(double *matrix, int64_t k, double *right, int64_t columns, double *logarithm) {
+#define EACH_LANE for (int l = 0; l < LANES; ++l)
+
+/* Solve for a vector in place by elimination with pivots; false if singular. */
+static bool solve_vector(double *matrix, int64_t k, double *right) {
     for (int64_t c = 0; c < k; ++c) {
         int64_t pivot = c;
         for (int64_t a = c + 1; a < k; ++a)
@@ -20,99 +24,185 @@ static bool solve_square(double *matrix, int64_t k, double *right, int64_t colum
             matrix[c * k + b] = matrix[pivot * k + b];
             matrix[pivot * k + b] = spare;
         }
-        for (int64_t r = 0; pivot != c && r < columns; ++r) {
-            const double spare = right[c * columns + r];
-            right[c * columns + r] = right[pivot * columns + r];
-            right[pivot * columns + r] = spare;
-        }
-        *logarithm += log(fabs(matrix[c * k + c]));
+        const double first = right[c];
+        right[c] = right[pivot];
+        right[pivot] = first;
         for (int64_t a = c + 1; a < k; ++a) {
             const double factor = matrix[a * k + c] / matrix[c * k + c];
             for (int64_t b = c + 1; b < k; ++b) matrix[a * k + b] -= factor * matrix[c * k + b];
-            for (int64_t r = 0; r < columns; ++r) right[a * columns + r] -= factor * right[c * columns + r];
+            right[a] -= factor * right[c];
         }
     }
-    for (int64_t a = k - 1; a >= 0; --a)
-        for (int64_t r = 0; r < columns; ++r) {
-            double t = right[a * columns + r];
-            for (int64_t c = a + 1; c < k; ++c) t -= matrix[a * k + c] * right[c * columns + r];
-            right[a * columns + r] = t / matrix[a * k + a];
-        }
+    for (int64_t a = k - 1; a >= 0; --a) {
+        double t = right[a];
+        for (int64_t c = a + 1; c < k; ++c) t -= matrix[a * k + c] * right[c];
+        right[a] = t / matrix[a * k + a];
+    }
     return true;
 }
 
+/* Arrays of blocks have LANES numbers for each that is named; objects that fill up the last block know nothing. */
 typedef struct {
-    int64_t objects, k;
-    const double *estimates, *information;
-    double *rest, *column, *own, *logarithm, *along; /* of each object, as in random_effects.py's deviances */
-    double *rest_total, *rest_weighted, *total, *means, *matrix;
+    int64_t blocks, k;
+    double *information, *gaps;    /* blocks x k x k, blocks x k: of estimates from the means if none scatters */
+    double *column, *own, *along;  /* blocks x k, blocks, blocks: as in random_effects.py's deviances, along gaps */
+    double *matrix, *rest, *sums;  /* k x k of one block; k (k + 1) / 2 + k + 1 over blocks */
+    double *total, *solved, *rest_total, *rest_weighted, *weighted, *means; /* three k x k, three k */
+    double rest_square, logarithm;
 } Effects;
 
+static double over_lanes(const double *values) {
+    double sum = 0;
+    EACH_LANE sum += values[l];
+    return sum;
+}
+
+/* Solve (I + information variances) rest = information, and add up the logarithms of the determinants.
+
+   Elimination without pivots is stable, as variances to the half on both sides make the matrix symmetric and positive. */
+static void solve_block(Effects *e, const double *information, const double *variances) {
+    const int64_t k = e->k;
+    double *matrix = e->matrix, *rest = e->rest, factor[LANES], product[LANES], logarithm[LANES];
+    memcpy(rest, information, sizeof(double) * (size_t)(k * k * LANES));
+    for (int64_t a = 0; a < k; ++a)
+        for (int64_t b = 0; b < k; ++b) {
+            double *restrict at = matrix + (a * k + b) * LANES;
+            const double *from = information + (a * k + b) * LANES, one = a == b;
+            EACH_LANE at[l] = one + from[l] * variances[b];
+        }
+    EACH_LANE product[l] = 1, logarithm[l] = 0;
+    for (int64_t c = 0; c < k; ++c) {
+        const double *pivot = matrix + (c * k + c) * LANES;
+        EACH_LANE product[l] *= pivot[l];
+        if (c % 2 || c == k - 1) EACH_LANE logarithm[l] += log(product[l]), product[l] = 1;
+        for (int64_t a = c + 1; a < k; ++a) {
+            const double *beside = matrix + (a * k + c) * LANES;
+            EACH_LANE factor[l] = beside[l] / pivot[l];
+            for (int64_t b = c + 1; b < k; ++b) {
+                double *restrict at = matrix + (a * k + b) * LANES;
+                const double *above = matrix + (c * k + b) * LANES;
+                EACH_LANE at[l] -= factor[l] * above[l];
+            }
+            for (int64_t b = 0; b < k; ++b) {
+                double *restrict at = rest + (a * k + b) * LANES;
+                const double *above = rest + (c * k + b) * LANES;
+                EACH_LANE at[l] -= factor[l] * above[l];
+            }
+        }
+    }
+    for (int64_t a = k - 1; a >= 0; --a)
+        for (int64_t b = 0; b < k; ++b) {
+            double *restrict at = rest + (a * k + b) * LANES;
+            for (int64_t c = a + 1; c < k; ++c) {
+                const double *beside = matrix + (a * k + c) * LANES, *below = rest + (c * k + b) * LANES;
+                EACH_LANE at[l] -= beside[l] * below[l];
+            }
+            const double *pivot = matrix + (a * k + a) * LANES;
+            EACH_LANE at[l] /= pivot[l];
+        }
+    /* Not below zero, but where coefficients can hardly be told apart rounding may leave it far below */
+    EACH_LANE e->logarithm += logarithm[l] < 0 ? 0 : logarithm[l];
+}
+
 /* Prepare for variances of one parameter; those of the others are given. */
-static bool prepare(Effects *e, const double *variances, int64_t parameter) {
+static void prepare(Effects *e, const double *variances, int64_t parameter) {
     const int64_t k = e->k;
     memset(e->rest_total, 0, sizeof(double) * (size_t)(k * k));
     memset(e->rest_weighted, 0, sizeof(double) * (size_t)k);
-    for (int64_t o = 0; o < e->objects; ++o) {
-        const double *information = e->information + o * k * k, *estimates = e->estimates + o * k;
-        double *rest = e->rest + o * k * k, *column = e->column + o * k;
-        for (int64_t a = 0; a < k; ++a)
-            for (int64_t b = 0; b < k; ++b)
-                e->matrix[a * k + b] =
-                    (double)(a == b) + (b == parameter ? 0.0 : information[a * k + b] * variances[b]);
-        memcpy(rest, information, sizeof(double) * (size_t)(k * k));
-        e->logarithm[o] = 0;
-        if (!solve_square(e->matrix, k, rest, k, &e->logarithm[o])) return false;
-        for (int64_t a = 0; a < k; ++a)
-            for (int64_t b = 0; b < a; ++b)
-                rest[a * k + b] = rest[b * k + a] = (rest[a * k + b] + rest[b * k + a]) / 2;
-        e->along[o] = 0;
+    e->rest_square = e->logarithm = 0;
+    for (int64_t block = 0; block < e->blocks; ++block) {
+        const double *gaps = e->gaps + block * k * LANES;
+        double *column = e->column + block * k * LANES, *own = e->own + block * LANES, *along = e->along + block * LANES;
+        double square[LANES] = {0};
+        solve_block(e, e->information + block * k * k * LANES, variances);
+        EACH_LANE along[l] = 0;
         for (int64_t a = 0; a < k; ++a) {
-            column[a] = rest[a * k + parameter];
-            e->along[o] += column[a] * estimates[a];
+            const double *one = e->rest + (a * k + parameter) * LANES, *other = e->rest + (parameter * k + a) * LANES;
+            EACH_LANE column[a * LANES + l] = (one[l] + other[l]) / 2;
+            EACH_LANE along[l] += column[a * LANES + l] * gaps[a * LANES + l];
         }
-        e->own[o] = column[parameter] < DBL_MIN ? DBL_MIN : column[parameter];
-        for (int64_t a = 0; a < k; ++a)
+        EACH_LANE own[l] = column[parameter * LANES + l] < DBL_MIN ? DBL_MIN : column[parameter * LANES + l];
+        for (int64_t a = 0; a < k; ++a) {
+            double weighted[LANES] = {0};
             for (int64_t b = 0; b < k; ++b) {
-                double *at = &rest[a * k + b];
-                *at = a == parameter || b == parameter ? 0.0 : *at - column[a] * (column[b] / e->own[o]);
-                e->rest_total[a * k + b] += *at;
-                e->rest_weighted[a] += *at * estimates[b];
+                if (a == parameter || b == parameter) continue;
+                const double *one = e->rest + (a * k + b) * LANES, *other = e->rest + (b * k + a) * LANES;
+                double value[LANES];
+                EACH_LANE value[l] =
+                    (one[l] + other[l]) / 2 - column[a * LANES + l] * (column[b * LANES + l] / own[l]);
+                EACH_LANE weighted[l] += value[l] * gaps[b * LANES + l];
+                e->rest_total[a * k + b] += over_lanes(value);
             }
+            EACH_LANE square[l] += weighted[l] * gaps[a * LANES + l];
+            e->rest_weighted[a] += over_lanes(weighted);
+        }
+        EACH_LANE e->rest_square += square[l] < 0 ? 0 : square[l];
     }
-    return true;
 }
 
 /* The deviance with one variance of the parameter; false if the objects together are singular. */
 static bool deviance(Effects *e, double tried, double *found) {
+    const int64_t k = e->k, size = k * (k + 1) / 2 + k + 1;
+    double logarithm = e->logarithm;
+    memset(e->sums, 0, sizeof(double) * (size_t)(size * LANES));
+    for (int64_t block = 0; block < e->blocks; ++block) {
+        const double *column = e->column + block * k * LANES, *own = e->own + block * LANES;
+        const double *along = e->along + block * LANES;
+        double share[LANES], shared[LANES], product = 1, *restrict at = e->sums;
+        EACH_LANE share[l] = 1 / (own[l] * (1 + tried * own[l]));
+        for (int l = 0; l < LANES; ++l) {
+            product *= 1 + tried * own[l];
+            if (l % 2) logarithm += log(product), product = 1;
+        }
+        for (int64_t a = 0; a < k; ++a) {
+            EACH_LANE shared[l] = share[l] * column[a * LANES + l];
+            for (int64_t b = 0; b <= a; ++b, at += LANES) EACH_LANE at[l] += shared[l] * column[b * LANES + l];
+            EACH_LANE at[l] += shared[l] * along[l];
+            at += LANES;
+        }
+        EACH_LANE at[l] += share[l] * along[l] * along[l];
+    }
+    const double *at = e->sums;
+    for (int64_t a = 0; a < k; ++a) {
+        for (int64_t b = 0; b <= a; ++b, at += LANES)
+            e->total[a * k + b] = e->total[b * k + a] = e->rest_total[a * k + b] + over_lanes(at);
+        e->means[a] = e->weighted[a] = e->rest_weighted[a] + over_lanes(at);
+        at += LANES;
+    }
+    double square = e->rest_square + over_lanes(at);
+    memcpy(e->solved, e->total, sizeof(double) * (size_t)(k * k));
+    for (int64_t a = 0; a < k; ++a) e->solved[a * k + a] *= 1 + RIDGE;
+    if (!solve_vector(e->solved, k, e->means)) return false;
+    for (int64_t a = 0; a < k; ++a) {
+        double moved = 0;
+        for (int64_t b = 0; b < k; ++b) moved += e->total[a * k + b] * e->means[b];
+        square += e->means[a] * (moved - 2 * e->weighted[a]);
+    }
+    *found = (square < 0 ? 0 : square) + logarithm;
+    return true;
+}
+
+/* Take information in lanes, and the gaps of estimates from the means that objects have together if none scatters:
+   about these squares have most digits. */
+static bool begin(Effects *e, int64_t objects, const double *estimates, const double *information) {
     const int64_t k = e->k;
-    double unused = 0;
-    memcpy(e->total, e->rest_total, sizeof(double) * (size_t)(k * k));
-    memcpy(e->means, e->rest_weighted, sizeof(double) * (size_t)k);
-    for (int64_t o = 0; o < e->objects; ++o) {
-        const double share = 1 / (e->own[o] * (1 + tried * e->own[o])), *column = e->column + o * k;
-        for (int64_t a = 0; a < k; ++a) {
-            for (int64_t b = 0; b < k; ++b) e->total[a * k + b] += share * (column[a] * column[b]);
-            e->means[a] += share * e->along[o] * column[a];
-        }
-    }
+    memset(e->information, 0, sizeof(double) * (size_t)(e->blocks * k * k * LANES));
+    memset(e->gaps, 0, sizeof(double) * (size_t)(e->blocks * k * LANES));
+    memset(e->total, 0, sizeof(double) * (size_t)(k * k));
+    memset(e->means, 0, sizeof(double) * (size_t)k);
+    for (int64_t o = 0; o < objects; ++o)
+        for (int64_t a = 0; a < k; ++a)
+            for (int64_t b = 0; b < k; ++b) {
+                const double value = information[(o * k + a) * k + b];
+                e->information[((o / LANES * k + a) * k + b) * LANES + o % LANES] = value;
+                e->total[a * k + b] += value;
+                e->means[a] += value * estimates[o * k + b];
+            }
     for (int64_t a = 0; a < k; ++a) e->total[a * k + a] *= 1 + RIDGE;
-    if (!solve_square(e->total, k, e->means, 1, &unused)) return false;
-    *found = 0;
-    for (int64_t o = 0; o < e->objects; ++o) {
-        const double *rest = e->rest + o * k * k, *column = e->column + o * k, *estimates = e->estimates + o * k;
-        double square = 0, across = 0;
-        for (int64_t a = 0; a < k; ++a) {
-            double moved = 0;
-            for (int64_t b = 0; b < k; ++b) moved += rest[a * k + b] * (estimates[b] - e->means[b]);
-            square += moved * (estimates[a] - e->means[a]);
-            across += column[a] * (estimates[a] - e->means[a]);
-        }
-        square += across * across / (e->own[o] * (1 + tried * e->own[o]));
-        const double logarithm = e->logarithm[o] + log1p(tried * e->own[o]);
-        /* Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below */
-        *found += (square < 0 ? 0 : square) + (logarithm < 0 ? 0 : logarithm);
-    }
+    if (!solve_vector(e->total, k, e->means)) return false;
+    for (int64_t o = 0; o < objects; ++o)
+        for (int64_t a = 0; a < k; ++a)
+            e->gaps[(o / LANES * k + a) * LANES + o % LANES] = estimates[o * k + a] - e->means[a];
     return true;
 }
 
@@ -125,14 +215,16 @@ static bool sweep(Effects *e, const double *scale, const double *grid, int64_t c
         changed = false;
         for (int64_t parameter = 0; parameter < e->k; ++parameter) {
             double least = INFINITY, chosen = variances[parameter], own;
-            if (!prepare(e, variances, parameter)) return false;
+            const double before = variances[parameter];
+            variances[parameter] = 0;
+            prepare(e, variances, parameter);
             for (int64_t m = 0; m < count; ++m) {
                 if (!deviance(e, scale[parameter] * grid[m], &own)) return false;
                 if (m > 0 && (isnan(least) || !(own < least || isnan(own)))) continue;
                 least = own;
                 chosen = scale[parameter] * grid[m];
             }
-            changed |= chosen != variances[parameter];
+            changed |= chosen != before;
             variances[parameter] = chosen;
             *result = least;
         }
@@ -145,21 +237,27 @@ static bool sweep(Effects *e, const double *scale, const double *grid, int64_t c
 EXPORTED int commonlaw_marginal_deviance(int64_t objects, int64_t k, const double *estimates, const double *information,
                                          const double *scale, int64_t count, const double *grid, int64_t sweeps,
                                          double *result) {
-    const int64_t size = objects * (k * k + k + 3) + 3 * k * k + 3 * k;
+    const int64_t blocks = (objects + LANES - 1) / LANES, square = k * k, sums = k * (k + 1) / 2 + k + 1;
+    const int64_t size = LANES * (blocks * (square + 2 * k + 2) + 2 * square + sums) + 3 * square + 4 * k;
     double *memory = malloc(sizeof(double) * (size_t)(size + 1));
     if (!memory) return NO_MEMORY;
-    Effects effects = {.objects = objects, .k = k, .estimates = estimates, .information = information};
-    effects.rest = memory;
-    effects.column = effects.rest + objects * k * k;
-    effects.own = effects.column + objects * k;
-    effects.logarithm = effects.own + objects;
-    effects.along = effects.logarithm + objects;
-    effects.rest_total = effects.along + objects;
-    effects.total = effects.rest_total + k * k;
-    effects.matrix = effects.total + k * k;
-    effects.rest_weighted = effects.matrix + k * k;
-    effects.means = effects.rest_weighted + k;
-    const bool done = sweep(&effects, scale, grid, count, sweeps, effects.means + k, result);
+    Effects effects = {.blocks = blocks, .k = k};
+    effects.information = memory;
+    effects.gaps = effects.information + blocks * square * LANES;
+    effects.column = effects.gaps + blocks * k * LANES;
+    effects.own = effects.column + blocks * k * LANES;
+    effects.along = effects.own + blocks * LANES;
+    effects.matrix = effects.along + blocks * LANES;
+    effects.rest = effects.matrix + square * LANES;
+    effects.sums = effects.rest + square * LANES;
+    effects.total = effects.sums + sums * LANES;
+    effects.solved = effects.total + square;
+    effects.rest_total = effects.solved + square;
+    effects.rest_weighted = effects.rest_total + square;
+    effects.weighted = effects.rest_weighted + k;
+    effects.means = effects.weighted + k;
+    const bool done = begin(&effects, objects, estimates, information) &&
+                      sweep(&effects, scale, grid, count, sweeps, effects.means + k, result);
     free(memory);
     return done ? DONE : NOT_POSITIVE;
 }
