@@ -82,7 +82,7 @@ def model_of(order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="l
     states = tuple(generator.uniform(0.5, 1.5, (len(each), len(names))) for each in scaled)
     coefficients = generator.uniform(-0.5, 0.5, (equations, len(terms)))
     coefficients[:, 1::3] = 0
-    return TrajectoryModel(terms, order, scaled, ObservationModel(noise, 3.0), unit), Estimate(states, coefficients)
+    return TrajectoryModel(terms, scaled, ObservationModel(noise, 3.0), unit), Estimate(states, coefficients)
 
 
 def with_latent(pair, **levels):
@@ -180,7 +180,7 @@ def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
 def test_libraries_of_all_kinds_are_programs(library, order, text, names):
     field, mesh, states = difficult(order, text, names)
     equations = len(names) // order
-    model = TrajectoryModel(field.terms, order, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
+    model = TrajectoryModel(field.terms, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
     estimate = Estimate((states,), field.coefficients)
     found, expected = (
         rows.jacobians(library, model, packed(model), 0, estimate, field.free),
@@ -217,7 +217,6 @@ def test_terms_that_no_program_says_are_fitted_with_numpy(monkeypatch):
     variables = Variables(("x",))
     model = TrajectoryModel(
         Terms(variables, (Unheard((1, 0)), Monomial((0, 0)))),
-        1,
         meshes([trial(np.arange(5.0), np.ones((5, 1)))]),
         ObservationModel(np.ones(1)),
         np.ones(1),

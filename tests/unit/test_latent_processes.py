@@ -31,7 +31,7 @@ def problem(order, latent, second=True):
     (mesh,) = meshes(trials)
     mesh = type(mesh)(mesh.times, mesh.measured, mesh.inputs, mesh.contiguous, scale)
     unit = np.array([0.1, 0.12])[:order]
-    model = TrajectoryModel(terms, order, (mesh,), ObservationModel(np.array([0.1])), unit, latent)
+    model = TrajectoryModel(terms, (mesh,), ObservationModel(np.array([0.1])), unit, latent)
     states = 0.2 * generator.standard_normal((len(mesh), order + latent.width)) + 0.5
     return model, Estimate((states,), np.array([[-0.9, -0.2][:order]]))
 

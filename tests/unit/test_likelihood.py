@@ -64,7 +64,6 @@ def test_heights_of_falling_balls_fit_as_by_shooting():
     expected, cost = shot(lambda z, c: [z[1], c[0] + c[1] * z[1]], [times] * 2, measured, noise, (1, 1), start)
     model = TrajectoryModel(
         terms_of("terms:1,x,v", ("x", "v")),
-        2,
         meshes([trial(times, each, name=str(i)) for i, each in enumerate(measured)]),
         ObservationModel(noise),
         np.array([0.05, 0.1]),

@@ -46,7 +46,7 @@ def test_the_information_is_that_of_fisher(variables, equations, coefficients, l
     values[tuple(np.transpose(pairs))] = coefficients
     unit = np.tile(np.array(noise), order)
     model = TrajectoryModel(
-        terms, order, meshes([trial(times, run.states[:, : len(noise)])]), ObservationModel(np.array(noise)), unit
+        terms, meshes([trial(times, run.states[:, : len(noise)])]), ObservationModel(np.array(noise)), unit
     )
     found = information(model, Estimate((run.states,), values), values != 0, 1e-4)
     listed = [tuple(pair) for pair in np.argwhere(values)]
@@ -62,7 +62,7 @@ def test_terms_far_from_the_origin_leave_what_they_leave_at_the_origin(shift):
     for origin in (0.0, shift):
         states = np.column_stack([np.cos(2 * times) + origin, -2 * np.sin(2 * times)])
         (mesh,) = meshes([trial(times, heights[:, np.newaxis] + origin)])
-        model = TrajectoryModel(terms, 2, (mesh,), ObservationModel(np.array([0.01])), np.array([0.01, 0.02]))
+        model = TrajectoryModel(terms, (mesh,), ObservationModel(np.array([0.01])), np.array([0.01, 0.02]))
         factor = linearize(model, Estimate((states,), np.zeros((1, 6))), 0.003).problem.factor
         left.append([abs(np.linalg.qr(factor[:, [*kept, -1]], mode="r")[-1, -1]) for kept in ((0, 1, 2), range(6))])
     np.testing.assert_allclose(left[1], left[0], rtol=2e-3)
@@ -80,7 +80,7 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     noise = np.linspace(0.5, 0.8, equations)
     unit = np.concatenate([noise, 0.9 * noise])[:width]
     huber_threshold, model_error, step = 2.0, 0.7, np.median(mesh.steps[mesh.contiguous])
-    model = TrajectoryModel(field.terms, order, (mesh,), ObservationModel(noise, huber_threshold), unit)
+    model = TrajectoryModel(field.terms, (mesh,), ObservationModel(noise, huber_threshold), unit)
     linearization = linearize(model, Estimate((states,), coefficients), model_error)
 
     # What was measured says where states are; what was not is somewhere within a hundred times that noise

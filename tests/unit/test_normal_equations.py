@@ -74,7 +74,7 @@ def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
 def test_numbers_that_are_not_finite_are_refused():
     field, mesh, states = difficult(*DIFFICULT[0])
     states[1, 0] = np.inf
-    model = TrajectoryModel(field.terms, 1, (mesh,), ObservationModel(np.ones(2)), np.ones(2))
+    model = TrajectoryModel(field.terms, (mesh,), ObservationModel(np.ones(2)), np.ones(2))
     estimate = Estimate((states,), field.coefficients)
     with pytest.raises(NotPositiveError), np.errstate(all="ignore"):
         linearize(model, estimate, 0.1)

@@ -17,7 +17,7 @@ from commonlaw.library import Variables, parse_library
 def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(seed):
     trials = experiment("heights of balls").measured(0.05, seed)
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
-    problem = prepare(trials, terms, 2, np.full((5, 1, len(terms)), np.nan))
+    problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
     found = search.search(problem, PATH, lambda _: None)
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
@@ -28,7 +28,7 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
 def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     trials = experiment("heights of balls").measured(0.05, 7)
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
-    problem = prepare(trials, terms, 2, np.full((5, 1, len(terms)), np.nan))
+    problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
     best = search.search(problem, PATH, lambda _: None)[0]
     (listed,) = search.neighbours(problem, best)
     assert listed[0].chosen

@@ -55,7 +55,7 @@ def test_screening_keeps_terms_that_are_needed_and_terms_that_only_all_objects_t
     terms = parse_library(WIDE).bind(Variables(("x", "v")))
     needed = np.zeros(len(terms), dtype=bool)
     needed[terms.index("x^4 v^7")] = True
-    kept = promising_terms(swinging, terms, 2, np.full((2, 1, len(terms)), np.nan), needed)
+    kept = promising_terms(swinging, terms, np.full((2, 1, len(terms)), np.nan), needed)
     assert kept[terms.index("x")]
     assert kept[terms.index("v")]
     assert kept[terms.index("x^4 v^7")]
@@ -64,4 +64,4 @@ def test_screening_keeps_terms_that_are_needed_and_terms_that_only_all_objects_t
 
 def test_few_terms_are_searched_as_they_are(swinging):
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
-    assert promising_terms(swinging, terms, 2, np.full((2, 1, 10), np.nan), np.zeros(10, dtype=bool)).all()
+    assert promising_terms(swinging, terms, np.full((2, 1, 10), np.nan), np.zeros(10, dtype=bool)).all()

@@ -27,7 +27,7 @@ def balls(scatter: float, seed: int, trials: int = 4) -> cl.Trials:
 
 def problem_of(trials: cl.Trials) -> tuple[SearchProblem, SearchState]:
     law = Law.from_text("x' = -a x", {"a": dict.fromkeys(trials.objects, 0.7)})
-    problem = prepare(trials, law.terms, 1, np.full((2, 1, 1), np.nan))
+    problem = prepare(trials, law.terms, np.full((2, 1, 1), np.nan))
     return problem, fit_supports(problem, problem.allowed, (0.3, 0.03))
 
 

@@ -65,7 +65,7 @@ def of_prey(measured, times=TIMES, huber_threshold=np.inf, points=1):
     (mesh,) = meshes([trial(times, each, name=str(i)) for i, each in enumerate(filled)], points)
     mesh.measured[np.isfinite(mesh.measured[:, 0])] = np.concatenate(measured)
     model = TrajectoryModel(
-        terms_of("terms:x,y,x*y", VARIABLES), 1, (mesh,), ObservationModel(NOISE, huber_threshold), NOISE
+        terms_of("terms:x,y,x*y", VARIABLES), (mesh,), ObservationModel(NOISE, huber_threshold), NOISE
     )
     return model, Estimate(tuple(interpolate(filled, points)), np.where(SUPPORT, [[1.1, 0, -0.8], [0, -1, 0.5]], 0.0))
 

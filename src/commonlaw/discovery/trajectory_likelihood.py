@@ -196,7 +196,7 @@ class _Screened:
         terms, schema = structure.terms(trials.schema), trials.schema
         known = structure.known_coefficients(schema, trials.objects)
         needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
-        return cls(structure, terms, promising_terms(trials, terms, structure.order, known, np.asarray(needed)))
+        return cls(structure, terms, promising_terms(trials, terms, known, np.asarray(needed)))
 
     @property
     def structure(self) -> ModelStructure:

@@ -119,7 +119,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
     (mesh,) = meshes([trial], _POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) / noise)
-    model = TrajectoryModel(law.terms, law.order, (mesh,), observation_model, unit)
+    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit)
     own = law.coefficients_of(trial.object)
     found = fit(
         model,

@@ -110,7 +110,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     for _ in range(errors.rounds):
         white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise))
         mesh = replace(mesh, scale=white / noise)
-        model = TrajectoryModel(law.terms, law.order, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
         model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))
         found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
     try:

@@ -31,7 +31,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     trials = matched(law, trials)
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
     before, trials = setup.law, setup.trials
-    problem = prepare(trials, law.terms, law.order, before.coefficients, noise=law.noise)
+    problem = prepare(trials, law.terms, before.coefficients, noise=law.noise)
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)

@@ -94,7 +94,7 @@ class FitSetup:
     def problem(self) -> SearchProblem:
         """Return what was measured, ready to be fitted by the terms of the law."""
         noise, huber = self.noise, self.huber_threshold
-        return prepare(self.trials, self.law.terms, self.law.order, self.known, noise=noise, huber_threshold=huber)
+        return prepare(self.trials, self.law.terms, self.known, noise=noise, huber_threshold=huber)
 
 
 def _of_objects(law: Law, trials: Trials) -> Law:

@@ -102,9 +102,7 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    prepared = partial(
-        prepare, trials, template.terms, template.order, known, noise=noise, huber_threshold=huber_threshold
-    )
+    prepared = partial(prepare, trials, template.terms, known, noise=noise, huber_threshold=huber_threshold)
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     if sum(map(len, problem.trials)) > 2 * FEW_SAMPLES:
         found = search_by_few(problem, prepared(most_samples=FEW_SAMPLES), solver, rest)

@@ -43,7 +43,7 @@ _INSIDE = 1e-12
 """Columns whose square is less than this share outside the span of others explain nothing more."""
 
 
-def promising_terms(trials: Trials, terms: Terms, order: int, known: Floats, needed: Bools) -> Bools:
+def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
     """Return which terms are worth a search, shape (terms,): about forty, or all if there are no more than seventy.
 
     Parameters
@@ -51,9 +51,7 @@ def promising_terms(trials: Trials, terms: Terms, order: int, known: Floats, nee
     trials
         What was measured.
     terms
-        The library.
-    order
-        Of the law, 1 or 2.
+        The library, over the states of a law of first order, or states and rates of one of second order.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     needed
@@ -70,7 +68,7 @@ def promising_terms(trials: Trials, terms: Terms, order: int, known: Floats, nee
     size = 8 * (2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * _SAMPLES * len(terms))
     check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
     some = as_many_as_are_carried(trials, estimated_noise(trials)[0], _SAMPLES).trials
-    problems = [_regression(some.of_object(name), terms, order, own) for name, own in zip(objects, known, strict=True)]
+    problems = [_regression(some.of_object(name), terms, own) for name, own in zip(objects, known, strict=True)]
     factors = np.array([each.factor for each in problems if each is not None])
     allowed = np.isnan(known[0])
     kept = needed.copy()
@@ -121,8 +119,9 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
     return missed
 
 
-def _regression(group: Sequence[Trial], terms: Terms, order: int, known: Floats) -> LeastSquaresProblem | None:
+def _regression(group: Sequence[Trial], terms: Terms, known: Floats) -> LeastSquaresProblem | None:
     """Return the regression of smoothed rates of one object on all terms; None if a state was measured in no trial."""
+    order = len(terms.variables.states) // group[0].states.shape[1]
     pairs = [(trial, smooth_curves(trial, order)) for trial in group]
     complete = [pair for pair in pairs if np.isfinite(pair[1][0]).all()]
     if not complete:

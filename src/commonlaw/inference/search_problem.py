@@ -124,7 +124,7 @@ class SearchProblem:
         """
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
-        found = prepare(some, model.terms, model.order, known, noise=self.first_noise, huber_threshold=threshold)
+        found = prepare(some, model.terms, known, noise=self.first_noise, huber_threshold=threshold)
         while found.points < self.points:
             found = found.finer()
         models = tuple(replace(each, unit=model.unit) for each in found.models)
@@ -247,7 +247,6 @@ class SearchProblem:
 def prepare(
     trials: Trials,
     terms: Terms,
-    order: int,
     known: Floats,
     *,
     noise: Floats | None = None,
@@ -261,9 +260,7 @@ def prepare(
     trials
         What was measured.
     terms
-        The library.
-    order
-        Of the law, 1 or 2.
+        The library, over the states of a law of first order, or states and rates of one of second order.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     noise
@@ -279,7 +276,7 @@ def prepare(
         If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
         is not above zero.
     """
-    scale = spread_within(trials)
+    scale, order = spread_within(trials), len(terms.variables.states) // len(trials.schema.states)
     trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
@@ -300,7 +297,7 @@ def prepare(
     typical = typical_states(curves)
     own_laws = []
     for group, own, fixed in zip(groups, curves, known, strict=True):
-        models.append(TrajectoryModel(terms, order, meshes(group, input_between=between), observation, unit))
+        models.append(TrajectoryModel(terms, meshes(group, input_between=between), observation, unit))
         usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
         coefficients = _first(terms, usable, fixed) if usable else np.nan_to_num(fixed)
         starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))

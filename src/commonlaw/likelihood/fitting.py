@@ -36,9 +36,7 @@ class TrajectoryModel:
     Parameters
     ----------
     terms
-        Over the states (and their rates), inputs and time.
-    order
-        Of the law, 1 or 2; states are z = x, or z = (x, x').
+        Over the states z = x of a law of first order, or z = (x, x') of one of second order, inputs and time.
     meshes
         Where states are sought, and what was measured.
     observation
@@ -51,7 +49,6 @@ class TrajectoryModel:
     """
 
     terms: Terms
-    order: int
     meshes: Sequence[Mesh]
     observation: ObservationModel
     unit: Floats
@@ -65,7 +62,12 @@ class TrajectoryModel:
     @property
     def width(self) -> int:
         """Number of states, D."""
-        return self.equations * self.order
+        return len(self.terms.variables.states)
+
+    @property
+    def order(self) -> int:
+        """Order of the law, 1 or 2."""
+        return self.width // self.equations
 
     def field(self, coefficients: Floats, free: Bools | None = None) -> VectorField:
         """Return the law of these coefficients, shape (equations, terms), of which some are free."""
