@@ -8,8 +8,8 @@ from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.scales import on_log_scale
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
-from commonlaw.law.log_scale import on_log_scale
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.plots import plot_forecast
 from commonlaw.trials.logarithms import with_logarithms

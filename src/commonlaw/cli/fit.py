@@ -54,6 +54,6 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:
             laws = {"fitted": law, against: other}
-            beside = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
-            learned = replace(learned, compared=beside)
+            comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
+            learned = replace(learned, compared=comparison)
     outputs.give(learned, later)

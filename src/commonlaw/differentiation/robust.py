@@ -22,7 +22,7 @@ _BEYOND = 3.0
 """How much further the curve through the others may be off where it goes on straight."""
 _BOUND = 1.5
 """Scales beyond which a value pulls at the curve no harder."""
-_STRANGE = 5.0
+_OUTLYING = 5.0
 """Scales beyond which a value does not fit in with its neighbours."""
 _ORDERS = (2, 4, 6, 8)
 """Of the differences that compare a value with its neighbours: even ones have a sample in their middle."""
@@ -101,16 +101,16 @@ class RobustSpline(AbstractDifferentiator):
         """Return which values of one state are outliers, spikes apart, shape (n,)."""
         from scipy.ndimage import binary_opening
 
-        strangeness = _strangeness(times, values)
-        far = strangeness > _STRANGE
+        outlyingness = _outlyingness(times, values)
+        far = outlyingness > _OUTLYING
         if not far.any():
             return far
         distances = np.abs(values - self._bounded(times, values))
         far &= distances > _FAR * _scales(distances, distances)
         while far.any():
             turns = binary_opening(far, np.ones(_ROW + 1, dtype=np.bool_))
-            beside = _beside(~far, _strangeness(times[~far], values[~far]))
-            restored = turns | far & (beside > np.maximum(_STRANGE, strangeness))
+            around = _of_neighbours(~far, _outlyingness(times[~far], values[~far]))
+            restored = turns | far & (around > np.maximum(_OUTLYING, outlyingness))
             if not restored.any():
                 rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
                 distances = np.abs(values - _natural(times[~far], rates.states[:, 0], times, 1)[0])
@@ -146,7 +146,7 @@ def _without_spikes(times: Floats, values: Floats) -> Indices:
         every, order, _ = _differences(times[kept], values[kept])
         sizes = every[order]
         peak = int(np.argmax(sizes))
-        if sizes[peak] <= 2 * _STRANGE * np.median(sizes) / MEDIAN_SIZE:
+        if sizes[peak] <= 2 * _OUTLYING * np.median(sizes) / MEDIAN_SIZE:
             break
         rest = np.delete(kept, peak + order // 2)
         around = slice(max(peak - order, 0), peak + order)
@@ -156,7 +156,7 @@ def _without_spikes(times: Floats, values: Floats) -> Indices:
     return kept
 
 
-def _strangeness(times: Floats, values: Floats) -> Floats:
+def _outlyingness(times: Floats, values: Floats) -> Floats:
     """Return how many scales the differences that a value is in are from zero at most, shape (n,).
 
     Differences of all orders count in which the state leaves little: low ones tell most of neighbours that are outliers
@@ -164,19 +164,19 @@ def _strangeness(times: Floats, values: Floats) -> Floats:
     """
     from scipy.ndimage import maximum_filter1d
 
-    strangeness = np.zeros(len(times))
+    outlyingness = np.zeros(len(times))
     if len(times) < _FEW:
-        return strangeness
+        return outlyingness
     sizes, quietest, hidden = _differences(times, values)
     least = np.median(sizes[quietest])
     for order, each in sizes.items():
         median = np.median(each)
         if 0 < median <= least / _FALLING:
-            around = np.pad(each * MEDIAN_SIZE / median, (order, order))
-            strangeness = np.maximum(strangeness, maximum_filter1d(around, order + 1)[(order + 1) // 2 :][: len(times)])
+            local = maximum_filter1d(np.pad(each * MEDIAN_SIZE / median, (order, order)), order + 1)
+            outlyingness = np.maximum(outlyingness, local[(order + 1) // 2 :][: len(times)])
     if hidden:
-        strangeness[:quietest] = strangeness[-quietest:] = 0
-    return strangeness
+        outlyingness[:quietest] = outlyingness[-quietest:] = 0
+    return outlyingness
 
 
 def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int, bool]:
@@ -198,10 +198,10 @@ def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
     return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
 
 
-def _beside(kept: Bools, strangeness: Floats) -> Floats:
-    """Return the strangeness of the kept samples, shape (kept,), at those next to each sample, shape (n,)."""
+def _of_neighbours(kept: Bools, outlyingness: Floats) -> Floats:
+    """Return the outlyingness of the kept samples, shape (kept,), at those next to each sample, shape (n,)."""
     before: Indices = np.cumsum(kept) - kept
-    return np.maximum(strangeness[np.maximum(before - 1, 0)], strangeness[np.minimum(before, len(strangeness) - 1)])
+    return np.maximum(outlyingness[np.maximum(before - 1, 0)], outlyingness[np.minimum(before, len(outlyingness) - 1)])
 
 
 def _scales(sizes: Floats, ordinary: Floats) -> Floats:

@@ -79,13 +79,13 @@ class _Systems:
     ----------
     bands
         Of the changes of slope alone, shape (7, 2 n).
-    widths, beside
+    diagonal, off_diagonal
         The Gram matrix of the hat functions, times -3 on its diagonal and times -6 beside it.
     """
 
     bands: Floats
-    widths: Floats
-    beside: Floats
+    diagonal: Floats
+    off_diagonal: Floats
 
     @classmethod
     def of(cls, steps: Floats) -> "_Systems":
@@ -93,8 +93,8 @@ class _Systems:
 
     def factors(self, strength: float) -> Factors:
         bands = self.bands.copy()
-        bands[3, INNER] = self.widths / (3 * strength)
-        bands[1, 5:-1:2] = bands[5, 3:-3:2] = self.beside / (6 * strength)
+        bands[3, INNER] = self.diagonal / (3 * strength)
+        bands[1, 5:-1:2] = bands[5, 3:-3:2] = self.off_diagonal / (6 * strength)
         return Factors.of(bands)
 
     def trace(self, logarithm: float) -> float:
@@ -103,7 +103,7 @@ class _Systems:
         It is n - 2 and the derivative of the system's log determinant by the logarithm of the strength.
         """
         low, high = (self.factors(np.exp(logarithm + shift)).log_determinant for shift in (-0.01, 0.01))
-        return len(self.widths) + (high - low) / 0.02
+        return len(self.diagonal) + (high - low) / 0.02
 
 
 _KEPT = 4096
@@ -144,7 +144,7 @@ def _grid(samples: int) -> Floats:
 def _traces(steps: bytes) -> tuple[float, ...]:
     """Return the traces on the grid, which are the same for all states that are measured at the same times."""
     systems = _Systems.of(np.frombuffer(steps))
-    return tuple(systems.trace(each) for each in _grid(len(systems.widths) + 2))
+    return tuple(systems.trace(each) for each in _grid(len(systems.diagonal) + 2))
 
 
 def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | None = None) -> float:

@@ -141,10 +141,10 @@ def fit_terms(setup: FitSetup) -> LawSearch:
 
 def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
     """Return what speaks against white noise with a law that was found, in words; nothing if nothing does."""
-    odd = unexplained(problem, state)
-    if not odd and runs_away(problem, state):
-        odd = "trajectories of the trials that the law was learned from diverge"
-    return odd
+    reason = unexplained(problem, state)
+    if not reason and runs_away(problem, state):
+        reason = "trajectories of the trials that the law was learned from diverge"
+    return reason
 
 
 def choose_errors(
@@ -186,9 +186,9 @@ def choose_errors(
         steps = [best_interpolation(found.problem, found.state)]
         if steps[0].choice != trials.schema.input_between:
             found = begin(with_interpolation(trials, steps[0].choice), progress)
-    odd = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
-    if odd:
-        progress(Stage(f"{odd}: estimating errors with the law", _SEARCH_OF_MANY))
+    reason = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
+    if reason:
+        progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         found = _with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found, steps
 

@@ -16,11 +16,11 @@ from commonlaw.inference.provenance import (
     sample_steps,
     without_outcomes_of_fit,
 )
+from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search import to_scale
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law
 from commonlaw.law.domain import Domain
-from commonlaw.law.log_scale import on_log_scale
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD

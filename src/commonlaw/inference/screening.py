@@ -106,12 +106,12 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
 
         estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in state.estimates)
         supports = wider(state.supports.astype(np.float64), 0.0) > 0
-        beside = replace(
+        extended = replace(
             problem,
             models=tuple(replace(model, terms=several) for model in problem.models),
             known=wider(problem.known, np.nan),
         )
-        for listed in neighbours(beside, replace(state, supports=supports, estimates=estimates, fitted=())):
+        for listed in neighbours(extended, replace(state, supports=supports, estimates=estimates, fitted=())):
             for each in listed:
                 if each.chosen:
                     break

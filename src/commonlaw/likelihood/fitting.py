@@ -155,8 +155,8 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
     with np.errstate(all="ignore"):
         for mesh, states, latent in model.parts(estimate):
             deviance += model.observation.deviance(model.residuals(mesh, states), mesh.scale)
-            missed = defects(field, mesh, states, latent)
-            objective += float(np.sum(missed**2 * model.precision(mesh, model_error)))
+            found = defects(field, mesh, states, latent)
+            objective += float(np.sum(found**2 * model.precision(mesh, model_error)))
             if latent is not None:
                 objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
     objective += deviance

@@ -162,10 +162,10 @@ def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: M
     end = np.matmul(linear.end, covariances[1:])
     diagonal = np.matmul(start, linear.start.transpose(0, 2, 1)) + np.matmul(end, linear.end.transpose(0, 2, 1))
     diagonal[:, range(width), range(width)] += np.where(mesh.contiguous[:, np.newaxis], allowed, 1.0)
-    beside = np.matmul(linear.start[1:], end[:-1].transpose(0, 2, 1))
+    off_diagonal = np.matmul(linear.start[1:], end[:-1].transpose(0, 2, 1))
     bands = np.zeros((2 * width, steps * width))
     for i, j in np.ndindex(width, width):
         if i >= j:
             bands[i - j, j::width] = diagonal[:, i, j]
-        bands[width + i - j, j : (steps - 1) * width : width] = beside[:, i, j]
+        bands[width + i - j, j : (steps - 1) * width : width] = off_diagonal[:, i, j]
     return bands

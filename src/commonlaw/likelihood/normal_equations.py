@@ -103,14 +103,14 @@ def eliminate_states(
     border[:-1] += np.matmul(start, scaled)
     border[1:] += np.matmul(end, scaled)
     flat, flat_scaled = own.reshape(weighted.size, count), scaled.reshape(weighted.size, count)
-    beside = border.reshape(gradient.size, count)
-    right = np.column_stack([beside, gradient.ravel()])
+    flat_border = border.reshape(gradient.size, count)
+    right = np.column_stack([flat_border, gradient.ravel()])
     if not np.isfinite(right).all():
         raise NotPositiveError
     factor = _factor(bands)
     solved = cho_solve_banded((factor, False), right, check_finite=False)
-    information = flat.T @ flat_scaled - beside.T @ solved[:, :count]
-    left = flat.T @ weighted.ravel() - beside.T @ solved[:, count]
+    information = flat.T @ flat_scaled - flat_border.T @ solved[:, :count]
+    left = flat.T @ weighted.ravel() - flat_border.T @ solved[:, count]
     if not (np.isfinite(information).all() and np.isfinite(left).all()):
         raise NotPositiveError
     return SchurComplement(
@@ -132,12 +132,12 @@ def _bands(linear: Jacobians, precision: Floats, diagonal: Floats) -> Floats:
     end = linear.end.transpose(0, 2, 1) * precision[:, np.newaxis]
     diagonal[:-1] += np.matmul(start, linear.start)
     diagonal[1:] += np.matmul(end, linear.end)
-    beside = np.matmul(start, linear.end)
+    off_diagonal = np.matmul(start, linear.end)
     bands = np.zeros((2 * width, points * width))
     for i, j in np.ndindex(width, width):
         if j >= i:
             bands[2 * width - 1 + i - j, j::width] = diagonal[:, i, j]
-        bands[width - 1 + i - j, width + j :: width] = beside[:, i, j]
+        bands[width - 1 + i - j, width + j :: width] = off_diagonal[:, i, j]
     return bands
 
 

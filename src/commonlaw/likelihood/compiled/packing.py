@@ -39,10 +39,10 @@ def packed(model: TrajectoryModel) -> Packed | None:
 def _packed(model: TrajectoryModel, program: Program) -> Packed:
     noise = model.observation.noise
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
-    unit, logarithmic = _floats(model.unit), np.zeros(model.width, dtype=np.uint8)
+    unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
     logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
     latent = model.latent_steps[0]
-    std = np.zeros(0) if latent is None else _floats(latent.std)
+    std = np.zeros(0) if latent is None else contiguous(latent.std)
     structure = ModelStructure(
         model.equations,
         model.order,
@@ -81,11 +81,11 @@ def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshSt
     grid = mesh.grid
     if grid not in _GRIDS:
         _GRIDS[grid] = (*map(address, grid.arrays), address(grid.contiguous))
-    std = _floats(np.broadcast_to(noise * mesh.scale, mesh.measured.shape))
-    hidden = () if latent is None else tuple(map(_floats, (latent.start, latent.end, latent.anchors)))
+    std = contiguous(np.broadcast_to(noise * mesh.scale, mesh.measured.shape))
+    hidden = () if latent is None else tuple(map(contiguous, (latent.start, latent.end, latent.anchors)))
     addresses = tuple(map(address, hidden)) or (0, 0, 0)
     return MeshStructure(len(mesh), mesh.typical_step, *_GRIDS[grid], address(std), *addresses), (grid, std, hidden)
 
 
-def _floats(values: Floats) -> Floats:
+def contiguous(values: Floats) -> Floats:
     return np.ascontiguousarray(values, dtype=np.float64)

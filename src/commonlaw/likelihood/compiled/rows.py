@@ -8,7 +8,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
-from commonlaw.likelihood.compiled.packing import Packed
+from commonlaw.likelihood.compiled.packing import Packed, contiguous
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -29,10 +29,10 @@ def linearize(
     sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
     if max(sizes) * columns > _MOST or min(sizes) <= columns:
         return joined(whitened(library, model, packed, estimate, model_error, free), columns - 1)
-    free, coefficients = np.ascontiguousarray(free, dtype=np.bool_), _floats(estimate.coefficients)
+    free, coefficients = np.ascontiguousarray(free, dtype=np.bool_), contiguous(estimate.coefficients)
     problems, log_determinant, result = [], 0.0, np.empty(1)
     for mesh, own, values in zip(model.meshes, packed.meshes, estimate.states, strict=True):
-        factor, states = np.empty((columns, columns)), _floats(values)
+        factor, states = np.empty((columns, columns)), contiguous(values)
         inside = (address(each) for each in (free, states, coefficients))
         failed = library.commonlaw_linearize(
             *(packed.model, own, *inside, model_error, _VAGUENESS, address(factor), address(result))
@@ -59,7 +59,7 @@ def jacobians(
     Where steps have no length, between segments, the derivatives by coefficients are zero.
     """
     steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
-    states, coefficients = _floats(estimate.states[index]), _floats(estimate.coefficients)
+    states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
     shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
     found = [np.empty(shape) for shape in shapes]
@@ -87,7 +87,7 @@ def _whitened(
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
     basis, mixed = np.linalg.qr(columns)
     rows = np.column_stack([basis, target])
-    states, result = _floats(estimate.states[index]), np.empty(1)
+    states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
         *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
@@ -103,7 +103,3 @@ def _whitened(
 def _check(failed: int) -> None:
     if failed:
         raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError
-
-
-def _floats(values: Floats) -> Floats:
-    return np.ascontiguousarray(values, dtype=np.float64)
