@@ -13,6 +13,8 @@ from scipy.stats import t
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import noise_floor
+from commonlaw.inference.fit_setup import FitSetup
+from commonlaw.inference.law_search import choose_errors, fit_terms
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
 
@@ -194,6 +196,25 @@ def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     assert found.loc["x'' = a x", "2 log B"] > 10
     white = cl.compare(laws, trials, errors="white").set_index("law")
     assert white["errors"].unique() == ["white noise"]
+
+
+def test_the_evidence_that_compares_laws_is_that_which_they_were_fitted_with():
+    trials = oscillator(correlated, 2)
+    laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x + b v^3")}
+    setups = [FitSetup.of(law, trials) for law in laws.values()]
+    fitted = [
+        choose_errors(
+            lambda _, __, own=own: fit_terms(own),
+            trials,
+            input_between="linear",
+            errors="auto",
+            propose=lambda _: None,
+            progress=lambda _: None,
+        )[0].state.value
+        for own in setups
+    ]
+    found = cl.compare(laws, trials).set_index("law")["2 log B"]
+    assert found.loc["x'' = a x + b v^3"] == pytest.approx(fitted[1] - fitted[0], abs=0.01)
 
 
 def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals():

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.error_choice import chosen
-from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.hypotheses import OF_LAWS, WORDS, under_each_kind
-from commonlaw.inference.law_search import beyond_white_noise, fit_terms
+from commonlaw.inference.hypotheses import OF_LAWS, WORDS
+from commonlaw.inference.law_search import LawSearch, beyond_white_noise, fit_terms, with_error_models
 from commonlaw.inference.scales import check_one_scale, error_kinds
-from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports
-from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search import ANY_ERROR, fit_supports
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
 from commonlaw.library import Terms, parse_term
@@ -83,12 +81,15 @@ def compare(
     same = [written_alike(law, trials.schema) for law in laws.values()]
     _check_one_unit(same, trials)
     fitted = [fit_terms(FitSetup.of(law, trials, noise, huber_threshold)) for law in same]
-    finest = max(each.problem.points for each in fitted)
-    white = [_on_mesh(each.problem, each.state, finest) for each in fitted]
-    enough = errors == "auto" and not beyond_white_noise(*min(white, key=lambda each: each[1].value))
-    kinds = () if enough else error_kinds(errors, trials.schema)
-    found = [_with_errors(*each, kinds) for each in white]
-    of_kinds, states = zip(*found, strict=True)
+    white = [_on_mesh(each, max(each.problem.points for each in fitted)) for each in fitted]
+    best = min(white, key=lambda each: each.state.value)
+    if errors != "auto" or beyond_white_noise(best.problem, best.state):
+        kinds = error_kinds(errors, trials.schema)
+        found = [with_error_models(each, None, kinds, lambda _: None) for each in white]
+    else:
+        found = white
+    states = [each.state for each in found]
+    of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
     above = np.array([state.value for state in states]) - min(state.value for state in states)
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
@@ -130,20 +131,9 @@ def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
             raise CommonlawError("the laws are in different units: compare laws that were found in the same units")
 
 
-def _on_mesh(problem: SearchProblem, state: SearchState, points: int) -> tuple[SearchProblem, SearchState]:
+def _on_mesh(found: LawSearch, points: int) -> LawSearch:
     """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
-    fine = problem
+    fine = found.problem
     while fine.points < points:
         fine = fine.finer()
-    return fine, fit_supports(fine, state.supports, ANY_ERROR)
-
-
-def _with_errors(
-    problem: SearchProblem, state: SearchState, kinds: Sequence[ErrorKind]
-) -> tuple[ErrorKind, SearchState]:
-    """Return the kind of errors of largest evidence, and the state fitted under it; without any, those that it has."""
-    found = under_each_kind(problem, state.supports, kinds)
-    if not found:
-        return "walk" if state.has_model_error else "white", state
-    best = chosen(found)
-    return best.kind, best.state
+    return replace(found, problem=fine, state=fit_supports(fine, found.state.supports, ANY_ERROR))

@@ -189,11 +189,11 @@ def choose_errors(
     reason = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
-        found = _with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
+        found = with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found, steps
 
 
-def _with_error_models(
+def with_error_models(
     found: LawSearch, other: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
 ) -> LawSearch:
     """Return a search with the law of largest evidence, and errors of these kinds; its terms stay if they are given."""
