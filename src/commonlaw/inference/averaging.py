@@ -45,8 +45,7 @@ def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[P
 def weighted(problem: SearchProblem, chosen: SearchState) -> list[tuple[float, SearchState]]:
     """Return what the trials leave plausible with probabilities that add up to one, the chosen first.
 
-    By their evidence, under the errors of the chosen state; it counts as no less probable than any other, also where
-    forecasts chose it.
+    By their evidence, under the errors of the chosen state, which counts as no less probable than any other.
     """
     fitted = [chosen]
     for supports in _near(problem, chosen):

@@ -15,7 +15,7 @@ _MORE_TERMS = 2
 MOST_DRAWS = 10_000_000
 """Draws of coefficients; more say nothing that these do not."""
 
-_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", "forecast error")
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability")
 """What is shown of a candidate, as far as it is there."""
 
 BAYES_FACTOR = "2 log B: twice the logarithm of how many times more probable the best is; above 10, out of the question"

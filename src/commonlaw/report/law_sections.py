@@ -200,21 +200,13 @@ def candidates(case: LawCase) -> Section:
 
 
 def _what_compared(case: LawCase) -> str:
-    """Return what the measures of candidates mean, and which of them decided."""
+    """Return what the measures of candidates mean."""
     listed = case.law.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
-    exact = case.findings.is_exact
     if any("2 log B" in each.measures for each in listed):
-        wrong = "" if exact else ", if one of them were exact"
-        caption += f" 2 log B is 0 for the most probable, and above 10 for those out of the question{wrong}."
-        if exact and any(each.chosen and (each.measures.get("2 log B") or 0) > 0 for each in listed):
+        caption += " 2 log B is 0 for the most probable, and above 10 for those out of the question."
+        if any(each.chosen and (each.measures.get("2 log B") or 0) > 0 for each in listed):
             caption += " The law is the most probable once each is fitted; these numbers are from before that."
-    if any(each.measures.get("forecast error") is not None for each in listed):
-        caption += (
-            " Forecast error is what free forecasts of the later part of every trial are off, in standard deviations, "
-            "where these were made."
-        )
-        caption += "" if exact else " It decided, as none is exact: the law forecasts as well as the best of them."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
     return caption
@@ -241,8 +233,6 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     )
     if case.forecast_of == "that it was learned from":
         caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
-    if not case.findings.is_exact:
-        caption += " No law is exact: the law was fitted together with its errors, the others as if they were exact."
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
