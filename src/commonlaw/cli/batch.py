@@ -11,7 +11,7 @@ import click
 
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import in_options, option, with_options
-from commonlaw.cli.output import print_notes, print_table, say
+from commonlaw.cli.output import print_table, say
 from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
 from commonlaw.cli.source import Source
@@ -117,10 +117,7 @@ class Results:
         )
         laws = sum(each is not None for each, _ in self.found)
         say(f"\n{counted(laws, 'law')} in {counted(len(self.paths), 'file')}")
-        for path in later.written:
-            say(f"Wrote {path}")
-        print_notes(later.failures)
-        later.end(*(() if laws else ("no file has a law",)))
+        later.end(reasons=() if laws else ("no file has a law",))
 
     def _table(self, path: str) -> bytes:
         import pandas as pd

@@ -6,7 +6,7 @@ import click
 
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.output import print_frame, print_json, print_notes, say
+from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
@@ -49,7 +49,4 @@ def check(law_path: str, source: Source, save: str | None, plot: str | None, as_
     else:
         print_frame(found.tests().drop(columns="meaning"))
         say(f"\n{found}")
-        for path in later.written:
-            say(f"\nWrote {path}")
-    print_notes([*found.trials.notes, *later.failures])
-    later.end()
+    later.end(found.trials.notes, silent=as_json)

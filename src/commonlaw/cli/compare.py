@@ -11,7 +11,7 @@ from commonlaw.cli.comparing import compared, load, print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_comparison
 from commonlaw.cli.options import in_options
-from commonlaw.cli.output import print_json, print_notes, say
+from commonlaw.cli.output import print_json, say
 from commonlaw.cli.paths import ReadLaw, WrittenFile, is_law_file
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
@@ -61,10 +61,7 @@ def compare(source: Source, laws: tuple[str, ...], settings: dict[str, Any], sav
     else:
         say("\n".join(_sentences(frame)))
         print_compared(frame if any(map(is_law_file, laws)) else frame.drop(columns="equations"))
-        for path in later.written:
-            say(f"\nWrote {path}")
-    print_notes([*training.notes, *later.failures])
-    later.end()
+    later.end(training.notes, silent=as_json)
 
 
 def _fitted(

@@ -8,7 +8,7 @@ import click
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import numbers
-from commonlaw.cli.output import print_frame, print_json, print_notes, say
+from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
@@ -92,10 +92,7 @@ def discrepancy(
         print_json(_document(found))
     else:
         _show(found)
-        for path in later.written:
-            say(f"\nWrote {path}")
-    print_notes([*trials.notes, *found.law.outcomes, *later.failures])
-    later.end()
+    later.end((*trials.notes, *found.law.outcomes), silent=as_json)
 
 
 def _zero(text: str) -> float | Literal["auto"] | None:

@@ -8,7 +8,7 @@ import click
 
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, say
+from commonlaw.cli.output import print_frame, print_history, print_json, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.working import working
 
@@ -85,10 +85,7 @@ def explain(
         print_frame(law.relations().dropna(axis=1, how="all"))
         if history:
             print_history(law)
-        for path in later.written:
-            say(f"\nWrote {path}")
-    print_notes([*law.outcomes, *later.failures])
-    later.end()
+    later.end(law.outcomes, silent=as_json or latex)
 
 
 def _listed(texts: Sequence[str]) -> list[str] | None:

@@ -1,9 +1,10 @@
 """What follows a result: no later step costs what was found."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
+from commonlaw.cli.output import print_notes, say
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 
@@ -60,7 +61,13 @@ class LaterSteps:
 
         self.write(path, drawn)
 
-    def end(self, *also: str) -> None:
-        """Refuse to end well where a file could not be written, or for other reasons; after all else was said."""
-        if reasons := [*self._unwritten, *also]:
-            raise CommonlawError("; ".join(reasons))
+    def end(self, notes: Iterable[object] = (), *, silent: bool = False, reasons: Sequence[str] = ()) -> None:
+        """Say which files were written, unless silent, then the notes and what failed.
+
+        Refuse to end well where a file could not be written, or for other reasons.
+        """
+        for path in () if silent else self.written:
+            say(f"Wrote {path}")
+        print_notes([*notes, *(each for each in self.failures if each not in reasons)])
+        if refused := [*self._unwritten, *reasons]:
+            raise CommonlawError("; ".join(refused))

@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import option, with_options
-from commonlaw.cli.output import print_frame, print_history, print_json, print_notes, print_table, say
+from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
@@ -69,10 +69,7 @@ class Outputs:
             learned.show()
             if self.history:
                 print_history(learned.law)
-            for path in later.written:
-                say(f"Wrote {path}")
-        print_notes([*learned.notes(), *later.failures])
-        later.end()
+        later.end(learned.notes(), silent=self.as_json)
 
 
 def with_outputs(command: Callable[..., None]) -> Callable[..., None]:

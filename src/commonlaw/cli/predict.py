@@ -9,7 +9,7 @@ import click
 
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.output import print_frame, print_json, print_notes, say
+from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
@@ -107,10 +107,7 @@ def predict(
     else:
         print_frame(errors.dropna(axis=1, how="all"))
         say(f"R^2 of all forecasts: {forecast.score():.5g}")
-        for path in later.written:
-            say(f"Wrote {path}")
-    print_notes([*forecast.trials.notes, *forecast.outcomes, *later.failures])
-    later.end()
+    later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:

@@ -7,7 +7,7 @@ import click
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.output import print_history, print_notes, say
+from commonlaw.cli.output import print_history, say
 from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
@@ -41,7 +41,4 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
     say(str(law))
     if history:
         print_history(law)
-    for path in later.written:
-        say(f"\nWrote {path}")
-    print_notes([*trials.notes, *law.outcomes, *later.failures])
-    later.end()
+    later.end((*trials.notes, *law.outcomes))

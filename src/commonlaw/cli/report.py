@@ -8,7 +8,7 @@ import click
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.options import in_options, option
-from commonlaw.cli.output import print_notes, say
+from commonlaw.cli.output import say
 from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
@@ -71,7 +71,4 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
     made = out in later.written
     if not made:
         say(str(law))
-    for path in later.written:
-        say(f"Wrote {path}")
-    print_notes(later.failures if made else ())
-    later.end(*(() if made else later.failures))
+    later.end(reasons=() if made else later.failures)
