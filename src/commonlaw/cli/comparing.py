@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
     from commonlaw.trials import Trials
 
-_SETTINGS = ("noise", "errors", "huber_threshold")
+_SETTINGS = ("noise", "errors", "huber_threshold", "n_jobs")
 """Settings of a fit that a comparison shares."""
 
 

@@ -64,6 +64,13 @@ _ERROR_OPTIONS = (
         default=4.0,
         help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
     ),
+    _likelihood(
+        "--jobs",
+        "n_jobs",
+        type=int,
+        help="Threads that share the work, or for the regressions processes; -1 for one a core. The result is the "
+        "same. Goes with every method.  [default: -1; for the regressions 1]",
+    ),
 )
 
 _LIKELIHOOD_OPTIONS = (
@@ -118,7 +125,6 @@ _REGRESSION_OPTIONS = (
         default=20,
         help="Bootstrap resamples that tell how stable the candidates are.",
     ),
-    _regression("--jobs", "n_jobs", type=int, default=1, help="Processes that share the trials; -1 for one a core."),
     _derivative(
         "--differentiation",
         metavar="SPEC",

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
+from commonlaw.parallel import threads
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -95,11 +96,12 @@ def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
     """Do pieces of work as they come; the main function of a process."""
     end_with_parent()
     warnings.simplefilter("ignore")
-    while True:
-        try:
-            connection.send(_done(work, connection.recv()))
-        except (EOFError, OSError):
-            return
+    with threads(1):  # The other processes have the other cores
+        while True:
+            try:
+                connection.send(_done(work, connection.recv()))
+            except (EOFError, OSError):
+                return
 
 
 def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:

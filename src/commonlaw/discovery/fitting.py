@@ -63,7 +63,7 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         determine them one by one; coefficients inside of functions, powers and sums below a line are refused.
     trials
         What was measured. Each object has its own coefficients.
-    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, progress
+    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
     Raises
@@ -139,9 +139,9 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
     """Return the law in discrete time whose coefficients are those of least squares."""
-    if set(settings) - {"progress"}:
+    if refused := ", ".join(each for each in settings if each not in ("n_jobs", "progress")):
         raise CommonlawError(
-            f"a law in discrete time is fitted to the next samples, which takes no {', '.join(settings)}: leave it out"
+            f"a law in discrete time is fitted to the next samples, which takes no {refused}: leave it out"
         )
     names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
     library = ExpressionLibrary(*(each.expression(names) for each in terms))

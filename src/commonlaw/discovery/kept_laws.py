@@ -68,6 +68,8 @@ def found_once(
 def digest(value: object) -> str:
     """Return what is the same for equal values of numbers, texts, arrays, and collections and dataclasses of them.
 
+    Fields in which equal dataclasses may differ do not count.
+
     Raises
     ------
     _UnknownError
@@ -144,7 +146,7 @@ def _parts(value: object) -> Iterator[bytes]:
         yield from _parts_of_all(value)
     elif is_dataclass(value) and not isinstance(value, type) and _is_ours(value):
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
-        yield from _parts_of_all([getattr(value, each.name) for each in fields(value)])
+        yield from _parts_of_all([getattr(value, each.name) for each in fields(value) if each.compare])
     else:
         raise _UnknownError
 

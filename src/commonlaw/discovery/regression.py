@@ -18,6 +18,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
 from commonlaw.law import Law, Provenance
 from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.parallel import check_n_jobs
 from commonlaw.progress import ProgressCallback
 from commonlaw.selection import (
     RULES,
@@ -92,8 +93,7 @@ class AbstractRegression(AbstractMethod):
         check_choice("scoring", self.scoring, ("residuals", "forecasts"))
         check_whole_number("seed", self.seed, 0)
         check_whole_number("n_resamples", self.n_resamples, 0, 10_000)
-        if isinstance(self.n_jobs, bool) or not isinstance(self.n_jobs, int) or self.n_jobs < -1 or not self.n_jobs:
-            raise CommonlawError(f"n_jobs={self.n_jobs!r}: give the number of processes, or -1 for one for each core")
+        check_n_jobs(self.n_jobs)
         object.__setattr__(self, "solver", parsed(self.solver, parse_solver))
 
     @abstractmethod

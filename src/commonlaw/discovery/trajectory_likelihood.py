@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, Literal, get_args
 
@@ -33,6 +33,7 @@ from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.library import SelectedLibrary, Terms
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
+from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.trials import Trials, TrialStream
@@ -85,6 +86,9 @@ class TrajectoryLikelihood(AbstractMethod):
         and if that is not enough, in segments spread over the trials of each object. All of them tell the noise.
     seed
         Of the bootstrap.
+    n_jobs
+        Threads that share the objects and the searches; the law is the same for any number. Default: one for each core,
+        or as many as the environment variable ``OMP_NUM_THREADS`` says.
 
     Raises
     ------
@@ -106,9 +110,11 @@ class TrajectoryLikelihood(AbstractMethod):
     solver: AbstractSolver | str | None = None
     max_samples: int = MOST_SAMPLES
     seed: int = 0
+    n_jobs: int = field(default=-1, compare=False)
 
     def __post_init__(self) -> None:
         check_whole_number("seed", self.seed, 0)
+        check_n_jobs(self.n_jobs)
         check_whole_number("max_samples", self.max_samples, 100, 10**9)
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
         check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))
@@ -125,6 +131,10 @@ class TrajectoryLikelihood(AbstractMethod):
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
+        with threads(self.n_jobs):
+            return self._law(trials, structure, progress)
+
+    def _law(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
         screened = _Screened.of(with_logarithms(trials, self.positive), structure)
 
         def by_derivatives(found: LawSearch) -> Bools | None:

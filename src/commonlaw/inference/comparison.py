@@ -17,6 +17,7 @@ from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
 from commonlaw.library import Terms, parse_term
 from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.parallel import in_parallel, threads
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def compare(
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
+    n_jobs: int = -1,
 ) -> "pd.DataFrame":
     """Return how probable the measurements make each of several laws, whatever found them.
 
@@ -44,7 +46,7 @@ def compare(
         trials' objects. They need not use all inputs of the trials.
     trials
         What was measured.
-    noise, errors, huber_threshold
+    noise, errors, huber_threshold, n_jobs
         See `refine`.
 
     Returns
@@ -80,14 +82,14 @@ def compare(
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
     _check_one_unit(same, trials)
-    fitted = [fit_terms(FitSetup.of(law, trials, noise, huber_threshold)) for law in same]
-    white = [_on_mesh(each, max(each.problem.points for each in fitted)) for each in fitted]
-    best = min(white, key=lambda each: each.state.value)
-    if errors != "auto" or beyond_white_noise(best.problem, best.state):
-        kinds = error_kinds(errors, trials.schema)
-        found = [with_error_models(each, None, kinds, lambda _: None) for each in white]
-    else:
-        found = white
+    with threads(n_jobs):
+        fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
+        finest = max(each.problem.points for each in fitted)
+        found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
+        best = min(found, key=lambda each: each.state.value)
+        if errors != "auto" or beyond_white_noise(best.problem, best.state):
+            kinds = error_kinds(errors, trials.schema)
+            found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
     states = [each.state for each in found]
     of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
     above = np.array([state.value for state in states]) - min(state.value for state in states)

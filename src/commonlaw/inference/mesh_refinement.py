@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.inference.search import FINAL, SearchState
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
+from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize
 
 FINEST = 8
 """Points for each sampling step; laws that need more are not resolved by their samples."""
@@ -23,10 +23,9 @@ def on_finer_mesh(
     if problem.points >= FINEST:
         return None
     finer = problem.finer()
-    estimates = tuple(
-        fit(model, replace(start, coefficients=own.coefficients), state.supports, model_errors)
-        for model, start, own in zip(finer.models, finer.starts, state.estimates, strict=True)
-    )
+    pairs = zip(finer.starts, state.estimates, strict=True)
+    starts = [replace(start, coefficients=own.coefficients) for start, own in pairs]
+    estimates = fit_each(finer.models, starts, state.supports, model_errors)
     if _change(problem, state.estimates, finer, estimates) + _moved(problem, state, estimates) < _RESOLVED:
         return None
     return finer, replace(state, estimates=estimates)

@@ -24,6 +24,7 @@ from commonlaw.law.domain import Domain
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.parallel import threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
@@ -40,6 +41,7 @@ def refine(
     covariance: CovarianceKind = "likelihood",
     partial_pooling: bool = True,
     seed: int = 0,
+    n_jobs: int = -1,
     progress: ProgressCallback | None = None,
 ) -> Law:
     """Fit a law's coefficients, and the states of each trial, to what was measured: maximum likelihood.
@@ -72,6 +74,8 @@ def refine(
         Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
     seed
         Of the bootstrap.
+    n_jobs
+        Threads that share the objects, see `TrajectoryLikelihood`.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
 
@@ -106,18 +110,19 @@ def refine(
     setup = FitSetup.of(law, trials, noise, huber_threshold, between)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
-    found, steps = choose_errors(
-        lambda own, _: fit_terms(replace(setup, trials=own)),
-        setup.trials,
-        input_between=between,
-        errors=errors,
-        propose=lambda _: None,
-        progress=progress,
-    )
-    problem, state = to_scale(found.problem, found.state)
-    schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
-    law, trials = replace(setup.law, schema=schema), setup.trials
-    refined = fitted_law(law, problem, state, covariance, seed)
+    with threads(n_jobs):
+        found, steps = choose_errors(
+            lambda own, _: fit_terms(replace(setup, trials=own)),
+            setup.trials,
+            input_between=between,
+            errors=errors,
+            propose=lambda _: None,
+            progress=progress,
+        )
+        problem, state = to_scale(found.problem, found.state)
+        schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
+        law, trials = replace(setup.law, schema=schema), setup.trials
+        refined = fitted_law(law, problem, state, covariance, seed)
     chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
     provenance = replace(
         law.provenance,

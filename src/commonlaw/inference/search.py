@@ -9,6 +9,7 @@ negligible, a random walk that pushes the states off their course (weak constrai
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,9 +18,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
-from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, TrajectoryModel, fit, linearize
+from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, TrajectoryModel, fit_each, linearize_each
+from commonlaw.parallel import in_parallel
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.solvers import AbstractSolver
+from commonlaw.wording import counted
 
 NO_ERROR = 0.0
 """The model error of laws whose solutions the trajectories are."""
@@ -98,13 +101,22 @@ def search(
     schedules: Sequence[Sequence[float]] = SCHEDULES,
 ) -> list[SearchState]:
     """Return what was found at all model errors of all schedules, that of largest evidence first."""
-    found = []
-    for number, model_errors in enumerate(schedules, start=1):
-        progress(Stage(f"choosing terms, step {number} of {len(schedules)}", (number - 1) / (len(schedules) + 1)))
-        found += _anneal(problem, solver, model_errors)
+    groups = _groups(problem) if schedules is SCHEDULES else []
+    pieces = [
+        *(partial(_anneal, problem, solver, each) for each in schedules),
+        *(partial(search, each, solver, lambda _: None) for each in groups),
+    ]
+
+    def tell(done: int) -> None:
+        of = counted(len(pieces), "search", "es")
+        progress(Stage(f"choosing terms, {done} of {of} done", done / (len(pieces) + 1)))
+
+    tell(0)
+    results = in_parallel(lambda piece: piece(), pieces, done=tell)
+    found = [state for each in results[: len(schedules)] for state in each]
     if schedules is not SCHEDULES:
         return list_by_evidence(found)
-    found += _found_by_groups(problem, solver, progress)
+    found += _fit_all(problem, [each[0].supports for each in results[len(schedules) :]])
     found += _without_model_error(problem, list_by_evidence(found)[0])
     best, *others = fit_close_neighbours(problem, list_by_evidence(found))
     return [best.with_alternatives([each for each in others if each.model_error == best.model_error]), *others]
@@ -252,21 +264,23 @@ def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -
     return fitted(problem, start, supports, state.model_error)[0]
 
 
-def _found_by_groups(problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback) -> list[SearchState]:
-    """Return the laws that some of many objects find, fitted to all; none where there are few objects.
+def _groups(problem: SearchProblem) -> list[SearchProblem]:
+    """Return the problems of some of many objects, whose laws are fitted to all; none where there are few objects.
 
     Evidence linearised about one law errs for each object, and of many by more than what tells laws apart.
     """
     many = len(problem.models)
     if many <= _GROUPS * _FEW:
         return []
-    progress("choosing terms by some of the objects")
-    groups = [problem.of_objects(range(first, many, many // _FEW)) for first in range(_GROUPS)]
-    supports = [search(each, solver, lambda _: None)[0].supports for each in groups]
+    return [problem.of_objects(range(first, many, many // _FEW)) for first in range(_GROUPS)]
+
+
+def _fit_all(problem: SearchProblem, listed: Sequence[Bools]) -> list[SearchState]:
+    """Return supports fitted to all objects, each once; those that cannot be fitted are left out."""
     found = []
-    for each in {own.tobytes(): own for own in supports}.values():
+    for supports in {each.tobytes(): each for each in listed}.values():
         with suppress(CommonlawError):
-            found.append(fit_supports(problem, each, SCHEDULES[-1]))
+            found.append(fit_supports(problem, supports, SCHEDULES[-1]))
     return found
 
 
@@ -340,8 +354,7 @@ def evidence_about(problem: SearchProblem, state: SearchState) -> SupportEvidenc
 
 def _evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
     """Return the evidence by the likelihood linearised about estimates, comparable between model errors."""
-    pairs = zip(problem.models, estimates, strict=True)
-    linear = [linearize(model, estimate, model_error) for model, estimate in pairs]
+    linear = linearize_each(problem.models, estimates, model_error)
     known = np.nan_to_num(problem.known)
     problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
     extra = offset(problem, linear, model_error)
@@ -385,7 +398,6 @@ def fitted(
 ) -> tuple[SearchState, SupportEvidence]:
     """Return the state fitted with these supports at a model error, with none where it is negligible; its evidence."""
     model_errors = errors_to_fit(model_error)
-    pairs = zip(problem.models, estimates, strict=True)
-    done = tuple(fit(model, estimate, supports, model_errors) for model, estimate in pairs)
+    done = fit_each(problem.models, estimates, supports, model_errors)
     evidence = _evidence(problem, done, model_errors[-1])
     return SearchState(supports, done, model_error, evidence.value(supports)), evidence

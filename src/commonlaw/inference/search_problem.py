@@ -27,6 +27,7 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
+from commonlaw.parallel import in_parallel
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
@@ -287,7 +288,8 @@ def prepare(
     carried = as_many_as_are_carried(trials, levels, most_samples)
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
-    curves = [[smooth_curves(trial, order) for trial in group] for group in groups]
+    smoothed = dict(zip(trials, in_parallel(lambda trial: smooth_curves(trial, order), trials), strict=True))
+    curves = [[smoothed[trial] for trial in group] for group in groups]
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.law.calls import readable
 from commonlaw.trials import Schema
 
-_NOT_SAID = ("progress", "cache")
+_NOT_SAID = ("n_jobs", "progress", "cache")
 """Arguments that change nothing in a law."""
 
 
@@ -68,7 +68,7 @@ def written(value: Any) -> str:
     "{'library': cl.PolynomialLibrary(degree=3)}"
     """
     if is_dataclass(value) and not isinstance(value, type):
-        own = {each.name: getattr(value, each.name) for each in fields(value) if each.init}
+        own = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
         defaults = {each.name: _default(each) for each in fields(value)}
         said = [f"{name}={written(each)}" for name, each in own.items() if not _same(each, defaults[name])]
         return f"cl.{type(value).__name__}({', '.join(said)})"

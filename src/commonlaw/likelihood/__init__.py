@@ -1,7 +1,7 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.computing import fit, linearize, whitened
+from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_each, whitened
 from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
@@ -23,9 +23,11 @@ __all__ = [
     "ObservationModel",
     "TrajectoryModel",
     "fit",
+    "fit_each",
     "interpolate",
     "jacobians",
     "linearize",
+    "linearize_each",
     "meshes",
     "whitened",
     "without_states",

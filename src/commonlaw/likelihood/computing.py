@@ -1,7 +1,8 @@
 """Fits and linearisations: by the compiled kernel where there is one and it can, otherwise with NumPy."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from ctypes import CDLL
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from commonlaw.likelihood.compiled import fits, rows
 from commonlaw.likelihood.compiled.packing import Packed, packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
+from commonlaw.parallel import in_parallel
+
+_MANY = 5000
+"""Points of meshes from which the objects are worth more than what threads cost: some milliseconds of work."""
+
+T = TypeVar("T")
 
 
 def fit(
@@ -68,6 +75,20 @@ def linearize(
     return rows.linearize(library, model, structures, estimate, model_error, free)
 
 
+def fit_each(
+    models: Sequence[TrajectoryModel], starts: Sequence[Estimate], support: Bools, model_errors: Sequence[float]
+) -> tuple[Estimate, ...]:
+    """Return the estimate of largest likelihood of each of several objects, see `fit`."""
+    return tuple(_each(lambda model, start: fit(model, start, support, model_errors), models, starts))
+
+
+def linearize_each(
+    models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float
+) -> list[Linearization]:
+    """Return the likelihood of each of several objects about its estimate, see `linearize`."""
+    return _each(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
+
+
 def whitened(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> list[tuple[Floats, float]]:
@@ -86,6 +107,15 @@ def whitened(
     free = np.ones_like(estimate.coefficients, dtype=np.bool_) if columns is None else columns
     library, structures = compiled
     return rows.whitened(library, model, structures, estimate, model_error, free)
+
+
+def _each(
+    function: Callable[[TrajectoryModel, Estimate], T], models: Sequence[TrajectoryModel], estimates: Sequence[Estimate]
+) -> list[T]:
+    """Return what a function gives for each object, in several threads where that pays."""
+    if sum(len(mesh) for model in models for mesh in model.meshes) > _MANY:
+        return in_parallel(function, models, estimates)
+    return list(map(function, models, estimates))
 
 
 def _compiled(model: TrajectoryModel) -> tuple[CDLL, Packed] | None:

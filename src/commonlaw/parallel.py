@@ -1,0 +1,141 @@
+"""Pieces of work that know nothing of each other, in several threads at a time.
+
+The compiled kernel and linear algebra leave the interpreter to others while they compute, so that threads suffice: no
+data goes from process to process. Each piece gives what it gives alone, whatever the number of threads.
+"""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
+from functools import partial
+from threading import Lock, Semaphore, Thread
+from typing import Any, TypeVar
+
+from commonlaw.errors import CommonlawError
+
+T = TypeVar("T")
+
+
+class _GivenUpError(BaseException):
+    """What this thread works for is not wanted any more."""
+
+
+@contextmanager
+def threads(n_jobs: int) -> Iterator[None]:
+    """Let what is within be done by so many threads; where it stands within another, that decides.
+
+    Parameters
+    ----------
+    n_jobs
+        How many threads; -1 for as many as other numerical libraries take: one for each core, or as many as the
+        environment variable ``OMP_NUM_THREADS`` says.
+
+    Raises
+    ------
+    CommonlawError
+        If this is not a number of threads.
+    """
+    check_n_jobs(n_jobs)
+    if _TEAM.get() is not None:
+        yield
+        return
+    token = _TEAM.set(_Team(cores() if n_jobs == -1 else n_jobs))
+    try:
+        yield
+    finally:
+        _TEAM.reset(token)
+
+
+def in_parallel(
+    function: Callable[..., T], *columns: Iterable[Any], done: Callable[[int], None] = lambda _: None
+) -> list[T]:
+    """Return what a function gives for each row of some columns, in their order; `map` in threads, see `threads`.
+
+    Parameters
+    ----------
+    function
+        What is done with each row.
+    *columns
+        Its arguments, one row after the other; rows that take long had better come first.
+    done
+        Takes how many rows are done, in one thread at a time.
+
+    Raises
+    ------
+    Exception
+        What the first row raises that raises something.
+    """
+    team = _TEAM.get() or _Team(1)
+    return team.do([partial(function, *row) for row in zip(*columns, strict=True)], done)
+
+
+def check_n_jobs(n_jobs: int) -> None:
+    """Refuse what is no number of jobs."""
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs < -1 or not n_jobs:
+        raise CommonlawError(f"n_jobs={n_jobs!r}: give how many jobs run at a time, or -1 for one for each core")
+
+
+def cores() -> int:
+    """Return how many threads of numerical work this process is to have."""
+    given = os.environ.get("OMP_NUM_THREADS", "")
+    if given.isdecimal() and int(given):
+        return int(given)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Team:
+    """Threads that share work, also work within work: who is free helps."""
+
+    def __init__(self, count: int) -> None:
+        self._free = Semaphore(count - 1)
+        self._is_given_up = False
+
+    def do(self, pieces: Sequence[Callable[[], T]], done: Callable[[int], None]) -> list[T]:
+        """Return what pieces of work give; this thread does its share of them."""
+        found: dict[int, T] = {}
+        failed: dict[int, Exception] = {}
+        waiting, alone = deque(range(len(pieces))), Lock()
+
+        def work() -> None:
+            while waiting and not failed:
+                if self._is_given_up:
+                    raise _GivenUpError
+                try:
+                    number = waiting.popleft()
+                except IndexError:  # Another thread was first
+                    return
+                try:
+                    given = pieces[number]()
+                    with alone:
+                        found[number] = given
+                        done(len(found))
+                except Exception as error:
+                    failed[number] = error
+
+        helpers = list[Thread]()
+        while len(helpers) < len(pieces) - 1 and self._free.acquire(blocking=False):
+            helpers.append(Thread(target=copy_context().run, args=(self._help, work), daemon=True))
+            helpers[-1].start()
+        try:
+            work()
+            for each in helpers:
+                each.join()
+        except BaseException:  # Ctrl-C: nobody waits for the others, who end where they begin their next piece
+            self._is_given_up = True
+            raise
+        if failed:
+            raise failed[min(failed)]
+        return [found[number] for number in range(len(pieces))]
+
+    def _help(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except _GivenUpError:
+            pass
+        finally:
+            self._free.release()
+
+
+_TEAM: ContextVar[_Team | None] = ContextVar("_TEAM", default=None)
