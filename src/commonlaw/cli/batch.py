@@ -1,16 +1,16 @@
 """Several files, each with a law of its own, and one table of all: `commonlaw discover --each`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
-from functools import partial, wraps
+from dataclasses import dataclass, replace
+from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.options import in_options, option, with_options
+from commonlaw.cli.options import as_one, in_options, option
 from commonlaw.cli.output import print_table, say
 from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
@@ -134,14 +134,8 @@ class Results:
         return content.getvalue()
 
 
-def with_batch(command: Callable[..., None]) -> Callable[..., None]:
-    """Add further files and the options for them to a command; it receives them as `batch`."""
-
-    @wraps(command)
-    def wrapped(**values: Any) -> None:
-        command(batch=Batch(**{field.name: values.pop(field.name) for field in fields(Batch)}), **values)
-
-    return with_options(wrapped, _OPTIONS)
+with_batch = as_one("batch", Batch, _OPTIONS)
+"""Adds further files and the options for them to a command, which receives them as `batch`."""
 
 
 def _found(piece: tuple[Source, Question]) -> Found:

@@ -1,16 +1,15 @@
 """What commands say of a law that they learned: on the terminal, in files, as JSON."""
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from functools import partial, wraps
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.options import option, with_options
+from commonlaw.cli.options import as_one, option
 from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
@@ -72,15 +71,8 @@ class Outputs:
         later.end(learned.notes(), silent=self.as_json)
 
 
-def with_outputs(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that say what is wanted of a law to a command; it receives them as `outputs`."""
-
-    @wraps(command)
-    def wrapped(**options: Any) -> None:
-        outputs = Outputs(**{field.name: options.pop(field.name) for field in fields(Outputs)})
-        command(outputs=outputs, **options)
-
-    return with_options(wrapped, _OPTIONS)
+with_outputs = as_one("outputs", Outputs, _OPTIONS)
+"""Adds the options that say what is wanted of a law to a command, which receives them as `outputs`."""
 
 
 @dataclass(frozen=True)

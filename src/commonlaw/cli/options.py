@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
+from functools import wraps
 from typing import Any
 
 import click
@@ -27,6 +29,23 @@ def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> 
     for each in reversed(options):
         command = each(command)
     return command
+
+
+def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
+    """Return the decorator that adds options to a command, which receives them as one argument of this name.
+
+    It is a dataclass with a field for each of them; what adds its own argument to a command may be among the options.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def wrapped(**values: Any) -> None:
+            own = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
+            command(**{name: kind(**own)}, **values)
+
+        return with_options(wrapped, options)
+
+    return decorate
 
 
 def in_options(text: str) -> str:

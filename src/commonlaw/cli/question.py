@@ -1,15 +1,15 @@
 """What law is looked for, and how: the options that `discover` and `report` share."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from functools import partial, wraps
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_method
-from commonlaw.cli.options import numbers, option, with_options
+from commonlaw.cli.options import as_one, numbers, option
 from commonlaw.cli.paths import ReadLaw, is_law_file
 
 if TYPE_CHECKING:
@@ -95,15 +95,8 @@ class Question:
         return later.take("the coefficients were not explained", law.explain, law)
 
 
-def with_question(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of the law and of the methods to a command; it receives them as `question`."""
-
-    @wraps(command)
-    def wrapped(**values: Any) -> None:
-        question = Question(**{field.name: values.pop(field.name) for field in fields(Question)})
-        command(question=question, **values)
-
-    return with_options(with_method(wrapped), _OPTIONS)
+with_question = as_one("question", Question, (*_OPTIONS, with_method))
+"""Adds the options of the law and of the methods to a command, which receives them as `question`."""
 
 
 def _known(texts: Sequence[str]) -> "Base":

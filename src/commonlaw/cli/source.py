@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any
 
 import click
 
-from commonlaw.cli.options import Decorator, by_name, in_options, option, pairs, with_options
+from commonlaw.cli.options import as_one, by_name, in_options, option, pairs
 from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials
@@ -173,21 +173,23 @@ class Source:
         )
 
 
-def with_source(command: Callable[..., None], options: Sequence[Decorator] = _OPTIONS) -> Callable[..., None]:
-    """Add the file argument and the shared options to a command; it receives them as `source`."""
+def _in_its_words(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command whose errors name options in place of arguments."""
 
     @wraps(command)
     def wrapped(**values: Any) -> None:
-        source = Source(**{field.name: values.pop(field.name) for field in fields(Source) if field.name in values})
         try:
-            command(source=source, **values)
+            command(**values)
         except CommonlawError as error:
             raise CommonlawError(in_options(str(error))) from error
 
-    return with_options(wrapped, options)
+    return wrapped
 
 
-with_training_source = partial(with_source, options=(*_OPTIONS, *_HELD_OUT))
+with_source = as_one("source", Source, (*_OPTIONS, _in_its_words))
+"""Adds the file argument and the shared options to a command, which receives them as `source`."""
+
+with_training_source = as_one("source", Source, (*_OPTIONS, *_HELD_OUT, _in_its_words))
 """Adds what tells trials to learn from from those to check the law on, too."""
 
 
