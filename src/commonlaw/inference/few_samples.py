@@ -12,11 +12,10 @@ from commonlaw.inference.search import (
     NO_ERROR,
     SCHEDULES,
     SearchState,
-    fit_close_neighbours,
     fit_with,
-    list_by_evidence,
     polish,
     search,
+    with_close_neighbours,
 )
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import Estimate, NotPositiveError
@@ -59,5 +58,4 @@ def _weighed(problem: SearchProblem, found: SearchState, solver: AbstractSolver)
         else:
             states.append(polish(problem, found.supports, start, NO_ERROR, solver))
         start = states[-1].estimates
-    best, *others = fit_close_neighbours(problem, list_by_evidence(states))
-    return [best.with_alternatives([each for each in others if each.model_error == best.model_error]), *others]
+    return with_close_neighbours(problem, states)

@@ -118,8 +118,7 @@ def search(
         return list_by_evidence(found)
     found += _fit_all(problem, [each[0].supports for each in results[len(schedules) :]])
     found += _without_model_error(problem, list_by_evidence(found)[0])
-    best, *others = fit_close_neighbours(problem, list_by_evidence(found))
-    return [best.with_alternatives([each for each in others if each.model_error == best.model_error]), *others]
+    return with_close_neighbours(problem, found)
 
 
 def polish(
@@ -292,14 +291,19 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
     return []
 
 
-def fit_close_neighbours(problem: SearchProblem, found: list[SearchState]) -> list[SearchState]:
-    """Fit what is hardly less probable than the best, until the best stays: evidence linearised about one law errs."""
+def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState]) -> list[SearchState]:
+    """Return states, and what is hardly less probable than the best, fitted until the best stays, which comes first.
+
+    Evidence linearised about one law errs; the best keeps that of all others under its errors.
+    """
+    found = list_by_evidence(states)
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
     while True:
         best = found[0]
         close = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
         if not close:
-            return found
+            alike = [each for each in found[1:] if each.model_error == best.model_error]
+            return [best.with_alternatives(alike), *found[1:]]
         evidence = evidence_about(problem, best)
         for supports in close:
             done.add(supports.tobytes())
