@@ -2,20 +2,11 @@
 
 import pytest
 
-from commonlaw.cli import main, working
+from commonlaw.cli import working
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command in an empty folder; return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(working, "INTERVAL", 1e6)  # However slow the machine, nothing is said of progress
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["commonlaw", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code, captured.out, captured.err
-
-    return call
+def run(monkeypatch, run):
+    """Run the command, which says nothing of progress, however slow the machine."""
+    monkeypatch.setattr(working, "INTERVAL", 1e6)
+    return run

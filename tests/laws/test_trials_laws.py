@@ -87,38 +87,26 @@ def test_trials_come_back_from_parquet_without_a_keyword(tmp_path_factory, trial
     assert read.notes == trials.notes
 
 
+def roles(trials):
+    """The columns of a table of these trials, by what they are."""
+    names = "object", "trial", "time", "states", "inputs"
+    properties = list(dict.fromkeys(name for values in trials.properties.values() for name in values))
+    return {name: getattr(trials.schema, name) for name in names} | {"properties": properties}
+
+
 @_SLOW
 @given(collections())
 def test_trials_come_back_from_csv_with_the_roles_named(tmp_path_factory, trials):
     path = tmp_path_factory.mktemp("csv") / "trials.csv"
     trials.to_csv(path)
-    schema = trials.schema
-    read = Trials.read(
-        path,
-        object=schema.object,
-        trial=schema.trial,
-        time=schema.time,
-        states=schema.states,
-        inputs=schema.inputs,
-        properties=list(dict.fromkeys(name for values in trials.properties.values() for name in values)),
-    )
-    same(read, trials)
+    same(Trials.read(path, **roles(trials)), trials)
 
 
 @_SLOW
 @given(collections())
 def test_trials_come_back_from_their_frame(trials):
-    schema = trials.schema
-    read = Trials.from_frame(
-        trials.to_frame().rename(columns=lambda name: join_header(name, schema.units.get(name, ""))),
-        object=schema.object,
-        trial=schema.trial,
-        time=schema.time,
-        states=schema.states,
-        inputs=schema.inputs,
-        properties=list(dict.fromkeys(name for values in trials.properties.values() for name in values)),
-    )
-    same(read, trials)
+    frame = trials.to_frame().rename(columns=lambda name: join_header(name, trials.schema.units.get(name, "")))
+    same(Trials.from_frame(frame, **roles(trials)), trials)
 
 
 @_SLOW

@@ -6,16 +6,7 @@ from scipy.stats import multivariate_normal
 
 from commonlaw.hierarchy import RandomEffects, marginal_deviance, shrink
 from commonlaw.kernel import VARIABLE
-
-
-def measured(objects, spread, parameters=3, seed=0):
-    """Each object's true coefficients, estimates of them, and the covariances of their errors."""
-    generator = np.random.default_rng(seed)
-    designs = generator.standard_normal((objects, 8, parameters))
-    covariances = np.linalg.inv(np.matmul(designs.transpose(0, 2, 1), designs))
-    truth = np.array([5.0, 0.0, -3.0])[:parameters] + spread * generator.standard_normal((objects, parameters))
-    errors = np.matmul(np.linalg.cholesky(covariances), generator.standard_normal((objects, parameters, 1)))[..., 0]
-    return truth, truth + errors, covariances
+from tests.unit.estimates import measured
 
 
 def dense(estimates, covariances, variances):
