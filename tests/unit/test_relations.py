@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from commonlaw.hierarchy import PropertyTable, RelationKind, explain
 from commonlaw.hierarchy.exponents import exponent_sets
-from commonlaw.hierarchy.joint_model import CoefficientModel, JointModel, Measured, log_evidence
+from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 
 NAMES = ("diameter", "mass", "temperature")
 
@@ -49,7 +49,7 @@ def test_the_evidence_is_that_of_the_joint_normal_distribution():
     generator = np.random.default_rng(1)
     logs, estimates = generator.normal(0, 0.5, (4, 10)), generator.normal(1, 0.2, (10, 2))
     covariances = np.tile([[0.04, -0.03], [-0.03, 0.09]], (10, 1, 1))
-    measured = Measured(estimates, covariances, estimates)
+    measured = Estimates(estimates, covariances, estimates)
     others = [CoefficientModel.powers(logs[:1], np.full((1, 10), 4.0), False).some(0), CoefficientModel.left_out(10)]
     joint = JointModel.of(measured, others)
     several = CoefficientModel.powers(logs, np.array([[0.0], [1e-4], [0.01], [1.0]]) * np.ones(10), False)
@@ -68,7 +68,7 @@ def test_the_density_of_all_estimates_is_that_of_the_joint_normal_distribution()
     estimates, covariances = generator.normal(1, 0.2, (10, 2)), np.tile([[0.04, -0.03], [-0.03, 0.09]], (10, 1, 1))
     tried = CoefficientModel.powers(generator.normal(0, 0.5, (1, 10)), np.array([[0.1]]), False)
     other = CoefficientModel.powers(np.zeros((1, 10)), np.array([[0.0]]), False).some(0)
-    measured = Measured(estimates, covariances, estimates)
+    measured = Estimates(estimates, covariances, estimates)
     left_out = JointModel.of(measured, [other, CoefficientModel.left_out(10)])
     found = JointModel.of(measured, [other, tried.some(0)]).log_evidence(np.zeros(2))
     expected = dense_log_evidence(left_out, 1, tried.some(0), 300.0) + 2 * np.log(300.0 * np.sqrt(2 * np.pi))
@@ -85,7 +85,7 @@ def test_scatter_is_looked_for_where_it_is_though_errors_hang_together():
 def test_what_an_own_coefficient_says_of_another_is_the_conditional_normal_distribution():
     _, estimates, covariances, _ = population()
     joint = JointModel.of(
-        Measured(estimates, covariances, estimates),
+        Estimates(estimates, covariances, estimates),
         [
             CoefficientModel.left_out(10),
             CoefficientModel.powers(np.zeros((1, 10)), np.full((1, 10), 0.3), False).some(0),

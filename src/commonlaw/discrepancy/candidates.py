@@ -16,7 +16,7 @@ from commonlaw.likelihood import NotPositiveError
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateFunction:
     """A function of a coordinate in an equation, and the value that its evidence has about the law alone."""
 
     basis: SmoothBasis
@@ -26,7 +26,7 @@ class Candidate:
 
 def candidates(
     setting: Setting, coordinates: Sequence[str], times: str, equations: Sequence[int], zero_at: float | str | None
-) -> list[Candidate]:
+) -> list[CandidateFunction]:
     """Return functions of coordinates in equations, that of largest evidence first."""
     found, reasons = [], []
     for coordinate in coordinates:
@@ -35,7 +35,7 @@ def candidates(
         except CommonlawError as error:
             reasons.append(str(error))
             continue
-        found += [Candidate(basis, equation, 0.0) for equation in equations]
+        found += [CandidateFunction(basis, equation, 0.0) for equation in equations]
     if not found:
         raise CommonlawError("; ".join(reasons))
     if len(found) == 1:
@@ -45,7 +45,7 @@ def candidates(
     return sorted(valued, key=lambda each: each.value)
 
 
-def _value(setting: Setting, alone: FunctionFit, candidate: Candidate, zero_at: float | str | None) -> float:
+def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, zero_at: float | str | None) -> float:
     model = setting.with_function(candidate.basis, candidate.equation, zero_at)
     more = ((0, 0), (0, len(candidate.basis)))
     estimates = tuple(replace(each, coefficients=np.pad(each.coefficients, more)) for each in alone.estimates)

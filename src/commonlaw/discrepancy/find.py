@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.discrepancy.candidates import Candidate, candidates, equations_of
+from commonlaw.discrepancy.candidates import CandidateFunction, candidates, equations_of
 from commonlaw.discrepancy.coordinates import expression, with_known_properties
 from commonlaw.discrepancy.describe import descriptions
 from commonlaw.discrepancy.function import Compared, Discrepancy
@@ -67,7 +67,7 @@ def discrepancy(
     )
 
 
-def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: Candidate, called: str) -> Law:
+def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateFunction, called: str) -> Law:
     """Return the law with coefficients as they are beside the function, which it carries."""
     own, posterior = law.select(setting.problem.trials.objects), found.posterior
     whole = _whole(law, setting, found)

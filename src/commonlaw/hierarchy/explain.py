@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 
 from commonlaw.array_types import Floats
 from commonlaw.hierarchy.exponents import simple_fraction
-from commonlaw.hierarchy.joint_model import CoefficientModel, JointModel, Measured
+from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel
 from commonlaw.hierarchy.relation import PropertyTable, Relation
 from commonlaw.hierarchy.relation_choice import RelationChoice, RelationComparison
 
@@ -80,12 +80,12 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     units = np.sqrt(np.mean(estimates**2, axis=0))
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     lifted = covariances + _JITTER * np.diag(errors**2)
-    own = Measured(estimates / units, lifted / np.outer(units, units), estimates / units)
+    own = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
     choices = _most_probable(own, properties.varying)
     return _explained(own, choices, properties.varying, units)
 
 
-def _most_probable(own: Measured, properties: PropertyTable) -> list[RelationChoice]:
+def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationChoice]:
     """Return the relations of all coefficients that fit each other, and are together the most probable."""
     objects, size = own.estimates.shape
     free = CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)
@@ -108,7 +108,7 @@ def _most_probable(own: Measured, properties: PropertyTable) -> list[RelationCho
 
 
 def _swept(
-    own: Measured, choices: Sequence[RelationChoice], properties: PropertyTable, order: Sequence[int]
+    own: Estimates, choices: Sequence[RelationChoice], properties: PropertyTable, order: Sequence[int]
 ) -> list[RelationChoice]:
     """Return relations that are each the most probable given the others, chosen in this order."""
     found = list(choices)
@@ -122,13 +122,13 @@ def _swept(
 
 
 def _chosen(
-    own: Measured, models: Sequence[CoefficientModel], index: int, properties: PropertyTable, scatter: bool = True
+    own: Estimates, models: Sequence[CoefficientModel], index: int, properties: PropertyTable, scatter: bool = True
 ) -> RelationChoice:
     measured, deviations = _pointed(own, models)
     return RelationComparison(measured, deviations[:, index], models, index, properties).choice(scatter)
 
 
-def _score(own: Measured, choices: Sequence[RelationChoice]) -> float:
+def _score(own: Estimates, choices: Sequence[RelationChoice]) -> float:
     """Return the logarithm of prior times evidence of the relations of all coefficients together."""
     models = [each.model for each in choices]
     measured, _ = _pointed(own, models)
@@ -137,7 +137,7 @@ def _score(own: Measured, choices: Sequence[RelationChoice]) -> float:
     return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(each.log_price for each in choices)
 
 
-def _pointed(own: Measured, models: Sequence[CoefficientModel]) -> tuple[Measured, Floats]:
+def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estimates, Floats]:
     """Return the estimates with logarithms about what they and the models of the other coefficients say of each.
 
     Beside them the standard errors of those points, shape (objects, k).
@@ -150,7 +150,9 @@ def _pointed(own: Measured, models: Sequence[CoefficientModel]) -> tuple[Measure
     return replace(own, points=points), np.sqrt(variances)
 
 
-def _explained(own: Measured, choices: Sequence[RelationChoice], properties: PropertyTable, units: Floats) -> Explained:
+def _explained(
+    own: Estimates, choices: Sequence[RelationChoice], properties: PropertyTable, units: Floats
+) -> Explained:
     """Return what follows from the relations of all coefficients, in units of the estimates."""
     models = [each.model for each in choices]
     measured, _ = _pointed(own, models)

@@ -74,7 +74,7 @@ class CoefficientModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Estimates:
     """Estimates of all coefficients, shape (objects, k), and their errors' covariances, shape (objects, k, k).
 
     Logarithms are linear about `points`, shape (objects, k).
@@ -84,14 +84,14 @@ class Measured:
     covariances: Floats
     points: Floats
 
-    def in_logs(self, chosen: Sequence[bool]) -> "Measured":
+    def in_logs(self, chosen: Sequence[bool]) -> "Estimates":
         """Return the same with the logarithms of some coefficients' sizes in place of these."""
         logs = np.asarray(chosen)
         points = np.where(logs, self.points, 1.0)
         moved = np.log(abs(points)) + (self.estimates - points) / points
         estimates = np.where(logs, moved, self.estimates)
         covariances = self.covariances / (points[:, :, np.newaxis] * points[:, np.newaxis])
-        return Measured(estimates, covariances, self.points)
+        return Estimates(estimates, covariances, self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class JointModel:
     design: Floats
 
     @classmethod
-    def of(cls, measured: Measured, models: Sequence[CoefficientModel]) -> "JointModel":
+    def of(cls, measured: Estimates, models: Sequence[CoefficientModel]) -> "JointModel":
         """Return the model of coefficients that each have a model."""
         own = measured.in_logs([each.in_logs for each in models])
         count, size = own.estimates.shape

@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.exponents import ExponentSets, exponent_sets
-from commonlaw.hierarchy.joint_model import CoefficientModel, JointModel, Measured, log_evidence
+from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.relation import PropertyTable, RelationKind
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
@@ -81,7 +81,7 @@ class RelationComparison:
         Numbers that differ between objects.
     """
 
-    measured: Measured
+    measured: Estimates
     deviations: Floats
     models: Sequence[CoefficientModel]
     index: int
