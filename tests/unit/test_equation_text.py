@@ -53,12 +53,6 @@ def test_names_that_are_no_words_stand_between_backticks():
     ("text", "message"),
     [
         ("x' = a + b q", "character 12, 'q': b and q are both no variables.* correct the name; variables: x, t"),
-        (
-            "x' = a + b sin(q)",
-            "character 16, 'q': unknown variable 'q': Known: x, t; .*a sum is not fitted",
-        ),
-        ("x' = exp(k x)", "character 10, 'k': unknown variable 'k'"),
-        ("x' = a^2 x", "character 6, 'a': unknown variable 'a'"),
         ("x' = a x/m", "character 10, 'm': a and m are both no variables.* write one letter for them"),
         ("x' = a + b x $", r"character 14, '\$': the character '\$' has no place in an equation; variables: x, t"),
         ("x' = a + b (x", r"character 12, '\(': this parenthesis is not closed"),
@@ -74,7 +68,6 @@ def test_names_that_are_no_words_stand_between_backticks():
         ("x' = a + bx", "has the term 1 twice: write it once, and products with '\\*' or a space"),
         ("x' = a x(t)", "character 8, 'x': x is a variable, not a function"),
         ("x' = a x + b x", "has the term x twice: write it once"),
-        ("x' = a x + a", "the coefficient a stands before 2 terms"),
         ("x = a", "an equation begins with"),
         ("x''' = a", "an equation begins with"),
         ("", "there is no equation"),

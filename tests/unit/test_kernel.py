@@ -10,7 +10,7 @@ import pytest
 
 from commonlaw.errors import CommonlawError
 from commonlaw.kernel import library as kernels
-from commonlaw.library import Terms, Variables, parse_library
+from commonlaw.library import Constant, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.library.monomial import Monomial
 from commonlaw.likelihood import (
@@ -28,7 +28,7 @@ from commonlaw.likelihood import (
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.compiled import rows
 from commonlaw.likelihood.compiled.packing import packed
-from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, terms_of, trial
+from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, trial
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,6 +44,10 @@ FUNCTIONS_OF_TERMS = {
     "nested": "exp(-(x-0.5)**2/0.3)+sqrt(1+y)*sin(2*x+t)",
     "constants": "exp((3-2)*x*2**0.5)",
 }
+
+
+INSIDE = "terms:y*sin(4*x+K),u,abs(x)**(2+p)"
+CONSTANTS = ("K", "p", "q")
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +68,9 @@ def test_the_kernel_was_built_of_these_sources(library):
     )
 
 
-def model_of(order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000):
+def model_of(
+    order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000, constants=()
+):
     """A model over irregular trials with inputs and gaps, and states and coefficients to begin with."""
     generator = np.random.default_rng(len(text) + order)
     equations, trials = len(names) // order, []
@@ -75,9 +81,9 @@ def model_of(order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="l
         trials.append(trial(times, values, generator.standard_normal((n, len(inputs))), str(n)))
     found = meshes(trials, most=cut, input_between=between)
     scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
-    terms = replace(
-        terms_of(text, names, inputs), variables=Variables(tuple(names), tuple(inputs), logarithmic=logarithmic)
-    )
+    variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, constants=constants)
+    own = (Constant(variables.index(name)) for name in constants)
+    terms = Terms(variables, (*parse_library(text).bind(variables).terms, *own))
     noise, unit = np.full(equations, 0.1), np.linspace(0.1, 0.3, len(names))
     states = tuple(generator.uniform(0.5, 1.5, (len(each), len(names))) for each in scaled)
     coefficients = generator.uniform(-0.5, 0.5, (equations, len(terms)))
@@ -113,6 +119,12 @@ CASES = {
     "both, logarithms": lambda: with_latent(
         model_of(text="terms:x,y,u", logarithmic=("x",)), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
     ),
+    "constants inside": lambda: model_of(text=INSIDE, constants=CONSTANTS),
+    "constants inside, second order": lambda: model_of(2, INSIDE, ("x", "y"), constants=CONSTANTS),
+    "constants inside, force": lambda: with_latent(
+        model_of(2, INSIDE, ("x", "y"), constants=CONSTANTS, between="held"), force=0.2, force_time=1.0
+    ),
+    "constants inside, logarithms": lambda: model_of(text=INSIDE, logarithmic=("x",), constants=CONSTANTS),
     "terms that are alike": lambda: model_of(text="terms:x,abs(x),y"),
 }
 
@@ -125,6 +137,7 @@ def case(request, monkeypatch, library):
     model, estimate = CASES[request.param]()
     free = np.ones(estimate.coefficients.shape, dtype=bool)
     free[:, -1] = False
+    free[1:, list(model.terms.constants)] = False  # One number stands for each
     return model, estimate, free
 
 

@@ -14,7 +14,7 @@ from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import refine
+from commonlaw.inference import refine, with_constants_found
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.law.script import call
@@ -60,7 +60,12 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
 
         Parentheses with coefficients are multiplied out: ``"T' = -k (T - a)"`` is fitted as ``-k T + k a``, and k and a
         follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
-        determine them one by one; coefficients inside of functions, powers and sums below a line are refused.
+        determine them one by one.
+
+        Coefficients inside of functions, powers and sums below a line are constants of their terms and fitted as such:
+        ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
+        ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they stand
+        beside.
     trials
         What was measured. Each object has its own coefficients.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
@@ -87,6 +92,12 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     history = (Step("equations", "; ".join(given.texts), "as given"), *_properties_in(given, trials))
     calls = (call(refine, settings, "cl.fit", repr("; ".join(given.texts)), "trials"),)
     if given.order == 0:
+        if given.terms.constants:
+            names = ", ".join(given.terms.variables.constants)
+            raise CommonlawError(
+                f"in laws of discrete time constants inside of terms are not fitted: give {names} as numbers, or "
+                f"correct them; variables: {', '.join(given.terms.variables.measured)}"
+            )
         law = _next_samples(given, trials, settings)
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
@@ -95,7 +106,8 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         return replace(law, provenance=made)
     differentiation = suitable_differentiation(trials, given.order)
     provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
-    law = refine(_unfitted(given, trials, provenance), trials, **({"input_between": "auto"} | settings))
+    settings = {"input_between": "auto"} | settings
+    law = refine(with_constants_found(_unfitted(given, trials, provenance), trials, **settings), trials, **settings)
     return replace(law, provenance=replace(law.provenance, calls=calls))
 
 

@@ -60,6 +60,8 @@ def _of_law(law: Law, order: int, trials: Trials) -> Numbers:
             f"the known law is of order {law.order} for {', '.join(law.states)}, and one of order {order} for "
             f"{', '.join(trials.schema.states)} is sought: give one of the same"
         )
+    if law.terms.constants:
+        raise CommonlawError("the known law has constants inside of its terms: give its equations with numbers")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
     return {
@@ -75,6 +77,11 @@ def _of_text(text: str, order: int, trials: Trials) -> Numbers:
     if "=" not in text and len(schema.states) == 1:
         text = f"{schema.states[0]}{'[k+1]' if order == 0 else order * chr(39)} = {text}"
     given = read_equations(text, schema)
+    if given.terms.constants:
+        raise CommonlawError(
+            f"{', '.join(given.terms.variables.constants)} inside of the terms that are known are no variables: give "
+            f"them as numbers; variables: {', '.join(given.terms.variables.measured)}"
+        )
     if given.order != order:
         raise CommonlawError(f"the known equations are of order {given.order}, and a law of order {order} is sought")
     names, found = given.terms.variables.names, Numbers()

@@ -3,6 +3,7 @@
 from commonlaw.inference.adaptation import adapt
 from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.comparison import compare
+from commonlaw.inference.constants import with_constants_found
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
@@ -49,4 +50,5 @@ __all__ = [
     "promising_terms",
     "refine",
     "search_supports",
+    "with_constants_found",
 ]

@@ -15,7 +15,7 @@ from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import ANY_ERROR, fit_supports
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
-from commonlaw.library import Terms, parse_term
+from commonlaw.library import parse_terms
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.trials import Schema, Trials
@@ -114,7 +114,7 @@ def written_alike(law: Law, schema: Schema) -> Law:
     wider = {*law.schema.inputs} <= {*schema.inputs}
     after = replace(before, inputs=schema.inputs) if wider else before
     own = law.terms.take(np.flatnonzero(used).tolist()).terms
-    terms = Terms(after, tuple(parse_term(each.expression(before.names), after) for each in own))
+    terms = parse_terms([each.expression(before.names) for each in own], after)
     return replace(
         law,
         terms=terms,

@@ -93,8 +93,9 @@ class FitSetup:
 
     def problem(self) -> SearchProblem:
         """Return what was measured, ready to be fitted by the terms of the law."""
-        noise, huber = self.noise, self.huber_threshold
-        return prepare(self.trials, self.law.terms, self.known, noise=noise, huber_threshold=huber)
+        noise, huber, law = self.noise, self.huber_threshold, self.law
+        begin = law.coefficients
+        return prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, constants=begin)
 
 
 def _of_objects(law: Law, trials: Trials) -> Law:

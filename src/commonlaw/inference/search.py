@@ -392,8 +392,13 @@ def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error:
 def _restricted(
     problem: SearchProblem, evidence: SupportEvidence, estimates: Sequence[Estimate], supports: Bools
 ) -> tuple[Estimate, ...]:
-    """Return the estimates with the coefficients that the linearised likelihood gives for these supports."""
-    coefficients = evidence.coefficients(supports) + np.nan_to_num(problem.known)
+    """Return the estimates with the coefficients that the linearised likelihood gives for these supports.
+
+    Constants inside of terms, in which it is not linear, stay.
+    """
+    factors = problem.models[0].terms.is_factor
+    held = np.array([np.where(supports & ~factors, each.coefficients, 0.0) for each in estimates])
+    coefficients = evidence.coefficients(supports & factors, held) + np.nan_to_num(problem.known)
     return tuple(replace(each, coefficients=own) for each, own in zip(estimates, coefficients, strict=True))
 
 

@@ -253,6 +253,7 @@ def prepare(
     noise: Floats | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
     most_samples: int = MOST_SAMPLES,
+    constants: Floats | None = None,
 ) -> SearchProblem:
     """Return the problem of finding a law of these trials.
 
@@ -270,6 +271,9 @@ def prepare(
         Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
     most_samples
         Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
+    constants
+        What those constants inside of terms begin with that are to be found: coefficients, shape (objects, equations,
+        terms), of which no others matter.
 
     Raises
     ------
@@ -298,7 +302,8 @@ def prepare(
     between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
     typical = typical_states(curves)
     own_laws = []
-    for group, own, fixed in zip(groups, curves, known, strict=True):
+    begins = known if constants is None else np.where(np.isnan(known) & ~terms.is_factor, constants, known)
+    for group, own, fixed in zip(groups, curves, begins, strict=True):
         models.append(TrajectoryModel(terms, meshes(group, input_between=between), observation, unit))
         usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
         coefficients = _first(terms, usable, fixed) if usable else np.nan_to_num(fixed)
@@ -333,8 +338,8 @@ def spread(count: int, most: int) -> list[int]:
 
 def _first(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
     """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
-    library, targets = terms_and_rates(terms, curves)
     found = np.nan_to_num(known)
+    library, targets = terms_and_rates(terms, curves, found)
     for equation, free in enumerate(np.isnan(known)):
         columns = library[:, free]
         norms = np.linalg.norm(columns, axis=0)

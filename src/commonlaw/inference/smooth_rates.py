@@ -8,7 +8,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import parabola
-from commonlaw.library import Terms
+from commonlaw.library import Terms, Variables
 from commonlaw.trials import Trial
 
 
@@ -34,20 +34,34 @@ def smooth_curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
     return np.column_stack(curves[:order]), curves[order]
 
 
-def terms_and_rates(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]]) -> tuple[Floats, Floats]:
+def terms_and_rates(
+    terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], coefficients: Floats | None = None
+) -> tuple[Floats, Floats]:
     """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
+
+    Constants inside of terms have the values of their coefficients, shape (equations, terms).
 
     Raises
     ------
     CommonlawError
         If a term is not finite there; the message names the trial.
     """
-    blocks, rates, logarithmic = [], [], terms.variables.logarithmic_columns
-    for trial, (states, highest) in curves:
-        values = terms.variables.natural(np.column_stack([states, trial.inputs, trial.times]))
+    blocks, rates = [], []
+    for trial, curve in curves:
+        values, own = values_and_rates(terms.variables, trial, curve)
+        if coefficients is not None:
+            values = terms.at(values, coefficients)
         block = terms.evaluate(values)
         terms.check_finite(block, values, trial.label)
         blocks.append(block)
-        rates.append(highest.copy())
-        rates[-1][:, logarithmic] *= values[:, logarithmic]
+        rates.append(own)
     return np.concatenate(blocks), np.concatenate(rates)
+
+
+def values_and_rates(variables: Variables, trial: Trial, curve: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return the variables along a trial's curve, shape (n, variables), and the highest derivatives, (n, states)."""
+    states, rates = curve[0], curve[1].copy()
+    values = variables.natural(np.column_stack([states, trial.inputs, trial.times]))
+    logarithmic = list(variables.logarithmic_columns)
+    rates[:, logarithmic] *= values[:, logarithmic]
+    return values, rates

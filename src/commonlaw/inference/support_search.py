@@ -116,10 +116,15 @@ class SupportEvidence:
             found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
         return found
 
-    def coefficients(self, supports: Bools) -> Floats:
-        """Return each object's least-squares coefficients, shape (objects, equations, terms)."""
-        found = [problem.least_squares(supports.ravel(), 0) for problem in self.problems]
-        return np.array(found).reshape(len(self.problems), *supports.shape)
+    def coefficients(self, supports: Bools, held: Floats | None = None) -> Floats:
+        """Return each object's least-squares coefficients, shape (objects, equations, terms).
+
+        Beside those of the supports, some may be held at values, of the same shape, that are not zero.
+        """
+        fixed = np.zeros((len(self.problems), *supports.shape)) if held is None else held
+        pairs = zip(self.problems, fixed, strict=True)
+        found = [each.subtract(own.reshape(1, -1)).least_squares(supports.ravel(), 0) for each, own in pairs]
+        return np.array(found).reshape(fixed.shape) + fixed
 
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""

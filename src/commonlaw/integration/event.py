@@ -1,7 +1,7 @@
 """What may happen on the way of a trajectory."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -104,7 +104,7 @@ class EventFunctions:
     @cached_property
     def terms(self) -> Terms:
         """The expressions."""
-        variables = self.field.terms.variables
+        variables = replace(self.field.terms.variables, constants=())
         return Terms(variables, tuple(parse_term(event.expression, variables) for event in self.events))
 
     @cached_property

@@ -26,6 +26,7 @@ class VectorField:
     Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
     one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
     logarithmic are given, and followed, by their logarithms: for x' = f(x) it is ``z' = f(exp(z)) / exp(z)``.
+    Constants inside of terms have the values of their coefficients, and are parameters like these.
 
     Parameters
     ----------
@@ -65,18 +66,21 @@ class VectorField:
     def derivatives(self, values: Floats) -> Floats:
         """Return ``f``, or the next states in discrete time, shape (n, D)."""
         terms, coefficients = self._nonzero
-        natural = terms.variables.natural(values)
+        natural = self._natural(values)
         return self._with_rates(values, self._relative(natural, terms.evaluate(natural) @ coefficients.T))
 
     def linearize(self, values: Floats) -> LinearizedField:
         """Return ``f`` and its exact derivatives."""
         terms, coefficients = self._kept
-        natural = terms.variables.natural(values)
+        natural = self._natural(values)
         matrix = terms.evaluate(natural)
+        by_parameters = self._by_parameters(matrix)
+        if self.terms.constants:
+            self._fill_constants(by_parameters, terms.jacobian(natural), coefficients)
         return LinearizedField(
             self._with_rates(values, self._relative(natural, matrix @ coefficients.T)),
             self._by_states(values, terms, coefficients),
-            self._relative(natural, self._by_parameters(matrix)),
+            self._relative(natural, by_parameters),
         )
 
     @property
@@ -113,6 +117,10 @@ class VectorField:
         indices = np.flatnonzero(mask.any(axis=0))
         return self.terms.take([int(k) for k in indices]), self.coefficients[:, indices]
 
+    def _natural(self, values: Floats) -> Floats:
+        """Return the values of all variables, constants among them."""
+        return self.terms.at(self.terms.variables.natural(values), self.coefficients)
+
     def _with_rates(self, values: Floats, highest: Floats) -> Floats:
         """Return the derivatives of all states from the highest ones, shape (n, D)."""
         if self.order != 2:
@@ -121,7 +129,7 @@ class VectorField:
 
     def _by_states(self, values: Floats, terms: Terms, coefficients: Floats) -> Floats:
         width, equations = self.width, len(coefficients)
-        found, natural = np.zeros((len(values), width, width)), terms.variables.natural(values)
+        found, natural = np.zeros((len(values), width, width)), self._natural(values)
         gradients = terms.jacobian(natural)[:, :, :width]
         found[:, width - equations :] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
         if self.order == 2:
@@ -146,6 +154,14 @@ class VectorField:
         found = np.zeros((len(matrix), self.width, len(states)))
         found[:, states, range(len(states))] = matrix[:, columns]
         return found
+
+    def _fill_constants(self, by_parameters: Floats, gradients: Floats, coefficients: Floats) -> None:
+        """Fill the derivatives by constants, from those of the kept terms by the variables."""
+        first = gradients.shape[2] - len(self.terms.constants)
+        indices = np.argwhere(self.parameter_mask)[:, 1]
+        for i, index in enumerate(self.terms.constants):
+            slopes = gradients[:, :, first + i] @ coefficients.T
+            by_parameters[:, self.width - len(coefficients) :, indices == index] = slopes[:, :, np.newaxis]
 
     @cached_property
     def _of_parameters(self) -> tuple[Indices, Indices]:

@@ -61,6 +61,25 @@ double latent_defect(const Workspace *work, const Mesh *mesh, const double *stat
     return total;
 }
 
+/* Fill those of the defects of one step by a constant inside of terms, numbers `stride` apart. */
+static void derivatives_by_constant(const Workspace *work, double h, int64_t i, double *border, int64_t stride,
+                                    int64_t q) {
+    const int64_t d = work->d, D = work->D, c = work->c, rates = D - d;
+    int64_t shift;
+    const Values *final = ends(work, &shift), *first = &work->at[START], *middle = &work->at[MIDDLE];
+    const double *fm = middle->by_states + i * D * D;
+    for (int64_t a = 0; a < D; ++a) border[a * stride] = 0;
+    for (int64_t e = 0; e < d; ++e) {
+        const int64_t now = i * d + e, then = (i + shift) * d + e;
+        const double begun = first->by_inside[now * c + q] * first->share[now];
+        const double ended = final->by_inside[then * c + q] * final->share[then];
+        const double sum = begun + 4 * middle->by_inside[now * c + q] * middle->share[now] + ended;
+        const double gap = h / 2 * (begun - ended);
+        for (int64_t a = 0; a < D; ++a)
+            border[a * stride] -= h / 6 * (fm[a * D + rates + e] * gap + (a == rates + e ? sum : 0.0));
+    }
+}
+
 /* Fill the derivatives of the defects of one step: by the states at its start and at its end, W x W, and those of the
    law by the parameters, D rows `stride` apart. Zeros beside the blocks must be there already. */
 INLINED void derivatives_of_law(const Workspace *work, double h, int64_t i, double *restrict start,
@@ -85,6 +104,11 @@ INLINED void derivatives_of_law(const Workspace *work, double h, int64_t i, doub
     const double *tm = middle->terms + i * terms;
     for (int64_t r = 0; r < work->p; ++r) {
         const int64_t k = work->column[r], e = work->equation[r];
+        const int64_t q = work->constant[work->kept.chosen[k]];
+        if (q >= 0) {
+            derivatives_by_constant(work, h, i, border + r, stride, q);
+            continue;
+        }
         const double begun = t0[k] * first->share[i * d + e], ended = t1[k] * final->share[(i + shift) * d + e];
         const double sum = begun + 4 * tm[k] * middle->share[i * d + e] + ended, gap = h / 2 * (begun - ended);
         for (int64_t a = 0; a < D; ++a)

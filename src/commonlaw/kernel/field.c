@@ -68,7 +68,9 @@ static void compute(int64_t operation, const double *x, const double *y, double 
     }
     if (!sloped) return;
     switch (operation) {
-    case POWER: EACH_LANE { left[l] = y[l] * pow(x[l], y[l] - 1); right[l] = 0; } return;
+    case POWER:
+        EACH_LANE { left[l] = y[l] * pow(x[l], y[l] - 1); right[l] = out[l] == 0 ? 0.0 : out[l] * log(x[l]); }
+        return;
     case SIN: EACH_LANE left[l] = cos(x[l]); return;
     case COS: EACH_LANE left[l] = -sin(x[l]); return;
     case SINH: EACH_LANE left[l] = cosh(x[l]); return;
@@ -80,13 +82,13 @@ static void compute(int64_t operation, const double *x, const double *y, double 
 
 static void differentiate(const Workspace *work, const int64_t *code, int64_t into, const double *left,
                           const double *right) {
-    int64_t D = work->D;
+    int64_t S = work->S;
     bool binary = code[0] <= POWER;
-    for (int64_t s = 0; s < D; ++s) {
-        if (!work->depends[into * D + s]) continue;
-        const double *a = work->slopes + (code[1] * D + s) * LANES, *b = work->slopes + (code[2] * D + s) * LANES;
-        double *restrict out = work->slopes + (into * D + s) * LANES;
-        bool by_left = work->depends[code[1] * D + s], by_right = binary && work->depends[code[2] * D + s];
+    for (int64_t s = 0; s < S; ++s) {
+        if (!work->depends[into * S + s]) continue;
+        const double *a = work->slopes + (code[1] * S + s) * LANES, *b = work->slopes + (code[2] * S + s) * LANES;
+        double *restrict out = work->slopes + (into * S + s) * LANES;
+        bool by_left = work->depends[code[1] * S + s], by_right = binary && work->depends[code[2] * S + s];
         if (by_left && by_right)
             EACH_LANE out[l] = a[l] * left[l] + right[l] * b[l];
         else if (by_left)
@@ -116,13 +118,14 @@ static void run(const Workspace *work, const Plan *plan, bool linear) {
     }
 }
 
-/* Sum the law of the lanes: derivatives (d x lanes), and with `linear` those by the states (d x D x lanes). */
+/* Sum the law of the lanes: derivatives (d x lanes), and with `linear` those by states and constants, `slopes`
+   (d x S x lanes). */
 static void sum_terms(const Workspace *work, const Plan *plan, const double *coefficients, bool linear,
-                      double *restrict derivatives, double *restrict by_states) {
+                      double *restrict derivatives, double *restrict slopes) {
     const Program *program = &work->model->program;
-    int64_t d = work->d, D = work->D;
+    int64_t d = work->d, S = work->S;
     memset(derivatives, 0, sizeof(double) * (size_t)(d * LANES));
-    if (linear) memset(by_states, 0, sizeof(double) * (size_t)(d * D * LANES));
+    if (linear) memset(slopes, 0, sizeof(double) * (size_t)(d * S * LANES));
     for (int64_t each = 0; each < plan->terms; ++each) {
         int64_t k = plan->chosen[each], at = program->outputs[k];
         const double *value = work->registers + at * LANES;
@@ -131,10 +134,10 @@ static void sum_terms(const Workspace *work, const Plan *plan, const double *coe
             if (c == 0 && work->polynomial) continue;
             EACH_LANE sum[l] += c * value[l];
             if (!linear) continue;
-            for (int64_t s = 0; s < D; ++s) {
-                if (!work->depends[at * D + s]) continue;
-                const double *slope = work->slopes + (at * D + s) * LANES;
-                double *restrict total = by_states + (e * D + s) * LANES;
+            for (int64_t s = 0; s < S; ++s) {
+                if (!work->depends[at * S + s]) continue;
+                const double *slope = work->slopes + (at * S + s) * LANES;
+                double *restrict total = slopes + (e * S + s) * LANES;
                 EACH_LANE total[l] += c * slope[l];
             }
         }
@@ -142,20 +145,30 @@ static void sum_terms(const Workspace *work, const Plan *plan, const double *coe
 }
 
 /* Turn the law of states into that of their logarithms; the first d registers hold the states. */
-static void follow_logarithms(const Workspace *work, bool linear, double *derivatives, double *by_states) {
-    int64_t d = work->d, D = work->D;
+static void follow_logarithms(const Workspace *work, bool linear, double *derivatives, double *slopes) {
+    int64_t d = work->d, D = work->D, S = work->S;
     const uint8_t *logarithmic = work->model->logarithmic;
     for (int64_t e = 0; e < d; ++e) {
         if (!logarithmic[e]) continue;
         const double *state = work->registers + e * LANES;
         EACH_LANE derivatives[e * LANES + l] /= state[l];
-        for (int64_t s = 0; linear && s < D; ++s) EACH_LANE by_states[(e * D + s) * LANES + l] /= state[l];
+        for (int64_t s = 0; linear && s < D; ++s) EACH_LANE slopes[(e * S + s) * LANES + l] /= state[l];
     }
     for (int64_t s = 0; linear && s < D; ++s) {
         if (!logarithmic[s]) continue;
         const double *state = work->registers + s * LANES;
-        for (int64_t e = 0; e < d; ++e) EACH_LANE by_states[(e * D + s) * LANES + l] *= state[l];
-        EACH_LANE by_states[(s * D + s) * LANES + l] -= derivatives[s * LANES + l];
+        for (int64_t e = 0; e < d; ++e) EACH_LANE slopes[(e * S + s) * LANES + l] *= state[l];
+        EACH_LANE slopes[(s * S + s) * LANES + l] -= derivatives[s * LANES + l];
+    }
+}
+
+/* Set the registers of the constants inside of terms, whose values are coefficients. */
+static void set_constants(const Workspace *work, const double *coefficients) {
+    const Program *program = &work->model->program;
+    for (int64_t q = 0; q < work->c; ++q) {
+        double own = 0, *registers = work->registers + (program->variables - work->c + q) * LANES;
+        for (int64_t e = 0; e < work->d; ++e) own += coefficients[e * program->terms + work->model->inside_term[q]];
+        EACH_LANE registers[l] = own;
     }
 }
 
@@ -175,15 +188,18 @@ static void gather(const Workspace *work, int64_t first, int64_t n, const double
 
 /* Put what was found in the lanes into the rows of the points. */
 static void scatter(const Workspace *work, const Plan *plan, bool linear, int64_t i, int64_t l, const double *state,
-                    const double *derivatives, const double *by_states, Values *out) {
-    int64_t d = work->d, D = work->D, rates = D - d;
+                    const double *derivatives, const double *slopes, Values *out) {
+    int64_t d = work->d, D = work->D, c = work->c, S = work->S, rates = D - d;
     for (int64_t e = 0; e < rates; ++e) out->derivatives[i * D + e] = state[d + e];
     for (int64_t e = 0; e < d; ++e) out->derivatives[i * D + rates + e] = derivatives[e * LANES + l];
     if (!linear) return;
     double *own = out->by_states + i * D * D;
     memset(own, 0, sizeof(double) * (size_t)(rates * D));
     for (int64_t e = 0; e < rates; ++e) own[e * D + d + e] = 1;
-    for (int64_t s = 0; s < d * D; ++s) own[rates * D + s] = by_states[s * LANES + l];
+    for (int64_t e = 0; e < d; ++e) {
+        for (int64_t s = 0; s < D; ++s) own[(rates + e) * D + s] = slopes[(e * S + s) * LANES + l];
+        for (int64_t q = 0; q < c; ++q) out->by_inside[(i * d + e) * c + q] = slopes[(e * S + D + q) * LANES + l];
+    }
     for (int64_t each = 0; each < plan->terms; ++each)
         out->terms[i * plan->terms + each] =
             work->registers[work->model->program.outputs[plan->chosen[each]] * LANES + l];
@@ -194,15 +210,16 @@ static void scatter(const Workspace *work, const Plan *plan, bool linear, int64_
 /* Fill the law at n points; states stand `stride` numbers apart. */
 void field(Workspace *work, const Plan *plan, bool linear, int64_t n, const double *states, int64_t stride,
            const double *inputs, const double *times, const double *coefficients, Values *out) {
-    double *derivatives = work->lanes, *by_states = work->lanes + work->d * LANES;
+    double *derivatives = work->lanes, *slopes = work->lanes + work->d * LANES;
     bool logarithmic = false;
+    set_constants(work, coefficients);
     for (int64_t s = 0; s < work->D; ++s) logarithmic |= work->model->logarithmic[s] != 0;
     for (int64_t first = 0; first < n; first += LANES) {
         gather(work, first, n, states, stride, inputs, times);
         run(work, plan, linear);
-        sum_terms(work, plan, coefficients, linear, derivatives, by_states);
-        if (logarithmic) follow_logarithms(work, linear, derivatives, by_states);
+        sum_terms(work, plan, coefficients, linear, derivatives, slopes);
+        if (logarithmic) follow_logarithms(work, linear, derivatives, slopes);
         for (int64_t l = 0; l < LANES && first + l < n; ++l)
-            scatter(work, plan, linear, first + l, l, states + (first + l) * stride, derivatives, by_states, out);
+            scatter(work, plan, linear, first + l, l, states + (first + l) * stride, derivatives, slopes, out);
     }
 }

@@ -1,7 +1,7 @@
 /* The compiled fit of one object: what fitting.py and linearization.py do, for terms that are programs.
 
    Arrays are in C order. Sizes: d equations, D states (d, or 2 d with rates), w latent processes, W = D + w, n points of
-   a mesh, K terms, p parameters (the free coefficients). Structures are those of library.py, field by field. */
+   a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c. Structures are those of library.py, field by field. */
 #ifndef COMMONLAW_KERNEL_H
 #define COMMONLAW_KERNEL_H
 
@@ -39,10 +39,12 @@ typedef struct {
 typedef struct {
     int64_t equations, order, inputs, latent, held, correlated;
     int64_t force;              /* the first latent process that is a force; negative without any */
+    int64_t inside;             /* constants inside of terms, the last variables */
     double huber_threshold;
     const double *unit;         /* D: of the model error */
     const double *latent_std;   /* w: of stationary latent processes */
     const uint8_t *logarithmic; /* D: which states are logarithms */
+    const int64_t *inside_term; /* inside: the term whose coefficient each such constant is */
     Program program;
 } Model;
 
@@ -67,6 +69,7 @@ typedef struct {
     double *derivatives; /* n x D */
     double *by_states;   /* n x D x D */
     double *share;       /* n x d: what a term adds to the derivative of its state; 1 unless that is a logarithm */
+    double *by_inside;   /* n x d x c: of the sums of terms by the constants inside of them */
 } Values;
 
 enum { START, END, MIDDLE };
@@ -82,12 +85,13 @@ typedef struct {
 
 typedef struct {
     const Model *model;
-    int64_t d, D, w, W, p;
+    int64_t d, D, w, W, p, c, S;
     int64_t *equation, *column; /* p: of each parameter, the column among the kept terms */
+    int64_t *constant;          /* K: which constant a term is the value of, negative for those that are factors */
     Plan kept, other;
     const uint8_t *free;
     bool polynomial;
-    uint8_t *depends; /* registers x D: on which states a register depends */
+    uint8_t *depends; /* registers x S: on which states and constants a register depends */
     double *registers, *slopes, *lanes;
     double *middle_states;
     Values at[3];

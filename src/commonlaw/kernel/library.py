@@ -34,9 +34,12 @@ class ModelStructure(ctypes.Structure):
     """What is the same for all meshes of an object."""
 
     _fields_ = (
-        *((name, _NUMBER) for name in ("equations", "order", "inputs", "latent", "held", "correlated", "force")),
+        *(
+            (name, _NUMBER)
+            for name in ("equations", "order", "inputs", "latent", "held", "correlated", "force", "inside")
+        ),
         ("huber_threshold", ctypes.c_double),
-        *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic")),
+        *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic", "inside_term")),
         ("program", ProgramStructure),
     )
 

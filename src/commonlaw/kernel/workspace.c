@@ -28,22 +28,24 @@ static void lay_out_plan(Plan *plan, Arena *arena, const Program *program) {
 
 static void lay_out(Workspace *work, Arena *arena, int64_t terms, int64_t longest, int64_t points) {
     const Program *program = &work->model->program;
-    const int64_t d = work->d, D = work->D, W = work->W, columns = work->p + 1;
+    const int64_t d = work->d, D = work->D, W = work->W, c = work->c, S = work->S, columns = work->p + 1;
     const int64_t registers = program->variables + program->constants + program->operations;
     work->equation = part(arena, work->p, sizeof(int64_t));
     work->column = part(arena, work->p, sizeof(int64_t));
+    work->constant = part(arena, program->terms, sizeof(int64_t));
     lay_out_plan(&work->kept, arena, program);
     lay_out_plan(&work->other, arena, program);
-    work->depends = part(arena, registers * D, 1);
+    work->depends = part(arena, registers * S, 1);
     work->registers = numbers(arena, registers * LANES);
-    work->slopes = numbers(arena, registers * D * LANES);
-    work->lanes = numbers(arena, (d + d * D) * LANES);
+    work->slopes = numbers(arena, registers * S * LANES);
+    work->lanes = numbers(arena, (d + d * S) * LANES);
     work->middle_states = numbers(arena, longest * D);
     for (int each = 0; each < 3; ++each) {
         work->at[each].terms = numbers(arena, longest * terms);
         work->at[each].derivatives = numbers(arena, longest * D);
         work->at[each].by_states = numbers(arena, longest * D * D);
         work->at[each].share = numbers(arena, longest * d);
+        work->at[each].by_inside = numbers(arena, longest * d * c);
     }
     work->factor = numbers(arena, points * W * W);
     work->beside = numbers(arena, points * W * W);
@@ -56,24 +58,27 @@ static void lay_out(Workspace *work, Arena *arena, int64_t terms, int64_t longes
     work->next = numbers(arena, W * columns);
 }
 
-/* Set what never changes: constants, the slopes of the variables, and on which states each register depends. */
+/* Set what never changes: numbers, the slopes of the variables, and on which of these each register depends. */
 static void begin_registers(Workspace *work) {
     const Program *program = &work->model->program;
-    const int64_t D = work->D, first = program->variables + program->constants;
-    memset(work->depends, 0, (size_t)((first + program->operations) * D));
-    memset(work->slopes, 0, sizeof(double) * (size_t)((first + program->operations) * D * LANES));
-    for (int64_t s = 0; s < D; ++s) {
-        work->depends[s * D + s] = 1;
-        for (int64_t l = 0; l < LANES; ++l) work->slopes[(s * D + s) * LANES + l] = 1;
+    const int64_t D = work->D, c = work->c, S = work->S, first = program->variables + program->constants;
+    memset(work->depends, 0, (size_t)((first + program->operations) * S));
+    memset(work->slopes, 0, sizeof(double) * (size_t)((first + program->operations) * S * LANES));
+    for (int64_t s = 0; s < S; ++s) {
+        const int64_t at = s < D ? s : program->variables - c + s - D;
+        work->depends[at * S + s] = 1;
+        for (int64_t l = 0; l < LANES; ++l) work->slopes[(at * S + s) * LANES + l] = 1;
     }
+    for (int64_t k = 0; k < program->terms; ++k) work->constant[k] = -1;
+    for (int64_t q = 0; q < c; ++q) work->constant[work->model->inside_term[q]] = q;
     for (int64_t k = 0; k < program->constants; ++k)
         for (int64_t l = 0; l < LANES; ++l) work->registers[(program->variables + k) * LANES + l] = program->values[k];
     work->polynomial = true;
     for (int64_t m = 0; m < program->operations; ++m) {
         const int64_t *code = program->code + 3 * m;
         work->polynomial &= code[0] <= 2; /* Sums, differences, products */
-        for (int64_t s = 0; s < D; ++s)
-            work->depends[(first + m) * D + s] = work->depends[code[1] * D + s] | work->depends[code[2] * D + s];
+        for (int64_t s = 0; s < S; ++s)
+            work->depends[(first + m) * S + s] = work->depends[code[1] * S + s] | work->depends[code[2] * S + s];
     }
 }
 
@@ -88,6 +93,8 @@ bool open_workspace(Workspace *work, const Model *model, const uint8_t *free_one
     work->D = d * model->order;
     work->w = model->latent;
     work->W = work->D + work->w;
+    work->c = model->inside;
+    work->S = work->D + work->c;
     for (int64_t k = 0; k < d * terms; ++k) work->p += free_ones[k] != 0;
     Arena arena = {NULL, 0};
     lay_out(work, &arena, terms, longest, points);

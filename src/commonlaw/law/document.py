@@ -101,7 +101,7 @@ class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, om
 
 
 class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Law`; terms are expressions, coefficients lists by object."""
+    """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside of terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
     version: Literal[4] = 4
@@ -116,3 +116,4 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     explanation: ExplanationDocument | None = None
     with_discrepancy: "LawDocument | None" = None
     other_laws: list[OtherDocument] = []
+    constants: list[str] = []

@@ -1,7 +1,7 @@
 """Equations that objects share: what they hold, what they give, and how they are written."""
 
 from abc import ABC
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property, reduce
 from operator import mul
 from typing import TYPE_CHECKING
@@ -17,9 +17,11 @@ from commonlaw.law import text
 from commonlaw.law.dimensions import quotient_unit
 from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remarks
 from commonlaw.law.from_text import Coefficient, GivenEquations, Part, Product, read_equations
+from commonlaw.law.numbers import with_error
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, term_unit
+from commonlaw.library.naming import latex_name
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
 from commonlaw.trials.units import parse_unit
@@ -105,7 +107,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
         CommonlawError
             If there is no such object.
         """
-        return np.asarray(self.terms.evaluate(np.asarray(values, dtype=np.float64)) @ self.coefficients_of(name).T)
+        own = self.coefficients_of(name)
+        return np.asarray(self.terms.evaluate(self.terms.at(np.asarray(values, dtype=np.float64), own)) @ own.T)
 
     # How accurate they are
 
@@ -145,16 +148,21 @@ class AbstractEquations(ShownInNotebooks, ABC):
             If the object is not named and there are several, or errors are asked for that are not known.
         """
         if name is None and self._is_explained:
-            related = zip(
-                self.left_hand_sides, self._related(PLAIN, self.terms.factors, digits, errors is not False), strict=True
-            )
+            lefts = (*self.left_hand_sides, *self.terms.variables.constants)
+            related = self._related(PLAIN, lefts, self.terms.factors, digits, errors is not False)
             return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
         name = self._only(name)
-        rows = zip(self.left_hand_sides, self.coefficients_of(name), self._shown_errors(name, errors), strict=True)
-        return tuple(text.equation(*row, self.terms.factors, digits) for row in rows)
+        known = self._shown_errors(name, errors)
+        constants = [with_error(*pair, digits, bracket=True) for pair in self._constants(name, known)]
+        written = (f"({each})" if each.startswith("-") else each for each in constants)
+        names = self.terms.factors_over((*self.terms.variables.measured, *written))
+        rows = zip(self.left_hand_sides, self._factors(name), known, strict=True)
+        return tuple(text.equation(*row, names, digits) for row in rows)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
         """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`.
+
+        Constants inside of terms follow in lines of their own.
 
         Raises
         ------
@@ -163,10 +171,13 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """
         left = text.latex_left_hand_sides(self.states, self.order)
         terms = [text.latex_factor(term, self.terms.variables.names) for term in self.terms.terms]
+        constants = [latex_name(each) for each in self.terms.variables.constants]
         if name is None and self._is_explained:
-            return text.aligned(zip(left, self._related(LATEX, terms, digits, errors is not False), strict=True))
+            return text.aligned(self._related(LATEX, (*left, *constants), terms, digits, errors is not False))
         name = self._only(name)
-        return text.latex(left, self.coefficients_of(name), self._shown_errors(name, errors), terms, digits)
+        known = self._shown_errors(name, errors)
+        values = zip(constants, self._constants(name, known), strict=True)
+        return text.latex(left, self._factors(name), known, terms, digits, values)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
@@ -178,10 +189,13 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """
         sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
         symbols = [sympy.Symbol(each, real=True) for each in self.terms.variables.names]
-        forms = [term.sympy(symbols) for term in self.terms.terms]
+        name = self._only(name)
+        pairs = zip(self.terms.variables.constants, self._constants(name, np.zeros(self.support.shape)), strict=True)
+        values = {sympy.Symbol(each, real=True): sympy.Float(float(value)) for each, (value, _) in pairs}
+        forms = [term.sympy(symbols).subs(values) for term in self.terms.terms]
         sums = [
             sympy.Add(*(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c))
-            for row in self.coefficients_of(self._only(name))
+            for row in self._factors(name)
         ]
         return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
 
@@ -253,8 +267,11 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     def structure(self) -> tuple[str, ...]:
         """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was."""
-        given = self.provenance.equations
-        return given or text.structure(self.left_hand_sides, self.terms.factors, self.support, self.letters)
+        if self.provenance.equations:
+            return self.provenance.equations
+        factors = self.support & self.terms.is_factor
+        letters = [each.name for each in self.named_coefficients if self.terms.is_factor[each.term]]
+        return text.structure(self.left_hand_sides, self.terms.factors, factors, letters)
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -266,9 +283,25 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """Where each letter of `structure` stands."""
         if self.provenance.equations:
             return self._given.coefficients
-        letters = text.free_letters(int(self.support.sum()), self.terms.variables.names)
-        pairs = zip(letters, np.argwhere(self.support).tolist(), strict=True)
-        return tuple(Coefficient(letter, (Part(j, k),)) for letter, (j, k) in pairs)
+        letters = iter(text.free_letters(int(self.support.sum()), self.terms.variables.names))
+        named = ((self._constant(k) or next(letters), j, k) for j, k in np.argwhere(self.support).tolist())
+        return tuple(Coefficient(letter, (Part(j, k),)) for letter, j, k in named)
+
+    def _constant(self, term: int) -> str | None:
+        """Return the name of the constant that a term is the value of, if it is one."""
+        places = self.terms.constants
+        return self.terms.variables.constants[places.index(term)] if term in places else None
+
+    def _constants(self, name: str, errors: Floats) -> Iterator[tuple[float, float]]:
+        """Yield the value of each constant inside of terms for an object, and its error of those of all terms."""
+        own = self.coefficients_of(name)
+        for k in self.terms.constants:
+            j = int(np.argmax(own[:, k] != 0))
+            yield float(own[j, k]), float(np.nan_to_num(errors[j, k]))
+
+    def _factors(self, name: str) -> Floats:
+        """Return the coefficients of an object that are factors of terms, shape (equations, terms)."""
+        return np.where(self.terms.is_factor, self.coefficients_of(name), 0.0)
 
     @cached_property
     def named_products(self) -> tuple[Product, ...]:
@@ -355,20 +388,32 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """Return a letter for each coefficient in the law that is each object's own."""
         kinds = [each and each.kind for each in self._explained().relations]
         taken = (*self.terms.variables.names, *self._explained().properties)
-        letters = iter(text.free_letters(len(kinds), taken))
-        return tuple(next(letters) if kind is RelationKind.OWN else None for kind in kinds)
+        letters, terms = iter(text.free_letters(len(kinds), taken)), np.argwhere(self.support)[:, 1].tolist()
+        own = zip(kinds, terms, strict=True)
+        return tuple(self._constant(k) or next(letters) if kind is RelationKind.OWN else None for kind, k in own)
 
-    def _related(self, notation: Notation, names: Sequence[str], digits: int, errors: bool) -> list[list[text.Addend]]:
-        """Return each equation's terms with what decides their coefficients."""
-        rows: list[list[text.Addend]] = [[] for _ in self.states]
+    def _related(
+        self, notation: Notation, lefts: Sequence[str], names: Sequence[str], digits: int, errors: bool
+    ) -> list[tuple[str, list[text.Addend]]]:
+        """Return what decides the coefficients before each equation's terms, and each constant that is no object's own.
+
+        Left-hand sides are those of equations, then of constants.
+        """
+        rows: list[list[text.Addend]] = [[] for _ in lefts]
         related = zip(np.argwhere(self.support).tolist(), self._explained().relations, self._own_letters(), strict=True)
         for (j, k), relation, letter in related:
+            row, term = rows[j], names[k]
+            if k in self.terms.constants:
+                if letter:  # Its values stand in the table of what is each object's own
+                    continue
+                row, term = rows[len(self.states) + self.terms.constants.index(k)], "1"
             if relation is None:
                 value = float(self.coefficients[0, j, k])
-                rows[j].append(text.Addend(value < 0, notation.number(abs(value), 0.0, digits), names[k]))
+                row.append(text.Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
             else:
-                rows[j].append(notation.addend(relation, letter or "", names[k], digits, errors, not rows[j]))
-        return rows
+                row.append(notation.addend(relation, letter or "", term, digits, errors, not row))
+        pairs = zip(lefts, rows, strict=True)
+        return [(left, row) for i, (left, row) in enumerate(pairs) if row or i < len(self.states)]
 
     def _explained_body(self) -> list[str]:
         """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""

@@ -1,6 +1,7 @@
 """From equations in a text to terms, coefficients that are known, and names of those that are not."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple, NoReturn, TypedDict, Unpack
 
 import numpy as np
@@ -10,10 +11,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import AbstractTerm, Terms, Variables
-from commonlaw.library.equation import Equation, Meanings, only_product, split_equations
+from commonlaw.library import AbstractTerm, Constant, Terms, Variables
+from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
 from commonlaw.trials import Schema
-from commonlaw.wording import counted
 
 
 class Part(NamedTuple):
@@ -29,7 +29,8 @@ class Coefficient(NamedTuple):
     """A coefficient by the name that a user knows it by, as a product of powers of coefficients of terms.
 
     In ``x'' = -2 x/m`` it is -2 over that of x. In ``T' = -k (T - a)``, multiplied out ``-k T + k a``, a is the
-    coefficient of 1 over minus that of T.
+    coefficient of 1 over minus that of T. A constant inside of terms is the coefficient of its own, see
+    `Terms.constants`.
     """
 
     name: str
@@ -111,7 +112,7 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
     Raises
     ------
     CommonlawError
-        If a text cannot be read, a state has no equation, or one coefficient stands before two terms.
+        If a text cannot be read, a state has no equation, or only a product of coefficients could be found.
     """
     equations = split_equations(texts)
     by_state = {each.state: each for each in equations}
@@ -121,24 +122,43 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
         meanings = meanings._replace(unclear={})
     variables = variables or law_variables(schema, equations[0].order)
     state_rates = list(zip(schema.states, variables.states[len(schema.states) :], strict=False))
-    rows = [by_state[state].summands(variables, state_rates, meanings) for state in schema.states]
-    listed: list[AbstractTerm] = list(dict.fromkeys(each.term for row in rows for each in row))
+    ordered = tuple(by_state[state] for state in schema.states)
+    variables = with_constants(variables, ordered, state_rates, meanings)
+    while True:
+        rows = [each.summands(variables, state_rates, meanings) for each in ordered]
+        listed: list[AbstractTerm] = list(dict.fromkeys(each.term for row in rows for each in row))
+        products = [
+            Product(j, listed.index(each.term), each.factor, each.coefficients)
+            for j, row in enumerate(rows)
+            for each in row
+            if each.coefficients
+        ]
+        found = _solved(products)
+        if found is not None:
+            break
+        # What stands before several terms is one number all the same: a constant of these
+        shared = _shared(products)
+        if not shared:
+            _refuse(products, ordered, variables, state_rates)
+        variables = replace(variables, constants=(*variables.constants, *shared))
     known = np.zeros((len(rows), len(listed)))
-    products = []
     for j, row in enumerate(rows):
         for each in row:
-            k = listed.index(each.term)
-            known[j, k] = np.nan if each.coefficients else each.factor
-            if each.coefficients:
-                products.append(Product(j, k, each.factor, each.coefficients))
-    ordered = tuple(by_state[state] for state in schema.states)
-    found = _solved(products)
-    if found is None:
-        _refuse(products, ordered, variables, state_rates)
-    terms = Terms(variables, tuple(listed))
-    return GivenEquations(
-        tuple(each.text for each in ordered), terms, equations[0].order, known, found, tuple(products)
-    )
+            known[j, listed.index(each.term)] = np.nan if each.coefficients else each.factor
+    places = _places_of_constants(rows, variables)
+    own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(places.items())]
+    found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(places, own, strict=True))
+    known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in places.values())])
+    terms = Terms(variables, (*listed, *(Constant(variables.index(name)) for name in places)))
+    texts = tuple(each.text for each in ordered)
+    return GivenEquations(texts, terms, equations[0].order, known, found, (*products, *own))
+
+
+def _places_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
+    """Return the first equation, by its index, in whose terms each constant stands."""
+    used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
+    columns = {name: variables.index(name) for name in variables.constants}
+    return {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
 
 
 def _meanings(schema: Schema, order: int) -> Meanings:
@@ -177,6 +197,12 @@ def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:
     )
 
 
+def _shared(products: Sequence[Product]) -> tuple[str, ...]:
+    """Return the names that stand before several terms, if there are more terms than names."""
+    names = [name for each in products for name, _ in each.coefficients]
+    return tuple(each for each in dict.fromkeys(names) if names.count(each) > 1 and len(products) > len({*names}))
+
+
 def _refuse(
     products: Sequence[Product],
     equations: Sequence[Equation],
@@ -184,18 +210,9 @@ def _refuse(
     state_rates: Sequence[tuple[str, str]],
 ) -> NoReturn:
     """Raise why coefficients of terms do not determine those that have a name."""
-    names = [name for each in products for name, _ in each.coefficients]
-    count = len({*names})
-    if len(products) <= count:
-        product = next(each for each in products if len(each.coefficients) > 1)
-        equation = equations[product.equation]
-        equation.refuse(product.coefficients[1][0], only_product(product.coefficients), variables, state_rates)
-    twice = next(name for name in names if names.count(name) > 1)
-    raise CommonlawError(
-        f"the coefficient {twice} stands before {names.count(twice)} terms, and {counted(count, 'coefficient')} for "
-        f"{counted(len(products), 'term')}, multiplied out, is nothing that a fit of free coefficients would keep to: "
-        "each term has one of its own, give them different names"
-    )
+    product = next(each for each in products if len(each.coefficients) > 1)
+    problem = only_product(product.coefficients)
+    equations[product.equation].refuse(product.coefficients[1][0], problem, variables, state_rates)
 
 
 def stated_law(

@@ -31,7 +31,7 @@ from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.law.widening import Widening
-from commonlaw.library import Terms, Variables, parse_term
+from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
 from commonlaw.trials.trial import ObjectProperties
@@ -65,6 +65,7 @@ def _document(law: AbstractAverages) -> LawDocument:
         order=cast(Literal[0, 1, 2], law.order),
         schema=law.schema,
         rates=list(terms.variables.states[len(law.schema.states) :]),
+        constants=list(terms.variables.constants),
         terms=[term.expression(terms.variables.names) for term in terms.terms],
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
@@ -219,8 +220,14 @@ def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
 
 def _fields(document: LawDocument) -> Fields:
     schema = document.schema
-    variables = Variables((*schema.states, *document.rates), schema.inputs, schema.time, schema.logarithmic)
-    terms = Terms(variables, tuple(parse_term(text, variables) for text in document.terms))
+    variables = Variables(
+        (*schema.states, *document.rates),
+        schema.inputs,
+        schema.time,
+        schema.logarithmic,
+        tuple(document.constants),
+    )
+    terms = parse_terms(document.terms, variables)
     shape, objects = (len(schema.states), len(terms)), tuple(document.coefficients)
     matrices = [
         _matrix(rows, f"the coefficients of {name!r} are", shape) for name, rows in document.coefficients.items()

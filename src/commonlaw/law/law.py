@@ -80,6 +80,7 @@ class Law(AbstractDelegates):
         self._check_others()
 
     def _check_names(self) -> None:
+        _ = self.terms.constants  # Refused if they have no terms of their own
         if not self.objects or not len(self.terms):
             raise CommonlawError(f"a law of no {'term' if self.objects else 'object'} says nothing: give at least one")
         variables, schema = self.terms.variables, self.schema

@@ -1,6 +1,7 @@
 """Equations and coefficients as people write them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from string import ascii_lowercase
 from typing import NamedTuple
 
@@ -36,10 +37,25 @@ def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[st
     return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error), ' ')}"
 
 
-def latex(lefts: Sequence[str], coefficients: Floats, errors: Floats, terms: Sequence[str], digits: int) -> str:
-    """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms)."""
+def latex(
+    lefts: Sequence[str],
+    coefficients: Floats,
+    errors: Floats,
+    terms: Sequence[str],
+    digits: int,
+    constants: Iterable[tuple[str, tuple[float, float]]] = (),
+) -> str:
+    """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms).
+
+    Constants with their values and errors follow in lines of their own.
+    """
     rows = zip(lefts, coefficients, errors, strict=True)
-    return aligned((left, _addends(row, own, terms, digits, latex_with_error)) for left, row, own in rows)
+    equations = ((left, _addends(row, own, terms, digits, latex_with_error)) for left, row, own in rows)
+    values = (
+        (name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),))
+        for name, (value, error) in constants
+    )
+    return aligned(chain(equations, values))
 
 
 def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:

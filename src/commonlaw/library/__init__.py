@@ -5,6 +5,7 @@ from functools import reduce
 from operator import add, mul
 
 from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
+from commonlaw.library.constant import Constant
 from commonlaw.library.expression import Expression
 from commonlaw.library.families import (
     ConstantLibrary,
@@ -14,7 +15,7 @@ from commonlaw.library.families import (
     RationalLibrary,
 )
 from commonlaw.library.monomial import Monomial
-from commonlaw.library.parse import parse_term
+from commonlaw.library.parse import parse_term, parse_terms
 from commonlaw.library.product import Product
 from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms, Variables
@@ -25,6 +26,7 @@ from commonlaw.spec import parse_spec
 __all__ = [
     "AbstractLibrary",
     "AbstractTerm",
+    "Constant",
     "ConstantLibrary",
     "Expression",
     "ExpressionLibrary",
@@ -42,6 +44,7 @@ __all__ = [
     "Variables",
     "parse_library",
     "parse_term",
+    "parse_terms",
     "term_unit",
 ]
 

@@ -56,12 +56,25 @@ class Dual:
         quotient = other / self.value
         return self.chain(quotient, -quotient / self.value)
 
-    def __pow__(self, exponent: float) -> "Dual":
+    def __pow__(self, exponent: Any) -> "Dual":
+        if isinstance(exponent, Dual):
+            power = self.value**exponent.value
+            by_base = self.chain(power, exponent.value * self.value ** (exponent.value - 1))
+            return Dual(power, (by_base + _power(self.value, exponent)).slopes)
         slope = 0.0 if exponent == 0 else exponent * self.value ** (exponent - 1)
         return self.chain(self.value**exponent, slope)
 
+    def __rpow__(self, base: float) -> "Dual":
+        return _power(base, self)
+
     __radd__ = __add__
     __rmul__ = __mul__
+
+
+def _power(base: Any, exponent: Dual) -> Dual:
+    """Return a power that depends on its exponent alone; that of zero is zero whatever stands above."""
+    value = base**exponent.value
+    return exponent.chain(value, np.where(value == 0, 0.0, value * np.log(base)))
 
 
 _SLOPES: Mapping[str, Callable[[Floats, Floats], Any]] = {

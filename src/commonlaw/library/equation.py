@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, NoReturn
 
 from commonlaw.errors import CommonlawError, unknown
@@ -36,6 +36,10 @@ class Summand:
     term: AbstractTerm
 
 
+class InsideError(Exception):
+    """A name that is no variable stands where no multiplying out makes it a factor; it is the argument."""
+
+
 class Meanings(NamedTuple):
     """What names mean that are neither variables nor coefficients, and names that mean two things, with the reason."""
 
@@ -65,7 +69,8 @@ class Equation:
         Parameters
         ----------
         variables
-            What terms are functions of; other names are coefficients, which stand as factors before terms.
+            What terms are functions of, constants inside of terms among them; other names are coefficients, which
+            stand as factors before terms.
         state_rates
             The names of states, and of their rates among the variables: ``x'`` is the rate of x.
         meanings
@@ -75,6 +80,8 @@ class Equation:
         ------
         CommonlawError
             If the text cannot be read; the message says at which character, and lists the variables.
+        InsideError
+            If a name is a constant inside of a term, and not among those of the variables.
         """
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
 
@@ -117,6 +124,29 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
         if [other.state for other in found].count(each.state) > 1:
             raise CommonlawError(f"{each.state} has two equations: give each state one")
     return found
+
+
+def with_constants(
+    variables: Variables,
+    equations: Sequence[Equation],
+    state_rates: Sequence[tuple[str, str]] = (),
+    meanings: Meanings | None = None,
+) -> Variables:
+    """Return variables with the constants that stand inside of the terms of equations, in the order of the text.
+
+    Examples
+    --------
+    >>> with_constants(Variables(("s",)), split_equations("s' = -V s/(K + s)")).constants
+    ('K',)
+    """
+    while True:
+        try:
+            for each in equations:
+                each.summands(variables, state_rates, meanings)
+        except InsideError as error:
+            variables = replace(variables, constants=(*variables.constants, error.args[0]))
+        else:
+            return variables
 
 
 def only_product(coefficients: Sequence[tuple[str, int]]) -> str:
@@ -178,18 +208,13 @@ class _Reader:
         names = (*self.variables.names, *self.coefficients)
         text = self._product()
         try:
-            products = multiplied_out(read(text, names), len(self.variables.names))
+            count = len(self.coefficients) + len(self.variables.constants)
+            products = multiplied_out(read(text, names, count), len(self.variables.names))
             return [self._of_product(factor, each) for each in products]
         except CommonlawError as error:
             self._fail(start, str(error))
         except NotAFactorError as error:
-            name = names[error.args[0]]
-            problem = unknown("variable", name, self.variables.names)
-            self.refuse(
-                name,
-                f"{problem}; a coefficient is a factor of terms, and one inside of a function, a power or a divisor "
-                "that is a sum is not fitted: give it as a number",
-            )
+            raise InsideError(names[error.args[0]]) from None
 
     def _product(self) -> str:
         """Read factors and divisors as the grammar of terms writes them."""
@@ -315,7 +340,7 @@ class _Reader:
 
     def _fail(self, token: _Token, problem: str) -> NoReturn:
         where = f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else "")
-        known = f"; variables: {', '.join(self.variables.names)}"
+        known = f"; variables: {', '.join(self.variables.measured)}"
         raise CommonlawError(
             f"cannot read {self.equation.text!r} {where}: {problem}{'' if 'Known:' in problem else known}"
         ) from None

@@ -1,8 +1,8 @@
 """The small language that terms are written in, read without ever running what it says.
 
-A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number above, and the
-`FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is read by
-Python's parser, never by its evaluator, and what is long, deep or huge is refused.
+A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number or constants above, and
+the `FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is read
+by Python's parser, never by its evaluator, and what is long, deep or huge is refused.
 """
 
 import ast
@@ -63,15 +63,18 @@ NUMPY = Algebra(float, FUNCTIONS)
 Compiled = Callable[[Any, Algebra], Any]
 
 
-def read(text: str, names: Sequence[str]) -> ast.expr:
-    """Return the tree of an expression, the variable of column i written as the name ``v<i>``."""
+def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
+    """Return the tree of an expression, the variable of column i written as the name ``v<i>``.
+
+    So many of the names, the last, are constants, which may stand in exponents.
+    """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > LONGEST:
         raise CommonlawError(f"the term {shown!r} has {len(text)} characters: write it in at most {LONGEST}")
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names), text.strip())
         tree = _parsed(code, names)
-        _check(tree, 0, 1)
+        _check(tree, 0, 1, len(names) - constants)
     except CommonlawError as error:
         raise CommonlawError(f"cannot read the term {shown!r}: {error}") from None
     except (RecursionError, MemoryError):
@@ -110,7 +113,8 @@ def _factors(tree: ast.AST) -> float:
         case ast.Name():
             return 1.0
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-            return _factors(base) * max(1.0, abs(constant(exponent) or 0.0))
+            number = constant(exponent)
+            return _factors(base) + _factors(exponent) if number is None else _factors(base) * max(1.0, abs(number))
     return sum((_factors(each) for each in ast.iter_child_nodes(tree)), 0.0)
 
 
@@ -168,8 +172,11 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
         raise CommonlawError(f"it goes wrong {where}; write it like 'x**2*v' or 'v*abs(v)'") from None
 
 
-def _check(tree: ast.expr, depth: int, power: float) -> None:
-    """Refuse what the language does not have, or what could take for ever to compute."""
+def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
+    """Refuse what the language does not have, or what could take for ever to compute.
+
+    The names after so many variables are constants.
+    """
     if depth > DEEPEST:
         raise CommonlawError(f"it is nested deeper than {DEEPEST} levels: write it with fewer")
     inside: tuple[ast.expr, ...] = ()
@@ -179,7 +186,7 @@ def _check(tree: ast.expr, depth: int, power: float) -> None:
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
             inside = (operand,)
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-            power *= _checked_exponent(exponent, depth)
+            power *= _checked_exponent(exponent, depth, variables)
             inside = (base,)
         case ast.BinOp(op=ast.Div(), right=right) if constant(right) == 0:
             raise CommonlawError("it divides by zero")
@@ -193,7 +200,7 @@ def _check(tree: ast.expr, depth: int, power: float) -> None:
                 f"argument: {', '.join(FUNCTIONS)}"
             )
     for each in inside:
-        _check(each, depth + 1, power)
+        _check(each, depth + 1, power, variables)
     if power > HIGHEST_POWER:
         raise CommonlawError(f"its powers go beyond {HIGHEST_POWER}: write smaller ones")
     number = constant(tree)
@@ -201,10 +208,12 @@ def _check(tree: ast.expr, depth: int, power: float) -> None:
         raise CommonlawError(f"the number {ast.unparse(tree)[:30]!r} is not finite or beyond {LARGEST_NUMBER:g}")
 
 
-def _checked_exponent(tree: ast.expr, depth: int) -> float:
+def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:
     """Return the size of an exponent, at least 1."""
-    _check(tree, depth + 1, 1)
+    _check(tree, depth + 1, 1, variables)
     exponent = constant(tree)
+    if exponent is None and min(columns_in(ast.unparse(tree))) >= variables:
+        return 1.0
     if exponent is None:
         raise CommonlawError("an exponent must be a number; write exp(v*log(x)) for x to the power v")
     return max(1.0, abs(exponent))

@@ -2,14 +2,16 @@
 
 import ast
 from collections import Counter
+from collections.abc import Sequence
 
 from commonlaw.errors import CommonlawError
+from commonlaw.library.constant import Constant
 from commonlaw.library.expression import Expression
 from commonlaw.library.grammar import constant, read, write
 from commonlaw.library.monomial import variable
 from commonlaw.library.product import multiply_powers
 from commonlaw.library.term import AbstractTerm
-from commonlaw.library.terms import Variables
+from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 
 _REMEDY = "a term has no numeric factor of its own, the fit finds its coefficient: leave out the {}"
@@ -25,8 +27,8 @@ def parse_term(text: str, variables: Variables) -> AbstractTerm:
     Parameters
     ----------
     text
-        Numbers, variables, ``+ - * /``, ``**`` or ``^`` with a number above, and the functions abs, sqrt, exp, log,
-        sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and sign.
+        Numbers, variables, ``+ - * /``, ``**`` or ``^`` with a number or constants above, and the functions abs, sqrt,
+        exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and sign.
     variables
         What the term may be a function of.
 
@@ -44,11 +46,19 @@ def parse_term(text: str, variables: Variables) -> AbstractTerm:
     >>> parse_term("sin(2*x)/x", variables).text(variables.names)
     'sin(2 x)/x'
     """
-    tree, size = read(text, variables.names), len(variables.names)
+    size = len(variables.names)
+    tree = read(text, variables.names, len(variables.constants))
     try:
         return multiply_powers(_powers(tree, size), size)
     except CommonlawError as error:
         raise CommonlawError(f"cannot use the term {text[:60]!r}: {error}") from None
+
+
+def parse_terms(texts: Sequence[str], variables: Variables) -> Terms:
+    """Return the terms that expressions stand for, see `parse_term`; the last are those of constants."""
+    first = len(texts) - len(variables.constants)
+    own = (Constant(variables.index(name)) for name in variables.constants)
+    return Terms(variables, (*(parse_term(text, variables) for text in texts[:first]), *own))
 
 
 def _powers(tree: ast.expr, size: int) -> Counter[AbstractTerm]:
@@ -71,8 +81,9 @@ def _powers(tree: ast.expr, size: int) -> Counter[AbstractTerm]:
             for term, power in _powers(right, size).items():
                 powers[term] += sign * power
             return powers
-        case ast.BinOp(op=ast.Pow(), left=base, right=exponent) if (times := constant(exponent) or 0.0).is_integer():
-            return Counter({term: int(times) * power for term, power in _powers(base, size).items()})
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent) if (times := constant(exponent)) is not None:
+            if times.is_integer():
+                return Counter({term: int(times) * power for term, power in _powers(base, size).items()})
         case ast.Call(func=ast.Name(id="sin" | "cos" as function), args=[argument]):
             multiple = _multiple(argument)
             if multiple is not None:

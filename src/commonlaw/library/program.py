@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.library.constant import Constant
 from commonlaw.library.evaluation import Plan
 from commonlaw.library.grammar import constant
 from commonlaw.library.monomial import Monomial
@@ -95,6 +96,8 @@ class _Writer:
 
     def term(self, term: AbstractTerm) -> int:
         """Return the register of a term that a plan does not take apart."""
+        if isinstance(term, Constant):
+            return self.constant(0.0)
         if isinstance(term, Monomial):
             return next(iter(term.columns())) if term.degree else self.constant(1.0)
         if isinstance(term, Trigonometric):
@@ -119,7 +122,7 @@ class _Writer:
             case ast.Call(func=ast.Name(id=name), args=[operand]):
                 return self.function(name, self.tree(operand))
             case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-                return self.power(self.tree(base), constant(exponent))
+                return self.power(self.tree(base), exponent)
             case ast.BinOp(op=op, left=left, right=right) if type(op) in _BINARY:
                 return self.emit(_BINARY[type(op)], self.tree(left), self.tree(right))
         raise _UnsaidError
@@ -128,10 +131,11 @@ class _Writer:
         """Return the register of a function of one register."""
         return self.emit(name, operand, operand)
 
-    def power(self, base: int, exponent: float | None) -> int:
+    def power(self, base: int, above: ast.expr) -> int:
         """Return the register of a power; small whole ones are products."""
+        exponent = constant(above)
         if exponent is None:
-            raise _UnsaidError
+            return self.emit("power", base, self.tree(above))
         if exponent == 0:
             return self.constant(1.0)
         size = abs(exponent)

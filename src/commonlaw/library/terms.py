@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.library.constant import Constant
 from commonlaw.library.evaluation import Plan
 from commonlaw.library.program import Program
 from commonlaw.library.term import AbstractTerm
@@ -24,19 +25,27 @@ class Variables:
     inputs
         Measured inputs.
     time
-        The name of time, the last column.
+        The name of time, the column after states and inputs.
     logarithmic
         The states that vector fields follow by their logarithms; terms are of the states themselves.
+    constants
+        Numbers inside of terms that are to be found, such as K in ``s/(K + s)``: the last columns.
     """
 
     states: tuple[str, ...]
     inputs: tuple[str, ...] = ()
     time: str = "t"
     logarithmic: tuple[str, ...] = ()
+    constants: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names: states, inputs, time."""
+        """All names: states, inputs, time, constants."""
+        return (*self.measured, *self.constants)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The names of what has a value at any time: states, inputs, time."""
         return (*self.states, *self.inputs, self.time)
 
     def index(self, name: str) -> int:
@@ -104,8 +113,12 @@ class Terms:
     @cached_property
     def factors(self) -> tuple[str, ...]:
         """The same as factors of a product, sums in parentheses."""
-        pairs = zip(self.terms, self.names, strict=True)
-        return tuple(f"({name})" if term.is_sum else name for term, name in pairs)
+        return self.factors_over(self.variables.names)
+
+    def factors_over(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return them over other names of the variables, or numbers in place of constants."""
+        pairs = ((term, term.text(names)) for term in self.terms)
+        return tuple(f"({text})" if term.is_sum else text for term, text in pairs)
 
     @cached_property
     def complexities(self) -> Floats:
@@ -120,6 +133,39 @@ class Terms:
     def program(self) -> Program | None:
         """The terms as a program of single operations; None if one has operations that programs do not have."""
         return Program.of(self._plan, len(self.variables.names))
+
+    @cached_property
+    def constants(self) -> tuple[int, ...]:
+        """The index of each constant's own term, see `Constant`: they come last.
+
+        Raises
+        ------
+        CommonlawError
+            If the last terms are not those of the constants.
+        """
+        own = tuple(Constant(self.variables.index(name)) for name in self.variables.constants)
+        first = len(self.terms) - len(own)
+        if self.terms[max(first, 0) :] != own:
+            names = ", ".join(self.variables.constants)
+            raise CommonlawError(f"the constants {names} are inside of terms: the last terms have to be their own")
+        return tuple(range(first, len(self.terms)))
+
+    @cached_property
+    def is_factor(self) -> Bools:
+        """Which terms are multiplied by their coefficients, shape (terms,): all but those of constants."""
+        found = np.ones(len(self.terms), dtype=np.bool_)
+        found[list(self.constants)] = False
+        return found
+
+    def at(self, values: Floats, coefficients: Floats) -> Floats:
+        """Return values of states, inputs and time, shape (n, variables), with those of the constants beside them.
+
+        These are coefficients, shape (equations, terms).
+        """
+        if not self.constants:
+            return values
+        own = coefficients[:, list(self.constants)].sum(axis=0)
+        return np.column_stack([values, np.broadcast_to(own, (len(values), len(own)))])
 
     def index(self, name: str) -> int:
         """Return the index of the term of that name.

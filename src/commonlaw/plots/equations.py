@@ -31,7 +31,7 @@ def left_hand_sides(law: Law) -> list[str]:
 def equation_lines(law: Law) -> str:
     """Return the law as lines of mathtext: with numbers if it has one object, else with the law's letters.
 
-    A law of second order has a last line that says what the rates are.
+    A last line says what the rates of a law of second order are, and what constants inside of terms.
     """
     lines = []
     for j, left in enumerate(left_hand_sides(law)):
@@ -40,7 +40,10 @@ def equation_lines(law: Law) -> str:
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for rate, state in zip(law.rates, law.states, strict=False)
     ]
-    return "\n".join([*lines, f"with {', '.join(rates)}"] if rates else lines)
+    own = zip(law.terms.variables.constants, law.terms.constants, strict=True) if len(law.objects) == 1 else ()
+    constants = [f"{math(latex_name(name), name)} $=$ {_number(law.coefficients[0, :, k].sum())}" for name, k in own]
+    meaning = ", ".join([*rates, *constants])
+    return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
 
 
 def letter_of(law: Law, equation: int, term: int) -> str:
@@ -65,7 +68,7 @@ def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
-    for k in np.flatnonzero(law.support[j]):
+    for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
         value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_letter(law, j, int(k))
         number = "" if letter and abs(value) == 1 else _number(abs(value))
         label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]

@@ -64,7 +64,8 @@ def _structure_latex(law: Law) -> str:
     rows: list[list[Addend]] = [[] for _ in law.states]
     terms = [latex_factor(term, law.terms.variables.names) for term in law.terms.terms]
     for letter, (j, k) in zip(law.letters, np.argwhere(law.support).tolist(), strict=True):
-        rows[j].append(Addend(False, latex_name(letter), "1" if law.terms.names[k] == "1" else terms[k]))
+        if law.terms.is_factor[k]:
+            rows[j].append(Addend(False, latex_name(letter), "1" if law.terms.names[k] == "1" else terms[k]))
     return aligned(zip(latex_left_hand_sides(law.states, law.order), rows, strict=True))
 
 

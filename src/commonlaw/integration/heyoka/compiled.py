@@ -28,18 +28,19 @@ _LARGE = 100
 class Structure:
     """Everything that is compiled, and so nothing that differs between objects.
 
-    The terms that are in some equation, over `size` variables (time is the last); for each coefficient, in their order,
-    its `pair`: the equation and the index of the term; the indices of those that sensitivities are wanted of, if any
-    (`free`); how many `inputs` there are, the indices of the states that are `logarithmic`, and how many powers the
-    polynomials of inputs have; each event's expression, direction and whether it is terminal.
+    The terms that are in some equation; for each coefficient, in their order, its `pair`: the equation and the index of
+    the term; the indices of those that sensitivities are wanted of, if any (`free`), and of those that are the values
+    of constants `inside` of terms, None for one that is zero; how many `inputs` there are, the indices of the states
+    that are `logarithmic`, and how many powers the polynomials of inputs have; each event's expression, direction and
+    whether it is terminal.
     """
 
     terms: tuple[AbstractTerm, ...]
     pairs: tuple[tuple[int, int], ...]
     free: tuple[int, ...]
+    inside: tuple[int | None, ...]
     equations: int
     order: int
-    size: int
     inputs: int
     logarithmic: tuple[int, ...]
     powers: int
@@ -51,15 +52,16 @@ class Structure:
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
         """Return the structure of a vector field."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
+        places = np.argwhere(vector_field.kept)[:, 1].tolist()
         events = EventFunctions(options.events, vector_field).terms.terms
         free = np.flatnonzero(vector_field.parameter_mask[vector_field.kept] & options.sensitivities)
         return cls(
             tuple(vector_field.terms.terms[k] for k in used),
             tuple((int(j), int(k)) for j, k in np.argwhere(vector_field.kept[:, used])),
             tuple(int(i) for i in free),
+            tuple(places.index(k) if k in places else None for k in vector_field.terms.constants),
             len(vector_field.coefficients),
             vector_field.order,
-            len(vector_field.terms.variables.names),
             len(vector_field.terms.variables.inputs),
             vector_field.terms.variables.logarithmic_columns,
             0 if vector_field.inputs is None else vector_field.inputs.powers,
@@ -116,11 +118,13 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
     natural = [heyoka.exp(each) if j in structure.logarithmic else each for j, each in enumerate(states)]
-    variables = [*natural, *_inputs(structure, constants), heyoka.time]
+    own = [heyoka.expression(0.0) if i is None else heyoka.par[i] for i in structure.inside]
+    variables = [*natural, *_inputs(structure, constants), heyoka.time, *own]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
     for i, (equation, index) in enumerate(structure.pairs):
-        sums[equation].append(heyoka.par[i] * terms[index])
+        if i not in structure.inside:
+            sums[equation].append(heyoka.par[i] * terms[index])
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
     highest = [each / natural[j] if j in structure.logarithmic else each for j, each in enumerate(highest)]
     rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest

@@ -43,7 +43,10 @@ def _translated(tree: ast.expr, variables: Sequence[Any]) -> Any:
             inner = _translated(operand, variables)
             return -inner if isinstance(op, ast.USub) else inner
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-            return _power(_translated(base, variables), constant(exponent))
+            above = constant(exponent)
+            if above is None:
+                return _translated(base, variables) ** _translated(exponent, variables)
+            return _power(_translated(base, variables), above)
         case ast.BinOp(op=op, left=left, right=right):
             return OPERATORS[type(op)](_translated(left, variables), _translated(right, variables))
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
@@ -52,9 +55,9 @@ def _translated(tree: ast.expr, variables: Sequence[Any]) -> Any:
             raise UnsupportedError(f"{ast.unparse(tree).partition('(')[0]} has no Taylor series at 0")
 
 
-def _power(base: Any, exponent: float | None) -> Any:
+def _power(base: Any, exponent: float) -> Any:
     """Return a power; a whole one as products, since heyoka's own power divides by the base."""
-    if exponent is None or exponent != int(exponent):
+    if exponent != int(exponent):
         return base**exponent
     result = math.prod([base] * abs(int(exponent)), start=heyoka.expression(1.0))
     return result if exponent >= 0 else 1.0 / result

@@ -41,6 +41,7 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
     logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
+    inside = np.array(model.terms.constants, dtype=np.int64)
     latent = model.latent_steps[0]
     std = np.zeros(0) if latent is None else contiguous(latent.std)
     structure = ModelStructure(
@@ -51,13 +52,15 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
         any(each.held for each in model.meshes),
         model.latent.correlated is not None,
         -1 if latent is None or latent.force is None else latent.force,
+        len(inside),
         float(model.observation.huber_threshold),
         address(unit),
         address(std),
         address(logarithmic),
+        address(inside),
         _program(program),
     )
-    kept = (unit, std, logarithmic, program, meshes)
+    kept = (unit, std, logarithmic, inside, program, meshes)
     return Packed(structure, (MeshStructure * len(meshes))(*(own for own, _ in meshes)), kept)
 
 

@@ -1,0 +1,129 @@
+"""Values that constants inside of terms are tried at: by where they stand, and how large what stands beside them is.
+
+In ``s/(K + s)`` K is tried about the size of s, in ``exp(u/U)`` U about the size of u, in ``cos(w*t + p)`` w at all
+frequencies that samples tell apart and p around the circle, and exponents from -3 to 6.
+"""
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.library import Terms
+from commonlaw.library.grammar import NUMPY, columns_in, compiled, constant
+
+_NEAR = 10.0 ** np.arange(-2.0, 2.1, 0.5)
+"""About a size that is known from what stands beside a constant."""
+
+_ANY = 10.0 ** np.arange(-6.0, 6.1)
+"""About a size that nothing tells."""
+
+_EXPONENTS = np.array([-3.0, -2.0, -1.5, -1.0, -0.5, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0])
+
+_PHASES = np.arange(0.5, 8.0) * np.pi / 4
+
+_PER_CYCLE = 4
+"""Frequencies for each cycle that there may be in the range of a variable, so that some phase is right all along it."""
+
+_MOST_FREQUENCIES = 300
+_MOST = 3000
+"""Combinations that are tried; of more, as many are drawn."""
+
+
+def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Floats:
+    """Return combinations of values of constants, shape (combinations, constants).
+
+    Parameters
+    ----------
+    terms
+        Whose constants these are.
+    values
+        Of the variables without constants, along what was measured, shape (n, variables).
+    columns
+        Those of the constants.
+    """
+    found: dict[int, Floats] = {}
+    names = [f"v{i}" for i in range(len(terms.variables.names))]
+    for term in terms.terms:
+        _look(ast.parse(term.expression(names), mode="eval").body, None, values, found)
+    banks = [found.get(column, _both_signs(_ANY)) for column in columns]
+    counts = [len(each) for each in banks]
+    chosen = np.arange(int(np.prod(counts, dtype=float)))
+    if len(chosen) > _MOST:
+        chosen = np.random.default_rng(0).choice(len(chosen), _MOST, replace=False)
+    return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
+
+
+def _look(tree: ast.expr, size: float | None, values: Floats, found: dict[int, Floats], angle: bool = False) -> None:
+    """Note values for the constants in a tree that is about so large, or the angle of a sine."""
+    inside = {each for each in columns_in(ast.unparse(tree)) if each >= values.shape[1]}
+    if not inside <= found.keys():
+        match tree:
+            case ast.Name(id=name):
+                found[int(name[1:])] = _PHASES if angle else _both_signs(_ANY if size is None else size * _NEAR)
+            case ast.UnaryOp(operand=operand):
+                _look(operand, size, values, found, angle)
+            case ast.Call(func=ast.Name(id=name), args=[argument]):
+                _look(argument, 1.0, values, found, angle=name in ("sin", "cos", "tan"))
+            case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+                number = constant(exponent)
+                root = None if size is None or not number else size ** (1 / number)
+                _look(base, root, values, found)
+                if isinstance(exponent, ast.Name):
+                    found.setdefault(int(exponent.id[1:]), _EXPONENTS)
+                _look(exponent, 1.0, values, found)
+            case ast.BinOp(op=op, left=left, right=right):
+                for own, other, first in ((right, left, False), (left, right, True)):
+                    beside = _size(other, values)
+                    if angle and isinstance(op, ast.Mult) and isinstance(own, ast.Name) and beside is not None:
+                        found.setdefault(int(own.id[1:]), _frequencies(other, values))
+                    _look(own, _SIZES[type(op)](size, beside, first), values, found, angle)
+
+
+def _of_sum(size: float | None, beside: float | None, _: bool) -> float | None:
+    return size if beside is None else beside
+
+
+def _of_product(size: float | None, beside: float | None, _: bool) -> float | None:
+    return None if size is None else size / (beside or 1.0)
+
+
+def _of_quotient(size: float | None, beside: float | None, above: bool) -> float | None:
+    if size is None:
+        return None
+    return size * (beside or 1.0) if above else (beside or 1.0) / size
+
+
+_SIZES: Mapping[type[ast.operator], Callable[[float | None, float | None, bool], float | None]] = {
+    ast.Add: _of_sum,
+    ast.Sub: _of_sum,
+    ast.Mult: _of_product,
+    ast.Div: _of_quotient,
+}
+"""How large an operand is, by the size of the result, that of the other operand, and whether it is the first one."""
+
+
+def _size(tree: ast.expr, values: Floats) -> float | None:
+    """Return the root mean square of a tree; None if it has constants in it, is zero or is not finite."""
+    code = ast.unparse(tree)
+    if any(each >= values.shape[1] for each in columns_in(code)):
+        return None
+    found = float(np.sqrt(np.mean(_along(code, values) ** 2)))
+    return found if 0 < found < np.inf else None
+
+
+def _along(code: str, values: Floats) -> Floats:
+    with np.errstate(all="ignore"):
+        return np.asarray(compiled(code)(values.T, NUMPY) + np.zeros(len(values)))
+
+
+def _frequencies(tree: ast.expr, values: Floats) -> Floats:
+    """Return the frequencies that an angle may have of what is multiplied with them."""
+    along = _along(ast.unparse(tree), values)
+    count = min(_PER_CYCLE * len(np.unique(along)), _MOST_FREQUENCIES)
+    return np.asarray(2 * np.pi / (_PER_CYCLE * np.ptp(along)) * np.arange(1, count + 1))
+
+
+def _both_signs(sizes: Floats) -> Floats:
+    return np.concatenate([sizes, -sizes])

@@ -1,0 +1,282 @@
+"""Where constants inside of terms begin: a coarse bank of values, compared along smooth curves, then fitted.
+
+Of ``V s/(K + s)``, say, V is found by least squares once K is given (variable projection; Golub and Pereyra 1973). So
+values of K are compared by what they leave of the rates of smooth curves through the measurements; from the best of
+them, that of all objects together and that of each, trajectories are fitted.
+"""
+
+import ast
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.constant_values import values_to_try
+from commonlaw.inference.fit_setup import FitSetup
+from commonlaw.inference.refinement import fit_terms
+from commonlaw.inference.scales import on_log_scale
+from commonlaw.inference.search import SearchState
+from commonlaw.inference.search_problem import spread
+from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
+from commonlaw.integration import VectorField
+from commonlaw.law import Law
+from commonlaw.library import Terms
+from commonlaw.library.grammar import NUMPY, columns_in, compiled
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.trials import Trials
+
+_MOST_POINTS = 300
+"""Points of an object's curves that values are compared at."""
+
+_BEST = 5
+"""Combinations of values that least squares makes better, of those in the bank."""
+
+_DEPENDENT = 1e-7
+"""Columns of unit norm whose directions are smaller than this are told by nothing but rounding."""
+
+_FAR = 1e6
+"""What is left of a rate, relative to what was left at first, where a term is not finite."""
+
+_STEPS = 50
+"""Of least squares on rates; trajectories say the rest."""
+
+_ALIKE = 0.01
+"""Deviances that differ by less say the same of the rates."""
+
+_SHARE = 0.1
+"""Of a direction that nothing tells: what counts as part of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """What a law leaves of the rates of an object, as a function of those constants that are to be found.
+
+    Variables along its curves, without constants, have the shape (n, variables), rates (n, equations), known
+    coefficients (equations, terms), NaN where they are to be found.
+    """
+
+    terms: Terms
+    known: Floats
+    values: Floats
+    rates: Floats
+
+    @cached_property
+    def inside(self) -> Bools:
+        """Which coefficients are constants that are to be found, shape (equations, terms)."""
+        return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
+
+    def coefficients(self, constants: Floats) -> Floats:
+        """Return the coefficients, of which factors are found by least squares, shape (equations, terms)."""
+        return self._fitted(constants)[0]
+
+    def left(self, constants: Floats) -> Floats:
+        """Return what is left of the rates, shape (n, equations), infinite where a term is not finite."""
+        return self._fitted(constants)[1]
+
+    def deviance(self, constants: Floats) -> float:
+        """Return minus twice the log-likelihood of rates whose errors have any size; infinite where a term has a pole.
+
+        A pole between points shows by a divisor that changes its sign.
+        """
+        left = self.left(constants)
+        if not np.isfinite(left).all() or any(np.ptp(np.sign(each)) for each in self._divisors(constants)):
+            return np.inf
+        floor = np.finfo(float).eps * np.std(self.rates, axis=0) + np.finfo(float).tiny
+        return 2 * len(left) * float(np.sum(np.log(np.maximum(_size(left), floor))))
+
+    def derivatives(self, constants: Floats, order: int) -> Floats:
+        """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
+        plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
+        field = VectorField(plain, self.coefficients(constants), order, free=np.isnan(self.known))
+        found = field.linearize(self.values).by_parameters
+        columns = found.reshape(-1, found.shape[2])
+        norms = np.linalg.norm(columns, axis=0)
+        return np.asarray(columns / np.where(norms > 0, norms, 1.0))
+
+    def _fitted(self, constants: Floats) -> tuple[Floats, Floats]:
+        found = np.nan_to_num(self.known)
+        found[self.inside] = constants
+        library = self.terms.evaluate(self.terms.at(self.values, found))
+        if not np.isfinite(library).all():
+            return found, np.full(self.rates.shape, np.inf)
+        left, factors = np.empty(self.rates.shape), self.terms.is_factor
+        for j, free in enumerate(np.isnan(self.known) & factors):
+            rest = self.rates[:, j] - library[:, factors] @ found[j, factors]
+            columns = library[:, free]
+            scale = np.linalg.norm(columns, axis=0)
+            scale[scale == 0] = 1.0
+            own = np.linalg.lstsq(columns / scale, rest)[0] / scale
+            found[j, free] = own
+            left[:, j] = rest - columns @ own
+        return found, left
+
+    def _divisors(self, constants: Floats) -> list[Floats]:
+        found = np.nan_to_num(self.known)
+        found[self.inside] = constants
+        columns = self.terms.at(self.values, found).T
+        with np.errstate(all="ignore"):
+            return [compiled(code)(columns, NUMPY) for code in self._divisor_codes]
+
+    @cached_property
+    def _divisor_codes(self) -> list[str]:
+        """What terms are divided by, where constants are in it."""
+        names = [f"v{i}" for i in range(len(self.terms.variables.names))]
+        trees = [ast.parse(term.expression(names), mode="eval") for term in self.terms.terms]
+        divided = (each for tree in trees for each in ast.walk(tree) if isinstance(each, ast.BinOp))
+        below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
+        first = self.values.shape[1]
+        return sorted(each for each in below if any(column >= first for column in columns_in(each)))
+
+
+def with_constants_found(
+    law: Law,
+    trials: Trials,
+    *,
+    positive: Sequence[str] | None = None,
+    input_between: str | None = None,
+    noise: Mapping[str, float] | None = None,
+    huber_threshold: float = HUBER_THRESHOLD,
+    progress: ProgressCallback | None = None,
+    **_: Any,
+) -> Law:
+    """Return a law with the constants inside of its terms near where they fit best, for refinement to begin with.
+
+    Parameters
+    ----------
+    law
+        As it was stated, whose constants have any values.
+    trials, positive, input_between, noise, huber_threshold, progress
+        See `refine`, whose other settings are of no matter here.
+
+    Raises
+    ------
+    CommonlawError
+        If no values make all terms finite, the trials cannot tell coefficients apart, or no fit succeeds.
+    """
+    if not law.terms.variables.constants:
+        return law
+    stated = law if positive is None else on_log_scale(law, positive)
+    between = law.schema.input_between if input_between is None else input_between
+    setup = FitSetup.of(stated, trials, noise, huber_threshold, between)
+    if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
+        return law
+    (on_terminal() if progress is None else progress)("looking for constants inside of terms")
+    profiles = _profiles(setup)
+    starts = _starts(setup.law, profiles)
+    _check_told(setup.law, profiles, starts[-1])
+    found: list[SearchState] = []
+    for start in starts:
+        coefficients = setup.law.coefficients.copy()
+        coefficients[:, profiles[0].inside] = start
+        with suppress(CommonlawError):
+            found.append(fit_terms(replace(setup, law=replace(setup.law, coefficients=coefficients)))[1])
+    if not found:
+        names = ", ".join(law.terms.variables.constants)
+        raise CommonlawError(
+            f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried: give some "
+            "of them as numbers"
+        )
+    best = min(found, key=lambda each: each.value)
+    return replace(law, coefficients=np.array([each.coefficients for each in best.estimates]))
+
+
+def _profiles(setup: FitSetup) -> list[_Profile]:
+    """Return the profile of each object, along the trials in which all states were measured."""
+    law, found = setup.law, list[_Profile]()
+    for name, known in zip(law.objects, setup.known, strict=True):
+        curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
+        told = [pair for pair in curves if np.isfinite(pair[1][0]).all()]
+        if not told:
+            raise CommonlawError(f"{name}: no trial has all states, from which constants inside of terms could begin")
+        along = [values_and_rates(law.terms.variables, *pair) for pair in told]
+        values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
+        few = spread(len(values), _MOST_POINTS)
+        found.append(_Profile(law.terms, known, values[few], rates[few]))
+    return found
+
+
+def _starts(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
+    """Return values of constants to begin with, each of shape (objects, constants).
+
+    First those that are best for all objects together, then those that are best for each.
+    """
+    terms = law.terms
+    bank = values_to_try(terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
+    deviances = np.array([[each.deviance(own) for own in bank] for each in profiles])
+    together = _best(law, profiles, bank, deviances.sum(axis=0))
+    alone = [_best(law, [each], bank, own) for each, own in zip(profiles, deviances, strict=True)]
+    if any(each is None for each in alone):
+        raise CommonlawError(
+            f"no values of {', '.join(terms.variables.constants)} were found at which all terms are finite along the "
+            "trials: check the equations for roots, logarithms and powers of negative numbers, or give numbers"
+        )
+    found = [] if together is None or len(profiles) == 1 else [np.tile(together, (len(profiles), 1))]
+    return [*found, np.array(alone)]
+
+
+def _columns(profile: _Profile) -> list[int]:
+    """Return the columns, among the variables, of the constants that are to be found."""
+    first = profile.values.shape[1]
+    return [first + profile.terms.constants.index(k) for k in np.argwhere(profile.inside)[:, 1]]
+
+
+def _best(law: Law, profiles: Sequence[_Profile], bank: Floats, deviances: Floats) -> Floats | None:
+    """Return the constants that leave least of the rates of some objects, from the best ones of a bank.
+
+    Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has a
+    name is above zero, and then the smaller ones.
+    """
+    best = [bank[i] for i in np.argsort(deviances, kind="stable")[:_BEST] if np.isfinite(deviances[i])]
+    found = [*best, *(_refined(profiles, each) for each in best)]
+    values = [sum(each.deviance(own) for each in profiles) for own in found]
+    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + _ALIKE]
+
+    def unusual(constants: Floats) -> tuple[int, float]:
+        named = [name.of(each.coefficients(constants)) for each in profiles for name in law.named_coefficients]
+        return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
+
+    return min(alike, key=unusual, default=None)
+
+
+def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
+    """Return the constants that leave least of the rates near some values."""
+    from scipy.optimize import least_squares
+
+    units = [np.maximum(_size(each.left(begin)), np.finfo(float).tiny) for each in profiles]
+
+    def left(relative: Floats) -> Floats:
+        pairs = zip(profiles, units, strict=True)
+        whole = np.concatenate([(each.left(begin * relative) / unit).ravel() for each, unit in pairs])
+        return np.where(np.isfinite(whole), whole, _FAR)
+
+    return np.asarray(begin * least_squares(left, np.ones_like(begin), max_nfev=_STEPS).x)
+
+
+def _check_told(law: Law, profiles: Sequence[_Profile], constants: Floats) -> None:
+    """Refuse what no trial could tell: coefficients of which only a combination matters."""
+    listed = []
+    for each, own in zip(profiles, constants, strict=True):
+        _, sizes, directions = np.linalg.svd(each.derivatives(own, law.order), full_matrices=False)
+        if len(sizes) == len(directions) and sizes[-1] > _DEPENDENT:
+            return
+        listed.append(np.abs(directions[-1]))
+    part = np.mean(listed, axis=0) > _SHARE
+    free = np.argwhere(np.isnan(profiles[0].known))[part].tolist()
+    before = [each for each in law.named_products if [each.equation, each.term] in free]
+    names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
+    variables = ", ".join(law.terms.variables.measured)
+    raise CommonlawError(
+        f"the trials do not tell {names}: a combination of them is all that matters in {'; '.join(law.structure())}; "
+        f"give one as a number, or correct its name; variables: {variables}"
+    )
+
+
+def _size(left: Floats) -> Floats:
+    """Return the root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))

@@ -1,0 +1,297 @@
+"""Constants inside of the terms of a law: fitted, as sure as they are, and used as any coefficient."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import curve_fit
+from scipy.special import lambertw
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.kernel import library as kernels
+from commonlaw.law.from_text import read_equations
+from commonlaw.law.numbers import with_error
+
+ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 3.0)}
+SATURATING = "s' = -V s/(K + s)"
+
+
+def michaelis_menten(t, start, rate, half):
+    return half * lambertw(start / half * np.exp((start - rate * t) / half)).real
+
+
+def gompertz(t, start, rate, capacity):
+    return capacity * np.exp(np.log(start / capacity) * np.exp(-rate * t))
+
+
+def table(rows, **names):
+    return cl.Trials.from_frame(pd.DataFrame(rows), time="t", **({"states": ["s"]} | names))
+
+
+def one_trial(solution, values, noise, seed=1, points=81):
+    times = np.linspace(0, 6, points)
+    measured = solution(times, *values) + noise * np.random.default_rng(seed).standard_normal(points)
+    return times, measured, table({"t": times, "s": measured})
+
+
+def simulated(function, objects, starts, times, states, noise=0.01):
+    """Trials of objects with parameters, from each start, with noise as a share of how far a state moves."""
+    generator, parts = np.random.default_rng(0), []
+    for name, own in objects.items():
+        for k, start in enumerate(starts):
+            exact = solve_ivp(
+                lambda t, y, own=own: function(t, y, *own), (times[0], times[-1]), start, t_eval=times, rtol=1e-10
+            ).y[: len(states)]
+            exact = exact + noise * exact.std(axis=1, keepdims=True) * generator.standard_normal(exact.shape)
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | dict(zip(states, exact, strict=True))))
+    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=list(states))
+
+
+@pytest.fixture(scope="module")
+def enzymes():
+    times = np.linspace(0, 5, 40)
+    return simulated(lambda _, s, rate, half: -rate * s / (half + s), ENZYMES, [[3.0], [1.5]], times, ("s",))
+
+
+@pytest.fixture(scope="module")
+def fitted(enzymes):
+    return cl.fit(SATURATING, enzymes)
+
+
+def by_letter(law):
+    values, errors = law.letter_values()
+    return dict(zip(law.letters, values.T, strict=True)), dict(zip(law.letters, errors.T, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "solution", "values"),
+    [
+        (SATURATING, michaelis_menten, (3.0, 1.0, 0.5)),
+        ("s' = -r s log(s/K)", gompertz, (0.3, 0.8, 5.0)),
+    ],
+    ids=["Michaelis-Menten by Lambert's W", "Gompertz"],
+)
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_constants_are_those_of_least_squares_on_the_solution_in_closed_form(text, solution, values, noise):
+    times, measured, trials = one_trial(solution, values, noise)
+    law = cl.fit(text, trials, huber_threshold=np.inf)
+    expected, covariance = curve_fit(solution, times, measured, values, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found, errors = law.letter_values()
+    np.testing.assert_allclose(found[0], expected[1:], rtol=1e-6)
+    # The noise has as many degrees of freedom but for a few samples
+    np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
+
+
+def test_intervals_hold_the_true_constants_as_often_as_they_say():
+    inside = 0
+    for seed in range(30):
+        *_, trials = one_trial(michaelis_menten, (3.0, 1.0, 0.5), 0.05, seed, points=40)
+        low, high = cl.fit(SATURATING, trials, errors="white").letter_interval_ends()
+        inside += np.sum((low[0] < [1.0, 0.5]) & (high[0] > [1.0, 0.5]))
+    assert inside >= 50  # Of 60, where 57 are expected: fewer have a probability below 1 % (binomial, pairs as one)
+
+
+LAWS = {
+    "diode": (
+        "u' = a - b (exp(u/U) - 1)",
+        lambda _, u, a, b, scale: a - b * (np.exp(u / scale) - 1),
+        {"a": (0.5, 0.1, 0.3), "b": (0.4, 0.05, 0.25)},
+        [[-1.0], [0.8]],
+        np.linspace(0, 6, 60),
+        ("u",),
+    ),
+    "an unknown power of the speed": (
+        "x'' = -9.81 - k sign(v) abs(v)^p",
+        lambda _, z, k, p: [z[1], -9.81 - k * np.sign(z[1]) * abs(z[1]) ** p],
+        {"a": (0.5, 1.7), "b": (0.3, 1.3)},
+        [[0.0, 15.0], [20.0, 0.0]],
+        np.linspace(0, 2, 60),
+        ("x",),
+    ),
+    "a driver of unknown frequency": (
+        "x'' = -k x + A cos(w t + p)",
+        lambda t, z, k, height, frequency, phase: [z[1], -k * z[0] + height * np.cos(frequency * t + phase)],
+        {"a": (4.0, 1.0, 2.3, 0.7), "b": (3.0, 0.8, 2.3, 2.0)},
+        [[1.0, 0.0], [0.0, 0.5]],  # From one start alone, driver and spring could be exchanged
+        np.linspace(0, 15, 120),
+        ("x",),
+    ),
+    "Hill": (
+        "s' = a - V s^n/(K^n + s^n)",
+        lambda _, s, a, rate, power, half: a - rate * s**power / (half**power + s**power),
+        {"a": (0.2, 1.0, 2.0, 0.5), "b": (0.3, 2.0, 3.0, 0.8)},
+        [[2.0], [0.1], [0.7]],
+        np.linspace(0, 5, 50),
+        ("s",),
+    ),
+    "an epidemic, in which one number stands in two equations": (
+        "S' = -b S I; I' = b S I - g I",
+        lambda _, y, recovery, contact: [-contact * y[0] * y[1], contact * y[0] * y[1] - recovery * y[1]],
+        {"a": (0.3, 0.8), "b": (0.25, 1.2)},
+        [[0.99, 0.01], [0.8, 0.05]],
+        np.linspace(0, 25, 60),
+        ("S", "I"),
+    ),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_constants_are_found_from_nothing_but_the_text(law):
+    text, function, objects, *rest = LAWS[law]
+    found = cl.fit(text, simulated(function, objects, *rest))
+    values, errors = found.letter_values()
+    assert found.objects == tuple(objects)
+    assert np.all(np.abs(values - list(objects.values())) < 4 * errors), (found.letters, values, errors)
+    assert np.all(errors < 0.2 * np.abs(values))
+
+
+def test_both_ways_of_computing_agree(enzymes, monkeypatch):
+    laws = []
+    for chosen in ("numpy", "compiled"):
+        monkeypatch.setenv(kernels.VARIABLE, chosen)
+        laws.append(cl.fit(SATURATING, enzymes))
+    for one, other in zip(*(law.letter_values() for law in laws), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_a_law_is_saved_and_read_with_its_constants(fitted):
+    again = cl.Law.from_json(fitted.to_json())
+    assert again.to_json() == fitted.to_json()
+    assert (str(again), again.letters) == (str(fitted), ("V", "K"))
+    np.testing.assert_array_equal(again.letter_values(), fitted.letter_values())
+
+
+def test_constants_are_written_where_they_stand(fitted):
+    values, errors = by_letter(fitted)
+    (equation,) = fitted.equations("b", errors=False)
+    stated = cl.Law.from_text(equation)
+    points = np.array([[0.5, 0.0], [2.0, 0.0]])
+    np.testing.assert_allclose(stated.evaluate("object", points), fitted.evaluate("b", points), rtol=1e-3)
+    assert fitted.equations("b")[0].endswith(f"s/({with_error(values['K'][1], errors['K'][1], bracket=True)} + s)")
+    block = fitted.to_latex("b", errors=False)
+    assert r"\frac{s}{K + s}" in block
+    assert f"K &= {values['K'][1]:.4g}" in block
+    ((_, right),) = fitted.to_sympy("b").items()
+    expected = float(fitted.evaluate("b", [[2.0, 0.0]])[0, 0])
+    assert float(right.subs(dict.fromkeys(right.free_symbols, 2.0))) == pytest.approx(expected)
+
+
+def test_a_law_simulates_and_forecasts_by_its_constants(fitted, enzymes):
+    values, _ = by_letter(fitted)
+    times = np.linspace(0, 4, 9)
+    for method in ("scipy", "heyoka"):
+        paths = fitted.simulate(times, [2.0], method=method)
+        for name, rate, half in zip(fitted.objects, values["V"], values["K"], strict=True):
+            np.testing.assert_allclose(paths[name].states[:, 0], michaelis_menten(times, 2.0, rate, half), rtol=1e-5)
+    assert fitted.score(enzymes) > 0.99
+
+
+@pytest.mark.parametrize("method", ["scipy", "heyoka"])
+def test_standard_deviations_of_forecasts_are_those_of_drawn_constants_and_starts(fitted, enzymes, method):
+    first = enzymes.select(object="a", trial="0")
+    forecast = fitted.predict(first, start=1, return_std=True, method=method)
+    draws = fitted.draws(2000).xs("a", level="object")
+    starts = first[0].states[0, 0] + fitted.noise[0] * np.random.default_rng(0).standard_normal(2000)
+    times = first[0].times[:, np.newaxis] - first[0].times[0]
+    paths = michaelis_menten(times, starts, draws["V"].to_numpy(), draws["K"].to_numpy())
+    # Three and a half times the relative error of a standard deviation of so many draws
+    np.testing.assert_allclose(forecast.std[0][:, 0], paths.std(axis=1), rtol=0.055)
+
+
+def test_what_decides_a_constant_is_explained():
+    objects = {name: (1.0, half) for name, half in zip("abcde", (0.4, 0.6, 0.8, 1.2, 1.6), strict=True)}
+    times = np.linspace(0, 6, 60)
+    trials = simulated(lambda _, s, rate, half: -rate * s / (half + s), objects, [[3.0], [1.5]], times, ("s",))
+    law = cl.fit(SATURATING, trials)
+    explained = law.explain({name: {"inhibitor": 2 * half} for name, (_, half) in objects.items()})
+    relations = explained.relations().set_index("term")
+    assert relations.loc["K", "follows"] == "inhibitor"
+    assert relations.loc["s/(K + s)", "kind"] == "universal"
+    low, high = explained.relations().set_index("term").loc["K", ["factor", "standard error"]] @ [[1, 1], [-4, 4]]
+    assert low < 0.5 < high
+    assert re.fullmatch(r"K = \(0\.\d+ ± 0\.\d+\) inhibitor", explained.equations()[1])
+
+
+def test_a_property_is_a_constant_that_is_known(enzymes):
+    known = replace(enzymes, properties={name: {"K": half} for name, (_, half) in ENZYMES.items()})
+    law = cl.fit(SATURATING, known)
+    values, errors = by_letter(law)
+    np.testing.assert_array_equal(values["K"], [half for _, half in ENZYMES.values()])
+    assert (errors["K"] == 0).all()
+    assert (np.abs(values["V"] - [rate for rate, _ in ENZYMES.values()]) < 4 * errors["V"]).all()
+
+
+def test_refining_begins_with_the_constants_of_the_law(fitted, enzymes):
+    refined = cl.refine(fitted, enzymes)
+    np.testing.assert_allclose(refined.letter_values()[0], fitted.letter_values()[0], rtol=1e-6)
+
+
+def test_laws_with_constants_are_compared_with_others(enzymes):
+    laws = [cl.fit(text, enzymes) for text in (SATURATING, "s' = -k s", "s' = a + b s + c s^2")]
+    table = cl.compare(laws, enzymes)
+    assert table["equations"][0] == SATURATING
+    assert table["coefficients"][0] == 2
+    assert table["2 log B"][1] > 10
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("s' = -k s + b sin(q)", "do not tell b, q: a combination .* correct its name; variables: s, t"),
+        ("s' = -exp(-E/(2 R)) s", "do not tell E, R"),
+        ("s' = -V sqrt(-abs(s) - K^2)", "no values of K were found at which all terms are finite"),
+        ("s[k+1] = V s/(K + s)", "in laws of discrete time .* give K as numbers"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_in_words(enzymes, text, message):
+    with pytest.raises(CommonlawError, match=message):
+        cl.fit(text, enzymes)
+
+
+def test_known_physics_takes_no_constants(enzymes):
+    with pytest.raises(CommonlawError, match="K inside of the terms that are known are no variables"):
+        cl.discover(enzymes, known="s/(K + s)")
+
+
+def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
+    with pytest.raises(CommonlawError, match="unknown variable 'K'"):
+        cl.Law.from_json(fitted.to_json().replace('"constants": [\n  "K"\n ]', '"constants": []'))
+    with pytest.raises(CommonlawError, match="the last terms have to be their own"):
+        cl.Law(fitted.terms.take([0]), fitted.schema, 1, ("a",), np.ones((1, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("text", "constants", "letters"),
+    [
+        ("x' = V x/(K + x)", ("K",), ("V", "K")),
+        ("x' = exp(k x)", ("k",), ("k",)),
+        ("x' = a^2 (x - b)", ("a",), ("b", "a")),
+        ("x' = k (x - a) + k^-1 x^2", ("k",), ("a", "k")),
+        ("x' = a x + a", ("a",), ("a",)),
+        ("x' = -k (x - a)/(x + K)", ("K",), ("k", "a", "K")),
+    ],
+)
+def test_names_that_are_no_factors_are_constants_of_their_terms(text, constants, letters):
+    given = read_equations(text, cl.Schema(("x",)))
+    assert {*given.terms.variables.constants} == {*constants}
+    assert {each.name for each in given.coefficients} == {*letters}
+
+
+@pytest.mark.parametrize(
+    ("text", "function", "values"),
+    [
+        ("x' = V x^n/(K^n + x^n)", lambda x, V, n, K: V * x**n / (K**n + x**n), {"V": 2.0, "n": 1.5, "K": 0.7}),
+        ("x' = k (x - a) + k^-1 x^2", lambda x, k, a: k * (x - a) + x**2 / k, {"k": 2.0, "a": -1.0}),
+        ("x' = b 2^-q exp(q x) + q", lambda x, b, q: b * 2**-q * np.exp(q * x) + q, {"b": 3.0, "q": 0.3}),
+        ("x' = a x^2 + a", lambda x, a: a * x**2 + a, {"a": 2.0}),
+    ],
+)
+def test_a_law_of_constants_is_the_function_that_is_written(text, function, values):
+    law, points = cl.Law.from_text(text, values), np.linspace(0.5, 5.0, 7)
+    found = law.evaluate("object", np.column_stack([points, 0 * points]))[:, 0]
+    np.testing.assert_allclose(found, function(points, **values))
+    np.testing.assert_allclose(law.letter_values()[0][0], [values[name] for name in law.letters])
