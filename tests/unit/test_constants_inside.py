@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -95,7 +96,7 @@ def test_intervals_hold_the_true_constants_as_often_as_they_say():
     assert inside >= 50  # Of 60, where 57 are expected: fewer have a probability below 1 % (binomial, pairs as one)
 
 
-LAWS = {
+LAWS: dict[str, tuple[Any, ...]] = {
     "diode": (
         "u' = a - b (exp(u/U) - 1)",
         lambda _, u, a, b, scale: a - b * (np.exp(u / scale) - 1),
@@ -141,8 +142,8 @@ LAWS = {
 
 @pytest.mark.parametrize("law", LAWS)
 def test_constants_are_found_from_nothing_but_the_text(law):
-    text, function, objects, *rest = LAWS[law]
-    found = cl.fit(text, simulated(function, objects, *rest))
+    text, function, objects, starts, times, states = LAWS[law]
+    found = cl.fit(text, simulated(function, objects, starts, times, states))
     values, errors = found.letter_values()
     assert found.objects == tuple(objects)
     assert np.all(np.abs(values - list(objects.values())) < 4 * errors), (found.letters, values, errors)

@@ -32,7 +32,7 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     """Fit a law that you have in mind to the trials in FILE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
-    dP/dt = c H P - d P". Letters that multiply or divide terms are coefficients to be found, numbers are known;
+    dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
     v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
     inputs. The law is checked like one of `commonlaw discover`.
 
@@ -40,6 +40,7 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     Examples:
       commonlaw fit "T' = -k (T - 20)" cups.csv --save law.json
       commonlaw fit "T' = a + b T" cups.csv --against discovered.json
+      commonlaw fit "s' = -V s/(K + s)" enzymes.csv
       commonlaw fit "x'' = -g - c v" --dataset linear-drag:noise=0.05
     """
     import commonlaw as cl

@@ -1,7 +1,7 @@
 """Equations that objects share: what they hold, what they give, and how they are written."""
 
 from abc import ABC
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property, reduce
 from operator import mul
 from typing import TYPE_CHECKING
@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
-from commonlaw.hierarchy import RelationKind
 from commonlaw.law import text
 from commonlaw.law.dimensions import quotient_unit
-from commonlaw.law.explanation import LATEX, PLAIN, Explanation, Notation, remarks
+from commonlaw.law.explanation import LATEX, PLAIN, Explanation
 from commonlaw.law.from_text import Coefficient, GivenEquations, Part, Product, read_equations
 from commonlaw.law.numbers import with_error
 from commonlaw.law.provenance import Provenance
+from commonlaw.law.related import RelatedCoefficients
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, term_unit
 from commonlaw.library.naming import latex_name
@@ -149,7 +149,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """
         if name is None and self._is_explained:
             lefts = (*self.left_hand_sides, *self.terms.variables.constants)
-            related = self._related(PLAIN, lefts, self.terms.factors, digits, errors is not False)
+            related = self._related.rows(PLAIN, lefts, self.terms.factors, digits, errors is not False)
             return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
         name = self._only(name)
         known = self._shown_errors(name, errors)
@@ -157,12 +157,10 @@ class AbstractEquations(ShownInNotebooks, ABC):
         written = (f"({each})" if each.startswith("-") else each for each in constants)
         names = self.terms.factors_over((*self.terms.variables.measured, *written))
         rows = zip(self.left_hand_sides, self._factors(name), known, strict=True)
-        return tuple(text.equation(*row, names, digits) for row in rows)
+        return tuple(text.equation(*row, names, digits, self.terms.have_constants) for row in rows)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-        """Return the equations of one object as LaTeX, an ``aligned`` block without dollar signs; see `equations`.
-
-        Constants inside of terms follow in lines of their own.
+        """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; constants have lines of their own.
 
         Raises
         ------
@@ -173,11 +171,11 @@ class AbstractEquations(ShownInNotebooks, ABC):
         terms = [text.latex_factor(term, self.terms.variables.names) for term in self.terms.terms]
         constants = [latex_name(each) for each in self.terms.variables.constants]
         if name is None and self._is_explained:
-            return text.aligned(self._related(LATEX, (*left, *constants), terms, digits, errors is not False))
+            return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
         name = self._only(name)
         known = self._shown_errors(name, errors)
         values = zip(constants, self._constants(name, known), strict=True)
-        return text.latex(left, self._factors(name), known, terms, digits, values)
+        return text.latex(left, self._factors(name), known, terms, digits, values, self.terms.have_constants)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
@@ -284,13 +282,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
         if self.provenance.equations:
             return self._given.coefficients
         letters = iter(text.free_letters(int(self.support.sum()), self.terms.variables.names))
-        named = ((self._constant(k) or next(letters), j, k) for j, k in np.argwhere(self.support).tolist())
+        named = ((self.terms.constant_name(k) or next(letters), j, k) for j, k in np.argwhere(self.support).tolist())
         return tuple(Coefficient(letter, (Part(j, k),)) for letter, j, k in named)
-
-    def _constant(self, term: int) -> str | None:
-        """Return the name of the constant that a term is the value of, if it is one."""
-        places = self.terms.constants
-        return self.terms.variables.constants[places.index(term)] if term in places else None
 
     def _constants(self, name: str, errors: Floats) -> Iterator[tuple[float, float]]:
         """Yield the value of each constant inside of terms for an object, and its error of those of all terms."""
@@ -384,50 +377,13 @@ class AbstractEquations(ShownInNotebooks, ABC):
                 found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
         return found
 
-    def _own_letters(self) -> tuple[str | None, ...]:
-        """Return a letter for each coefficient in the law that is each object's own."""
-        kinds = [each and each.kind for each in self._explained().relations]
-        taken = (*self.terms.variables.names, *self._explained().properties)
-        letters, terms = iter(text.free_letters(len(kinds), taken)), np.argwhere(self.support)[:, 1].tolist()
-        own = zip(kinds, terms, strict=True)
-        return tuple(self._constant(k) or next(letters) if kind is RelationKind.OWN else None for kind, k in own)
-
-    def _related(
-        self, notation: Notation, lefts: Sequence[str], names: Sequence[str], digits: int, errors: bool
-    ) -> list[tuple[str, list[text.Addend]]]:
-        """Return what decides the coefficients before each equation's terms, and each constant that is no object's own.
-
-        Left-hand sides are those of equations, then of constants.
-        """
-        rows: list[list[text.Addend]] = [[] for _ in lefts]
-        related = zip(np.argwhere(self.support).tolist(), self._explained().relations, self._own_letters(), strict=True)
-        for (j, k), relation, letter in related:
-            row, term = rows[j], names[k]
-            if k in self.terms.constants:
-                if letter:  # Its values stand in the table of what is each object's own
-                    continue
-                row, term = rows[len(self.states) + self.terms.constants.index(k)], "1"
-            if relation is None:
-                value = float(self.coefficients[0, j, k])
-                row.append(text.Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
-            else:
-                row.append(notation.addend(relation, letter or "", term, digits, errors, not row))
-        pairs = zip(lefts, rows, strict=True)
-        return [(left, row) for i, (left, row) in enumerate(pairs) if row or i < len(self.states)]
+    @property
+    def _related(self) -> RelatedCoefficients:
+        return RelatedCoefficients(self.terms, self.support, self.coefficients, self._explained())
 
     def _explained_body(self) -> list[str]:
         """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""
-        letters = self._own_letters()
-        names = [self.terms.names[k] for _, k in np.argwhere(self.support)]
-        every = zip(self._explained().relations, letters, names, self._factor_units(), strict=True)
-        said = [words for each, *how in every if each is not None for words in remarks(each, how[0] or "", *how[1:])]
-        lines, own = [*self.equations(), *([""] if said else []), *said], [each is not None for each in letters]
-        if any(own):
-            values, errors = self.coefficients[:, self.support][:, own], self.standard_errors[:, self.support][:, own]
-            pairs = zip(letters, self._factor_units(), strict=True)
-            heads = text.with_units(*zip(*((letter, unit) for letter, unit in pairs if letter), strict=True))
-            lines += ["", *text.coefficient_table(self.objects, heads, values, errors)]
-        return lines
+        return [*self.equations(), *self._related.lines(self.objects, self.standard_errors, self._factor_units())]
 
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:

@@ -26,15 +26,19 @@ class Addend(NamedTuple):
     name: str
 
 
-def equation(left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int) -> str:
+def equation(
+    left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, numbered: Sequence[bool] = ()
+) -> str:
     """Return ``left = sum of coefficients times names``, terms with coefficient zero left out.
+
+    Before names that have numbers of their own a known coefficient of one is left out too.
 
     >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.zeros(3), ["1", "x", "v"], 4)
     "x'' = -9.34 + 0.0466 v"
     >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.array([0.12, np.nan, 0.0051]), ["1", "x", "v"], 4)
     "x'' = -9.34 ± 0.12 + (0.0466 ± 0.0051) v"
     """
-    return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error), ' ')}"
+    return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error, numbered), ' ')}"
 
 
 def latex(
@@ -44,13 +48,14 @@ def latex(
     terms: Sequence[str],
     digits: int,
     constants: Iterable[tuple[str, tuple[float, float]]] = (),
+    numbered: Sequence[bool] = (),
 ) -> str:
     """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms).
 
-    Constants with their values and errors follow in lines of their own.
+    Constants with their values and errors follow in lines of their own; see `equation` for what is numbered.
     """
     rows = zip(lefts, coefficients, errors, strict=True)
-    equations = ((left, _addends(row, own, terms, digits, latex_with_error)) for left, row, own in rows)
+    equations = ((left, _addends(row, own, terms, digits, latex_with_error, numbered)) for left, row, own in rows)
     values = (
         (name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),))
         for name, (value, error) in constants
@@ -146,16 +151,22 @@ def summed(addends: Iterable[Addend], times: str) -> str:
     text = ""
     for negative, number, name in addends:
         sign = (" - " if negative else " + ") if text else ("-" if negative else "")
-        text += sign + (number if name == "1" else f"{number}{times}{name}")
+        text += sign + (number if name == "1" else f"{number}{times}{name}" if number else name)
     return text or "0"
 
 
 def _addends(
-    coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, write: Callable[..., str]
+    coefficients: Floats,
+    errors: Floats,
+    names: Sequence[str],
+    digits: int,
+    write: Callable[..., str],
+    numbered: Sequence[bool] = (),
 ) -> Iterator[Addend]:
     """Yield coefficients and their names, with a function that writes a number and its error; zeros are left out."""
     first = True
-    for c, error, name in zip(coefficients, errors, names, strict=True):
+    for c, error, name, alone in zip(coefficients, errors, names, numbered or [False] * len(names), strict=True):
         if c:
-            yield Addend(c < 0, write(abs(c), error, digits, bracket=not first or name != "1"), name)
+            one = alone and abs(c) == 1 and error == 0
+            yield Addend(c < 0, "" if one else write(abs(c), error, digits, bracket=not first or name != "1"), name)
             first = False

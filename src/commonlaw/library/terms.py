@@ -150,12 +150,22 @@ class Terms:
             raise CommonlawError(f"the constants {names} are inside of terms: the last terms have to be their own")
         return tuple(range(first, len(self.terms)))
 
+    def constant_name(self, index: int) -> str | None:
+        """Return the name of the constant that a term, by its index, is the place of, if it is one."""
+        return self.variables.constants[self.constants.index(index)] if index in self.constants else None
+
     @cached_property
     def is_factor(self) -> Bools:
         """Which terms are multiplied by their coefficients, shape (terms,): all but those of constants."""
         found = np.ones(len(self.terms), dtype=np.bool_)
         found[list(self.constants)] = False
         return found
+
+    @cached_property
+    def have_constants(self) -> tuple[bool, ...]:
+        """Which terms have constants inside."""
+        first = len(self.variables.measured)
+        return tuple(any(column >= first for column in term.columns()) for term in self.terms)
 
     def at(self, values: Floats, coefficients: Floats) -> Floats:
         """Return values of states, inputs and time, shape (n, variables), with those of the constants beside them.
