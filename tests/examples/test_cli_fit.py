@@ -40,12 +40,30 @@ def test_columns_that_occur_on_the_right_are_inputs(run, tmp_path):
     assert cl.Law.load(tmp_path / "law.json").schema.inputs == ("light",)
 
 
+def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, tmp_path):
+    times, enzymes = np.linspace(0, 6, 40), cl.Law.from_text("s' = -V s/(K + s)", {"V": 1.0, "K": 0.5})
+    exact = enzymes.simulate(times, [3.0])["object"].states[:, 0]
+    noise = np.random.default_rng(0).normal(0, 0.02, len(times))
+    pd.DataFrame({"min": times, "s": exact + noise}).to_csv(tmp_path / "s.csv", index=False)
+    code, out, err = run("fit", "s' = -V s/(K + s)", "s.csv", "--time", "min", "--save", "law.json", "--plot", "law.svg")
+    assert (code, err) == (0, "")
+    assert "s' = -V s/(K + s)" in out
+    law = cl.Law.load(tmp_path / "law.json")
+    values, errors = law.letter_values()
+    assert (np.abs(values - [1.0, 0.5]) < 3 * errors).all()
+    for command in (("show", "law.json", "--latex"), ("predict", "law.json", "s.csv"), ("check", "law.json", "s.csv")):
+        assert run(*command)[0] == 0
+    code, out, _ = run("compare", "s.csv", "--time", "min", "s' = -V s/(K + s)", "s' = -k s")
+    assert (code, out.index("V s") < out.index("k s")) == (0, True)
+
+
 @pytest.mark.usefixtures("cups")
 @pytest.mark.parametrize(
     ("equation", "message"),
     [
         ("T' = a + b (T", "at character 12, '(': this parenthesis is not closed; variables: T, min"),
         ("Q' = a", "unknown column 'Q'"),
+        ("T' = -k T + b sin(q)", "the trials do not tell b, q"),
         ("T[k+1] = a T", "takes no noise"),
     ],
 )

@@ -172,8 +172,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
         constants = [latex_name(each) for each in self.terms.variables.constants]
         if name is None and self._is_explained:
             return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
-        name = self._only(name)
-        known = self._shown_errors(name, errors)
+        known = self._shown_errors(name := self._only(name), errors)
         values = zip(constants, self._constants(name, known), strict=True)
         return text.latex(left, self._factors(name), known, terms, digits, values, self.terms.have_constants)
 
