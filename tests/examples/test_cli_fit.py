@@ -45,7 +45,7 @@ def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, tmp_p
     exact = enzymes.simulate(times, [3.0])["object"].states[:, 0]
     noise = np.random.default_rng(0).normal(0, 0.02, len(times))
     pd.DataFrame({"min": times, "s": exact + noise}).to_csv(tmp_path / "s.csv", index=False)
-    code, out, err = run("fit", "s' = -V s/(K + s)", "s.csv", "--time", "min", "--save", "law.json", "--plot", "law.svg")
+    code, out, err = run("fit", "s' = -V s/(K + s)", "s.csv", "--time", "min", "--save", "law.json")
     assert (code, err) == (0, "")
     assert "s' = -V s/(K + s)" in out
     law = cl.Law.load(tmp_path / "law.json")

@@ -18,7 +18,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.constant_values import values_to_try
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.refinement import fit_terms
+from commonlaw.inference.law_search import fit_terms
 from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import spread
@@ -28,6 +28,7 @@ from commonlaw.law import Law
 from commonlaw.library import Terms
 from commonlaw.library.grammar import NUMPY, columns_in, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
@@ -142,6 +143,7 @@ def with_constants_found(
     input_between: str | None = None,
     noise: Mapping[str, float] | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
+    n_jobs: int = -1,
     progress: ProgressCallback | None = None,
     **_: Any,
 ) -> Law:
@@ -151,7 +153,7 @@ def with_constants_found(
     ----------
     law
         As it was stated, whose constants have any values.
-    trials, positive, input_between, noise, huber_threshold, progress
+    trials, positive, input_between, noise, huber_threshold, n_jobs, progress
         See `refine`, whose other settings are of no matter here.
 
     Raises
@@ -167,23 +169,29 @@ def with_constants_found(
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
-    profiles = _profiles(setup)
-    starts = _starts(setup.law, profiles)
-    _check_told(setup.law, profiles, starts[-1])
-    found: list[SearchState] = []
-    for start in starts:
-        coefficients = setup.law.coefficients.copy()
-        coefficients[:, profiles[0].inside] = start
-        with suppress(CommonlawError):
-            found.append(fit_terms(replace(setup, law=replace(setup.law, coefficients=coefficients)))[1])
-    if not found:
+    with threads(n_jobs):
+        profiles = _profiles(setup)
+        starts = _starts(setup.law, profiles)
+        _check_told(setup.law, profiles, starts[-1])
+        found = in_parallel(lambda start: _fitted(setup, profiles[0].inside, start), starts)
+    states = [each for each in found if each is not None]
+    if not states:
         names = ", ".join(law.terms.variables.constants)
         raise CommonlawError(
             f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried: give some "
             "of them as numbers"
         )
-    best = min(found, key=lambda each: each.value)
+    best = min(states, key=lambda each: each.value)
     return replace(law, coefficients=np.array([each.coefficients for each in best.estimates]))
+
+
+def _fitted(setup: FitSetup, inside: Bools, constants: Floats) -> SearchState | None:
+    """Return the fit of trajectories from values of the constants, shape (objects, constants), if it succeeds."""
+    coefficients = setup.law.coefficients.copy()
+    coefficients[:, inside] = constants
+    with suppress(CommonlawError):
+        return fit_terms(replace(setup, law=replace(setup.law, coefficients=coefficients))).state
+    return None
 
 
 def _profiles(setup: FitSetup) -> list[_Profile]:
@@ -208,9 +216,9 @@ def _starts(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
     """
     terms = law.terms
     bank = values_to_try(terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
-    deviances = np.array([[each.deviance(own) for own in bank] for each in profiles])
+    deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in bank], profiles))
     together = _best(law, profiles, bank, deviances.sum(axis=0))
-    alone = [_best(law, [each], bank, own) for each, own in zip(profiles, deviances, strict=True)]
+    alone = in_parallel(lambda each, own: _best(law, [each], bank, own), profiles, deviances)
     if any(each is None for each in alone):
         raise CommonlawError(
             f"no values of {', '.join(terms.variables.constants)} were found at which all terms are finite along the "
