@@ -1,18 +1,20 @@
-"""The law of a long trial is sought in some of its samples first, and all of them decide."""
+"""The law of a long trial, or of many objects, is sought in some of its samples first, and all of them decide."""
 
 import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import few_samples, law_search
+from commonlaw.inference import few_samples
 from commonlaw.inference.search import search
 
 
-def swinging(damping, noise, samples):
-    """Return the course of a spring that is hardly damped: ``x'' = -x - damping v``."""
-    times, generator = 0.05 * np.arange(samples), np.random.default_rng(5)
+def swinging(damping, noise, samples, springs=1, step=0.05):
+    """Return the courses of springs that are hardly damped: ``x'' = -x - damping v``."""
+    times, generator = step * np.arange(samples), np.random.default_rng(5)
     course = np.exp(-damping * times / 2) * np.cos(np.sqrt(1 - damping**2 / 4) * times)
-    return cl.Trials.from_arrays(times, course + noise * generator.standard_normal(samples))
+    courses = [course[:, np.newaxis] + noise * generator.standard_normal((samples, 1)) for _ in range(springs)]
+    names = [f"spring {i + 1}" for i in range(springs)]
+    return cl.Trials.from_arrays([times] * springs, courses, object=names, names=("x",))
 
 
 @pytest.fixture
@@ -20,11 +22,11 @@ def few(monkeypatch):
     """Have supports be sought in 200 samples first, and say how many samples were searched."""
     searched = []
 
-    def counting(problem, *rest):
+    def counting(problem, *rest, **options):
         searched.append(sum(map(len, problem.trials)))
-        return search(problem, *rest)
+        return search(problem, *rest, **options)
 
-    monkeypatch.setattr(law_search, "FEW_SAMPLES", 200)
+    monkeypatch.setattr(few_samples, "FEW_SAMPLES", 200)
     monkeypatch.setattr(few_samples, "search", counting)
     return searched
 
@@ -48,3 +50,14 @@ def test_where_few_samples_depart_from_every_law_all_are_searched(few):
     cl.discover(cl.Trials.from_arrays(np.arange(500.0), wandering), library="terms:1,x", method=method)
     assert few[0] < 500
     assert few[-1] == 500
+
+
+def test_all_objects_tell_a_term_that_groups_of_them_cannot():
+    springs, question = swinging(1.2e-3, 0.03, 60, 60, 0.2), {"order": 2, "library": "terms:1,x,v", "cache": False}
+    for first in (0, 1):
+        group = springs.with_trials(list(springs)[first::6])
+        assert cl.discover(group, **question).structure() == ("x'' = a x",)
+    law = cl.discover(springs, **question)
+    assert law.structure() == ("x'' = a x + b v",)
+    average, v = law.average(), law.terms.index("v")
+    assert abs(average.coefficients[0, 0, v] + 1.2e-3) < 3 * average.standard_errors[0, 0, v]

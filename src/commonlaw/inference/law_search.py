@@ -16,7 +16,7 @@ from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import candidates, chosen, runs_away
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
-from commonlaw.inference.few_samples import FEW_SAMPLES, search_by_few
+from commonlaw.inference.few_samples import few_of, search_by_few
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import hypotheses, under_each_kind
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
@@ -104,10 +104,8 @@ def search_supports(
     progress("estimating noise, smoothing")
     prepared = partial(prepare, trials, template.terms, known, noise=noise, huber_threshold=huber_threshold)
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
-    if sum(map(len, problem.trials)) > 2 * FEW_SAMPLES:
-        found = search_by_few(problem, prepared(most_samples=FEW_SAMPLES), solver, rest)
-    else:
-        found = search(problem, solver, rest)
+    few = few_of(problem, prepared)
+    found = search_by_few(problem, few, solver, rest) if few else search(problem, solver, rest)
     while found[0].has_model_error and problem.points < _FINER:  # As a coarse mesh looks, too
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(problem, found[0], (found[0].model_error / np.sqrt(2),))

@@ -9,7 +9,6 @@ negligible, a random walk that pushes the states off their course (weak constrai
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -45,12 +44,6 @@ _ROUNDS = 6
 """How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
 STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
-
-_FEW = 10
-"""Objects in a group of those that are searched alone, too, where there are many."""
-
-_GROUPS = 2
-"""How many such groups there are; fewer objects than in all of them are not many."""
 
 LEFT_BY_LAW = "by what the law leaves of the measurements"
 """Why the noise is what it is."""
@@ -99,24 +92,20 @@ def search(
     solver: AbstractSolver,
     progress: ProgressCallback,
     schedules: Sequence[Sequence[float]] = SCHEDULES,
+    proposals: Sequence[Bools] = (),
 ) -> list[SearchState]:
-    """Return what was found at all model errors of all schedules, that of largest evidence first."""
-    groups = _groups(problem) if schedules is SCHEDULES else []
-    pieces = [
-        *(partial(_anneal, problem, solver, each) for each in schedules),
-        *(partial(search, each, solver, lambda _: None) for each in groups),
-    ]
+    """Return what was found at all model errors of all schedules, and proposals, that of largest evidence first."""
 
     def tell(done: int) -> None:
-        of = counted(len(pieces), "search", "es")
-        progress(Stage(f"choosing terms, {done} of {of} done", done / (len(pieces) + 1)))
+        of = counted(len(schedules), "search", "es")
+        progress(Stage(f"choosing terms, {done} of {of} done", done / (len(schedules) + 1)))
 
     tell(0)
-    results = in_parallel(lambda piece: piece(), pieces, done=tell)
-    found = [state for each in results[: len(schedules)] for state in each]
+    ways = in_parallel(lambda each: _anneal(problem, solver, each), schedules, done=tell)
+    found = [state for each in ways for state in each]
     if schedules is not SCHEDULES:
         return list_by_evidence(found)
-    found += _fit_all(problem, [each[0].supports for each in results[len(schedules) :]])
+    found += _fit_all(problem, proposals)
     found += _without_model_error(problem, list_by_evidence(found)[0])
     return with_close_neighbours(problem, found)
 
@@ -152,7 +141,7 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
         If the likelihood cannot be computed.
     """
     *larger, smallest = model_errors
-    ways = (*larger, smallest), (smallest,)
+    ways = dict.fromkeys(((*larger, smallest), (smallest,)))
     found = [state for way in ways for state in _anneal(problem, supports, way)]
     last = [state for state in found if state.model_error == smallest]
     others = [state for state in found if state.model_error != smallest]
@@ -180,7 +169,7 @@ def fit_with(
     if start is not None:
         return fitted(problem, start, supports, model_error)[0]
     larger = [each for each in MODEL_ERRORS if each > model_error]
-    ways = (*larger, model_error), (model_error,)
+    ways = dict.fromkeys(((*larger, model_error), (model_error,)))
     found = [state for way in ways for state in _anneal(problem, supports, way) if state.model_error == model_error]
     if not found:
         raise NotPositiveError
@@ -261,17 +250,6 @@ def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -
     evidence = _evidence(problem, state.estimates, state.model_error)
     start = _restricted(problem, evidence, state.estimates, supports)
     return fitted(problem, start, supports, state.model_error)[0]
-
-
-def _groups(problem: SearchProblem) -> list[SearchProblem]:
-    """Return the problems of some of many objects, whose laws are fitted to all; none where there are few objects.
-
-    Evidence linearised about one law errs for each object, and of many by more than what tells laws apart.
-    """
-    many = len(problem.models)
-    if many <= _GROUPS * _FEW:
-        return []
-    return [problem.of_objects(range(first, many, many // _FEW)) for first in range(_GROUPS)]
 
 
 def _fit_all(problem: SearchProblem, listed: Sequence[Bools]) -> list[SearchState]:
