@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from benchmarks.families import experiment
-from commonlaw.inference import search
+from commonlaw.inference import search, search_state
 from commonlaw.inference.law_search import PATH
 from commonlaw.inference.search_problem import prepare
 from commonlaw.library import Variables, parse_library
@@ -22,7 +22,7 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
     linearised = replace(found[0], fitted=())
-    assert all(each.tobytes() in fitted for each in search.nearest(problem, linearised, below=6.0))
+    assert all(each.tobytes() in fitted for each in search_state.nearest(problem, linearised, below=6.0))
 
 
 def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
@@ -30,12 +30,12 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
     problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
     best = search.search(problem, PATH, lambda _: None)[0]
-    (listed,) = search.neighbours(problem, best)
+    (listed,) = search_state.neighbours(problem, best)
     assert listed[0].chosen
     fitted = {each.tobytes(): above for above, each in best.fitted}
     exact = [each for each in listed if each.support[np.newaxis].tobytes() in fitted and not each.chosen]
     assert len(exact) >= 3
-    again = search.fit_with(problem, exact[0].support[np.newaxis], search.NO_ERROR)
+    again = search.fit_with(problem, exact[0].support[np.newaxis], search_state.NO_ERROR)
     assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)
 
 

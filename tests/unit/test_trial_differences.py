@@ -7,8 +7,9 @@ from scipy.stats import f, kstest
 import commonlaw as cl
 from commonlaw.discovery import TrajectoryLikelihood
 from commonlaw.inference import trial_differences
-from commonlaw.inference.search import SearchState, fit_supports
+from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.search_state import SearchState
 from commonlaw.law import Law
 
 TIMES = np.linspace(0, 3, 20)

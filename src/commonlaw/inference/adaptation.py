@@ -7,8 +7,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.search import FINAL, MODEL_ERRORS
 from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.search_state import FINAL, MODEL_ERRORS
 from commonlaw.law import Law, Step
 from commonlaw.law.meeting import matched
 from commonlaw.law.population import with_objects_of

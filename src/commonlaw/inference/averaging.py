@@ -8,8 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.inference.covariance import fitted_law
-from commonlaw.inference.search import SearchState, evidence_of, fit_neighbour, neighbours
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState, evidence_of, fit_neighbour, neighbours
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.likelihood import NotPositiveError
 

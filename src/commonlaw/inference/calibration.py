@@ -15,8 +15,9 @@ from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import degrees_of_freedom, fitted_law
-from commonlaw.inference.search import SearchState, fit_with
+from commonlaw.inference.search import fit_with
 from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_state import SearchState
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening

@@ -12,7 +12,8 @@ from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
 from commonlaw.inference.law_search import LawSearch, beyond_white_noise, fit_terms, with_error_models
 from commonlaw.inference.scales import check_one_scale, error_kinds
-from commonlaw.inference.search import ANY_ERROR, fit_supports
+from commonlaw.inference.search import fit_supports
+from commonlaw.inference.search_state import ANY_ERROR
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
 from commonlaw.library import parse_terms

@@ -20,8 +20,8 @@ from commonlaw.inference.constant_values import values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
 from commonlaw.inference.scales import on_log_scale
-from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import spread
+from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
 from commonlaw.integration import VectorField
 from commonlaw.law import Law

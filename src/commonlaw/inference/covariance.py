@@ -10,8 +10,8 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation import noise_degrees_of_freedom
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
-from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState
 from commonlaw.law import Law
 from commonlaw.likelihood import ErrorModel, Estimate, linearize, whitened
 

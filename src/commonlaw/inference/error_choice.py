@@ -11,8 +11,8 @@ from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.hypotheses import Hypothesis
-from commonlaw.inference.search import SearchState, evidence_of
 from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_state import SearchState, evidence_of
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver

@@ -11,8 +11,9 @@ from commonlaw.array_types import Floats
 from commonlaw.inference.evidence import Measured, minus_twice_log_evidence
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.newton import minimum
-from commonlaw.inference.search import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, offset, to_scale
+from commonlaw.inference.search import to_scale
 from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_state import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, offset
 from commonlaw.inference.unmeasured import spread_within
 from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
 

@@ -8,17 +8,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from commonlaw.inference.search import (
-    NO_ERROR,
-    SCHEDULES,
-    SearchState,
-    fit_supports,
-    fit_with,
-    polish,
-    search,
-    with_close_neighbours,
-)
+from commonlaw.inference.search import SCHEDULES, fit_supports, fit_with, polish, search, with_close_neighbours
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import NO_ERROR, SearchState
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.parallel import in_parallel
 from commonlaw.progress import ProgressCallback, Stage, part

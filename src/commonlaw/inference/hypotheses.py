@@ -10,18 +10,9 @@ from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
-from commonlaw.inference.search import (
-    SCHEDULES,
-    SearchState,
-    fit_solutions,
-    fit_supports,
-    fit_with,
-    nearest,
-    path,
-    polish,
-    search,
-)
+from commonlaw.inference.search import SCHEDULES, fit_solutions, fit_supports, fit_with, polish, search
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState, nearest, path
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver

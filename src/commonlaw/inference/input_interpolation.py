@@ -4,8 +4,9 @@ from contextlib import suppress
 from dataclasses import replace
 
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search import ANY_ERROR, STRONG, SearchState, fit_supports
+from commonlaw.inference.search import STRONG, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import ANY_ERROR, SearchState
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.likelihood import meshes

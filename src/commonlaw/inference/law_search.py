@@ -24,8 +24,9 @@ from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.search import ANY_ERROR, SearchState, fit_supports, neighbours, polish, search, to_scale
+from commonlaw.inference.search import fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.search_state import ANY_ERROR, SearchState, neighbours
 from commonlaw.inference.trial_differences import differing_trials
 from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.inference.search import FINAL, SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import FINAL, SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize
 
 FINEST = 8

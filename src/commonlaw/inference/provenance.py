@@ -9,8 +9,8 @@ from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.residuals import unexplained
-from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
 from commonlaw.inference.unmeasured import unmeasured_in_words
 from commonlaw.law import Alternative, Law, Step

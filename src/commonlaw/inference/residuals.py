@@ -4,8 +4,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference.first_noise import noise_floor
-from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState
 
 _OUTLIER = 4.0
 """Residuals of more standard deviations are outliers, and do not count here."""

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.search import MODEL_ERRORS, SearchState
 from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import MODEL_ERRORS, SearchState
 from commonlaw.inference.unmeasured import begun
 from commonlaw.likelihood import fit
 

@@ -17,7 +17,7 @@ from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.first_noise import estimated_noise
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.long_trials import as_many_as_are_carried
-from commonlaw.inference.search import neighbours
+from commonlaw.inference.search_state import neighbours
 from commonlaw.inference.smooth_rates import smooth_curves, terms_and_rates
 from commonlaw.inference.support_search import MOST_TERMS
 from commonlaw.library import Terms

@@ -7,8 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search import SearchState
 from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_state import SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials.trial import shown
