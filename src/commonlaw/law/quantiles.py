@@ -83,7 +83,7 @@ def mixture_interval(
         own = center + sign * half
         low, high = np.fmin.reduce(own), np.fmax.reduce(own)
         wanted = (1 + sign * level) / 2
-        found = np.where(alone, high, _bisected(below, low, high, wanted))
+        found = high if alone.all() else np.where(alone, high, _bisected(below, low, high, wanted))
         certain = np.where(scale > 0, np.nan, center)
         near = abs(certain - found) <= 1e-9 * (high - low)
         with np.errstate(invalid="ignore"):
