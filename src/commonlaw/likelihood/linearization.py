@@ -89,7 +89,7 @@ def _whitened(
     if not np.isfinite(library).all():
         raise NotPositiveError
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
-    basis, mixed = np.linalg.qr(library)
+    basis, mixed = orthogonalized(library, free)
     rows = np.column_stack([basis, target])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
     allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
@@ -105,6 +105,21 @@ def _whitened(
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
     log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured
     return np.asfortranarray(white[np.repeat(mesh.contiguous, linear.defects.shape[1])]), log_determinant
+
+
+def orthogonalized(library: Floats, free: Bools) -> tuple[Floats, Floats]:
+    """Return columns that are orthogonal for each equation, and the matrix that gives the library of them.
+
+    The library has the free coefficients of one equation after the other as columns. Those of different equations are
+    far from alike, as each moves its own state most.
+    """
+    counts = free.sum(axis=1)
+    if len(library) < counts.max(initial=0):
+        return np.linalg.qr(library)
+    basis, mixed, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
+    for own in map(slice, ends - counts, ends):
+        basis[:, own], mixed[own, own] = np.linalg.qr(library[:, own])
+    return basis, mixed
 
 
 def _measured(

@@ -10,7 +10,7 @@ from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
 from commonlaw.likelihood.compiled.packing import Packed, contiguous
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
-from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined
+from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined, orthogonalized
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _NOT_POSITIVE = 2
@@ -85,7 +85,7 @@ def _whitened(
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         raise NotPositiveError
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
-    basis, mixed = np.linalg.qr(columns)
+    basis, mixed = orthogonalized(columns, free)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
