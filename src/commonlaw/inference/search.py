@@ -24,7 +24,7 @@ from commonlaw.inference.search_state import (
     fitted,
     linearized_evidence,
     list_by_evidence,
-    nearest,
+    nearest_by,
     restricted,
 )
 from commonlaw.likelihood import Estimate, NotPositiveError
@@ -165,13 +165,14 @@ def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem,
     if problem.noise_is_fixed or problem.errors or state.has_model_error:
         return problem, state
     least = noise_floor(problem.trials)
+    evidence = evidence_about(problem, state)
     for _ in range(_ROUNDS):
-        left = float(np.sqrt(evidence_about(problem, state).noise_variance(state.supports)))
+        left = float(np.sqrt(evidence.noise_variance(state.supports)))
         factor = max(left, float(np.max(least / problem.noise)))
         if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
             break
         problem = problem.noisier(factor, LEFT_BY_LAW)
-        state, _ = fitted(problem, state.estimates, state.supports, state.model_error)
+        state, evidence = fitted(problem, state.estimates, state.supports, state.model_error)
     return problem, state
 
 
@@ -201,11 +202,11 @@ def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState])
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
     while True:
         best = found[0]
-        close = [each for each in nearest(problem, best, below=STRONG) if each.tobytes() not in done]
+        evidence = evidence_about(problem, best)
+        close = [each for each in nearest_by(evidence, best, below=STRONG) if each.tobytes() not in done]
         if not close:
             alike = [each for each in found[1:] if each.model_error == best.model_error]
             return [best.with_alternatives(alike), *found[1:]]
-        evidence = evidence_about(problem, best)
         for supports in close:
             done.add(supports.tobytes())
             with suppress(NotPositiveError):
