@@ -19,7 +19,6 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.constant_values import values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
-from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search_problem import spread
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
@@ -163,9 +162,7 @@ def with_constants_found(
     """
     if not law.terms.variables.constants:
         return law
-    stated = law if positive is None else on_log_scale(law, positive)
-    between = law.schema.input_between if input_between is None else input_between
-    setup = FitSetup.of(stated, trials, noise, huber_threshold, between)
+    setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")

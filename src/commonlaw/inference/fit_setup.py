@@ -12,6 +12,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.input_interpolation import with_interpolation
+from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched, matched_noise
@@ -43,12 +44,15 @@ class FitSetup:
         Standard deviation of each state's noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    input_between
+        The interpolation of inputs between samples, or ``"auto"``, which begins with straight lines.
     """
 
     law: Law
     trials: Trials
     noise: Floats | None
     huber_threshold: float
+    input_between: str
 
     @classmethod
     def of(
@@ -58,6 +62,7 @@ class FitSetup:
         noise: Mapping[str, float] | None = None,
         huber_threshold: float = HUBER_THRESHOLD,
         input_between: str | None = None,
+        positive: Sequence[str] | None = None,
     ) -> "FitSetup":
         """Return the setup for a law and trials as they were given.
 
@@ -71,17 +76,20 @@ class FitSetup:
             See `FitSetup`.
         input_between
             The interpolation of inputs between samples; None for that of the law.
+        positive
+            States that are on a logarithmic scale; None for those of the law.
 
         Raises
         ------
         CommonlawError
             If the law is of discrete time, its objects do not share their terms, or law, trials and noise do not fit.
         """
+        law = law if positive is None else on_log_scale(law, positive)
         levels = matched_noise(law, trials, noise)
         trials = matched(law, trials.with_trials([each.measured() for each in trials]))
         between = law.schema.input_between if input_between is None else input_between
         trials = as_followed(trials, law.schema.logarithmic, between)
-        return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold)
+        return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
 
     @property
     def known(self) -> Floats:

@@ -16,7 +16,6 @@ from commonlaw.inference.provenance import (
     sample_steps,
     without_outcomes_of_fit,
 )
-from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search import to_scale
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law
@@ -105,16 +104,14 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
-    law = law if positive is None else on_log_scale(law, positive)
-    between = law.schema.input_between if input_between is None else input_between
-    setup = FitSetup.of(law, trials, noise, huber_threshold, between)
+    setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
     with threads(n_jobs):
         found, steps = choose_errors(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
-            input_between=between,
+            input_between=setup.input_between,
             errors=errors,
             propose=lambda _: None,
             progress=progress,
