@@ -242,6 +242,10 @@ def test_laws_with_constants_are_compared_with_others(enzymes):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (f"{SATURATING}; K < 0.1", "the fit ends at K = .*, outside of K < 0.1: leave the bound out"),
+        (f"{SATURATING}; K > a", "cannot read the bound 'K > a': write 'K > 0'"),
+        (f"{SATURATING}; 2 < K < 1", "the bound '2 < K < 1' leaves no number"),
+        (f"{SATURATING}; Q > 0", "unknown coefficient 'Q'"),
         ("s' = -k s + b sin(q)", "do not tell b, q: a combination .* correct its name; variables: s, t"),
         ("s' = -exp(-E/(2 R)) s", "do not tell E, R"),
         ("s' = -V sqrt(-abs(s) - K^2)", "no values of K were found at which all terms are finite"),
@@ -251,6 +255,32 @@ def test_laws_with_constants_are_compared_with_others(enzymes):
 def test_what_cannot_be_fitted_is_refused_in_words(enzymes, text, message):
     with pytest.raises(CommonlawError, match=message):
         cl.fit(text, enzymes)
+
+
+def test_what_a_term_does_not_show_of_its_constants_is_said():
+    times = np.linspace(0, 3, 40)
+    decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, ("s",))
+    outcomes = cl.fit(SATURATING, decay, errors="white").outcomes
+    (outcome,) = (each for each in outcomes if each.kind == "not identifiable")
+    assert outcome.where == "a, b"
+    assert "a combination of V and K" in outcome.text
+
+
+def test_bounds_choose_among_values_that_fit_alike():
+    text, function, objects, starts, times, states = LAWS["Hill"]
+    trials = simulated(function, objects, starts, times, states)
+    positive, negative = cl.fit(f"{text}; 0 < n < 10", trials), cl.fit(f"{text}; n < 0", trials)
+    (values, errors), (others, _) = by_letter(positive), by_letter(negative)
+    for name, sign in (("n", -1), ("V", -1), ("K", 1)):
+        assert (np.abs(values[name] - sign * others[name]) < errors[name] / 2).all()
+    assert "; 0 < n < 10" in positive.to_script()
+    assert positive.structure() == (text,)
+
+
+def test_values_of_a_stated_law_keep_to_its_bounds():
+    with pytest.raises(CommonlawError, match="K is given a value outside of its bound, K > 0"):
+        cl.Law.from_text(f"{SATURATING}; K > 0", {"V": 1.0, "K": -2.0})
+    assert cl.Law.from_text([SATURATING, "5 >= K"], {"V": 1.0, "K": 2.0}).structure() == (SATURATING,)
 
 
 def test_known_physics_takes_no_constants(enzymes):

@@ -14,12 +14,14 @@ from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import refine, with_constants_found
+from commonlaw.inference import outcomes_of_constants, refine, with_constants_found
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
+from commonlaw.law.numbers import with_error
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
+from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import split_equations
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
@@ -65,7 +67,8 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         Coefficients inside of functions, powers and sums below a line are constants of their terms and fitted as such:
         ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
         ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they stand
-        beside.
+        beside, and keeps to bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``; where the best
+        values are outside of these, the law is refused.
     trials
         What was measured. Each object has its own coefficients.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
@@ -89,8 +92,9 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     asked = split_equations(equations)
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
     given = read_equations(equations, trials.schema)
-    history = (Step("equations", "; ".join(given.texts), "as given"), *_properties_in(given, trials))
-    calls = (call(refine, settings, "cl.fit", repr("; ".join(given.texts)), "trials"),)
+    text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
+    history = (Step("equations", text, "as given"), *_properties_in(given, trials))
+    calls = (call(refine, settings, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)
@@ -103,12 +107,29 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls)
-        return replace(law, provenance=made)
+        return _within_bounds(replace(law, provenance=made), given.bounds)
     differentiation = suitable_differentiation(trials, given.order)
     provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
     settings = {"input_between": "auto"} | settings
-    law = refine(with_constants_found(_unfitted(given, trials, provenance), trials, **settings), trials, **settings)
-    return replace(law, provenance=replace(law.provenance, calls=calls))
+    begun = with_constants_found(_unfitted(given, trials, provenance), trials, given.bounds, **settings)
+    law = refine(begun, trials, **settings)
+    outcomes = (*law.outcomes, *outcomes_of_constants(law))
+    made = replace(law.provenance, calls=calls, outcomes=outcomes)
+    return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
+    """Return a law, refused if a coefficient was found outside of its bound."""
+    for bound in bounds:
+        index = law.letters.index(bound.name)
+        values, errors = (each[:, index] for each in law.letter_values())
+        for name, value, error in zip(law.objects, values, errors, strict=True):
+            if not bound.holds(value):
+                raise CommonlawError(
+                    f"{name}: the fit ends at {bound.name} = {with_error(value, np.nan_to_num(error))}, outside of "
+                    f"{bound.text}: leave the bound out, or give {bound.name} as a number"
+                )
+    return law
 
 
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:

@@ -3,7 +3,7 @@
 from commonlaw.inference.adaptation import adapt
 from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.comparison import compare
-from commonlaw.inference.constants import with_constants_found
+from commonlaw.inference.constants import outcomes_of_constants, with_constants_found
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
@@ -46,6 +46,7 @@ __all__ = [
     "known_noise",
     "levels_in_words",
     "missed_terms",
+    "outcomes_of_constants",
     "prepare",
     "promising_terms",
     "refine",

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,10 @@ from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.library import Terms
+from commonlaw.library.bounds import Bound
 from commonlaw.library.grammar import NUMPY, columns_in, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
@@ -137,6 +140,7 @@ class _Profile:
 def with_constants_found(
     law: Law,
     trials: Trials,
+    bounds: Sequence[Bound] = (),
     *,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
@@ -152,6 +156,8 @@ def with_constants_found(
     ----------
     law
         As it was stated, whose constants have any values.
+    bounds
+        Of the named coefficients of the law.
     trials, positive, input_between, noise, huber_threshold, n_jobs, progress
         See `refine`, whose other settings are of no matter here.
 
@@ -168,15 +174,15 @@ def with_constants_found(
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
     with threads(n_jobs):
         profiles = _profiles(setup)
-        starts = _starts(setup.law, profiles)
+        starts = _starts(setup.law, profiles, bounds)
         _check_told(setup.law, profiles, starts[-1])
         found = in_parallel(lambda start: _fitted(setup, profiles[0].inside, start), starts)
-    states = [each for each in found if each is not None]
+    states = [each for each in found if each is not None and _is_finite(each, profiles)]
     if not states:
         names = ", ".join(law.terms.variables.constants)
         raise CommonlawError(
-            f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried: give some "
-            "of them as numbers"
+            f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried, without a "
+            "pole where trials have been: give some of them as numbers"
         )
     best = min(states, key=lambda each: each.value)
     return replace(law, coefficients=np.array([each.coefficients for each in best.estimates]))
@@ -189,6 +195,39 @@ def _fitted(setup: FitSetup, inside: Bools, constants: Floats) -> SearchState | 
     with suppress(CommonlawError):
         return fit_terms(replace(setup, law=replace(setup.law, coefficients=coefficients))).state
     return None
+
+
+def _is_finite(state: SearchState, profiles: Sequence[_Profile]) -> bool:
+    """Return whether no term of a fit has a pole where trials have been, or between."""
+    pairs = zip(state.estimates, profiles, strict=True)
+    return all(np.isfinite(profile.deviance(each.coefficients[profile.inside])) for each, profile in pairs)
+
+
+def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
+    """Return that trials tell a combination of coefficients alone, where a term shows nothing of what is inside.
+
+    As of V s/(K + s), where s is always small beside K: both could be of any size.
+    """
+    values, errors = law.letter_values()
+    first, found = len(law.terms.variables.measured), dict[str, list[str]]()
+    bent = [any(column >= first for column in law.terms.terms[each.term].columns()) for each in law.named_coefficients]
+    for name, own, known in zip(law.objects, values, errors, strict=True):
+        lost = [
+            letter
+            for letter, there, value, error in zip(law.letters, bent, own, known, strict=True)
+            if there and error > abs(value)
+        ]
+        if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
+            found.setdefault(" and ".join(lost), []).append(name)
+    return tuple(
+        Outcome(
+            OutcomeKind.NOT_IDENTIFIABLE,
+            ", ".join(objects),
+            f"the trials tell a combination of {letters} alone, whose standard errors are larger than themselves",
+            "give one of them as a number, or measure where the term bends",
+        )
+        for letters, objects in found.items()
+    )
 
 
 def _profiles(setup: FitSetup) -> list[_Profile]:
@@ -206,7 +245,7 @@ def _profiles(setup: FitSetup) -> list[_Profile]:
     return found
 
 
-def _starts(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
+def _starts(law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound]) -> list[Floats]:
     """Return values of constants to begin with, each of shape (objects, constants).
 
     First those that are best for all objects together, then those that are best for each.
@@ -214,12 +253,13 @@ def _starts(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
     terms = law.terms
     bank = values_to_try(terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
     deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in bank], profiles))
-    together = _best(law, profiles, bank, deviances.sum(axis=0))
-    alone = in_parallel(lambda each, own: _best(law, [each], bank, own), profiles, deviances)
+    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0))
+    alone = in_parallel(lambda each, own: _best(law, [each], bounds, bank, own), profiles, deviances)
     if any(each is None for each in alone):
         raise CommonlawError(
             f"no values of {', '.join(terms.variables.constants)} were found at which all terms are finite along the "
-            "trials: check the equations for roots, logarithms and powers of negative numbers, or give numbers"
+            "trials: check the equations for roots, logarithms and powers of negative numbers, widen bounds, or give "
+            "numbers"
         )
     found = [] if together is None or len(profiles) == 1 else [np.tile(together, (len(profiles), 1))]
     return [*found, np.array(alone)]
@@ -231,19 +271,28 @@ def _columns(profile: _Profile) -> list[int]:
     return [first + profile.terms.constants.index(k) for k in np.argwhere(profile.inside)[:, 1]]
 
 
-def _best(law: Law, profiles: Sequence[_Profile], bank: Floats, deviances: Floats) -> Floats | None:
+def _best(
+    law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], bank: Floats, deviances: Floats
+) -> Floats | None:
     """Return the constants that leave least of the rates of some objects, from the best ones of a bank.
 
     Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has a
     name is above zero, and then the smaller ones.
     """
-    best = [bank[i] for i in np.argsort(deviances, kind="stable")[:_BEST] if np.isfinite(deviances[i])]
-    found = [*best, *(_refined(profiles, each) for each in best)]
+    letters = {each.name: each for each in law.named_coefficients}
+
+    def holds(constants: Floats) -> bool:
+        coefficients = [each.coefficients(constants) for each in profiles]
+        return all(bound.holds(letters[bound.name].of(own)) for bound in bounds for own in coefficients)
+
+    listed = (bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i]))
+    best = list(islice(filter(holds, listed), _BEST))
+    found = [*best, *filter(holds, (_refined(profiles, each) for each in best))]
     values = [sum(each.deviance(own) for each in profiles) for own in found]
     alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + _ALIKE]
 
     def unusual(constants: Floats) -> tuple[int, float]:
-        named = [name.of(each.coefficients(constants)) for each in profiles for name in law.named_coefficients]
+        named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
         return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
 
     return min(alike, key=unusual, default=None)

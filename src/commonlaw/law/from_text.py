@@ -12,6 +12,7 @@ from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import AbstractTerm, Constant, Terms, Variables
+from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
 from commonlaw.trials import Schema
 
@@ -104,9 +105,10 @@ class GivenEquations(NamedTuple):
     known: Floats
     coefficients: tuple[Coefficient, ...]
     products: tuple[Product, ...]
+    bounds: tuple[Bound, ...] = ()
 
 
-def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
+def read_equations(given: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
     """Return what equations say about the states of a schema, in variables that follow from it if none are given.
 
     Raises
@@ -114,7 +116,7 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
     CommonlawError
         If a text cannot be read, a state has no equation, or only a product of coefficients could be found.
     """
-    equations = split_equations(texts)
+    equations = split_equations(given)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)
     meanings = _meanings(schema, equations[0].order)
@@ -151,7 +153,10 @@ def read_equations(texts: str | Sequence[str], schema: Schema, variables: Variab
     known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in places.values())])
     terms = Terms(variables, (*listed, *(Constant(variables.index(name)) for name in places)))
     texts = tuple(each.text for each in ordered)
-    return GivenEquations(texts, terms, equations[0].order, known, found, (*products, *own))
+    bounds = bounds_in(given)
+    for bound in bounds:
+        check_choice("coefficient", bound.name, [each.name for each in found])
+    return GivenEquations(texts, terms, equations[0].order, known, found, (*products, *own), bounds)
 
 
 def _places_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
@@ -236,6 +241,11 @@ def stated_law(
     own = {name: _by_object(name, values[name], objects) for name in letters}
     for product in given.products:
         coefficients[:, product.equation, product.term] = product.value(own)
+    for bound in given.bounds:
+        if not bound.holds(own[bound.name]):
+            raise CommonlawError(
+                f"{bound.name} is given a value outside of its bound, {bound.text}: change one of them"
+            )
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, NoReturn
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
 from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.naming import quoted
@@ -100,7 +101,7 @@ class _Token:
 
 
 def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
-    """Return the equations in a text, between semicolons or lines, or in several texts.
+    """Return the equations in a text, between semicolons or lines, or in several texts; bounds among them are left out.
 
     Left-hand sides are ``T'``, ``T''``, ``dT/dt``, ``d2T/dt2`` or ``T[k+1]``.
 
@@ -114,8 +115,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
-    parts = [texts] if isinstance(texts, str) else texts
-    found = tuple(_left(each.strip()) for part in parts for each in re.split(r"[;\n]", part) if each.strip())
+    found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
     if not found:
         raise CommonlawError('there is no equation: write one like "T\' = a + b T"')
     for each in found:

@@ -1,0 +1,86 @@
+"""Between which numbers a coefficient of equations lies, as people write it: ``K > 0``, ``1 < p < 2``."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+
+_SIGN = re.compile(r"\s*([<>])=?\s*")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Between which numbers a coefficient lies.
+
+    Parameters
+    ----------
+    text
+        As it was written.
+    name
+        Of the coefficient.
+    low, high
+        The numbers, infinite for none.
+    """
+
+    text: str
+    name: str
+    low: float = -np.inf
+    high: float = np.inf
+
+    def holds(self, values: Floats) -> bool:
+        """Return whether all values are between the numbers."""
+        return bool(np.all((values >= self.low) & (values <= self.high)))
+
+
+def parts_of(texts: str | Sequence[str]) -> list[str]:
+    """Return the equations and bounds in a text, between semicolons or lines, or in several texts."""
+    listed = [texts] if isinstance(texts, str) else texts
+    return [each.strip() for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
+
+
+def is_bound(part: str) -> bool:
+    """Return whether a part of a text is a bound, and no equation."""
+    return _SIGN.search(part) is not None
+
+
+def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
+    """Return the bounds that stand among equations.
+
+    Raises
+    ------
+    CommonlawError
+        If one cannot be read, or leaves no number.
+
+    Examples
+    --------
+    >>> bounds_in("s' = -V s/(K + s); K > 0")
+    (Bound(text='K > 0', name='K', low=0.0, high=inf),)
+    """
+    return tuple(_bound(each) for each in parts_of(texts) if is_bound(each))
+
+
+def _bound(text: str) -> Bound:
+    parts = _SIGN.split(text)
+    numbers = [_number(each) for each in parts[::2]]
+    names = [each for each, number in zip(parts[::2], numbers, strict=True) if number is None]
+    one_way = len({*parts[1::2]}) == 1 and len(numbers) <= 3 and (len(numbers) < 3 or numbers[1] is None)
+    if len(names) != 1 or not names[0].isidentifier() or not one_way:
+        raise CommonlawError(f"cannot read the bound {text!r}: write 'K > 0', 'p < 2' or '1 < p < 2'")
+    rising = numbers if parts[1] == "<" else numbers[::-1]
+    at = rising.index(None)
+    low, high = (rising[at - 1] if at else None), (rising[at + 1] if at + 1 < len(rising) else None)
+    found = Bound(text, names[0], -np.inf if low is None else low, np.inf if high is None else high)
+    if not found.low < found.high:
+        raise CommonlawError(f"the bound {text!r} leaves no number: write the smaller one first")
+    return found
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
