@@ -1,5 +1,7 @@
 """The evidence for shared terms against brute force, and the choice of all equations together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -66,6 +68,15 @@ def test_noise_of_unknown_scale_is_integrated_out():
     expected = [measured.deviance(r @ r, k) + k * np.log(77) for r, k in zip(rests, (1, 3), strict=True)]
     np.testing.assert_allclose(values, expected, rtol=1e-9)
     assert measured.variance(rests[1] @ rests[1], 3) == pytest.approx((rests[1] @ rests[1] + 2.5) / (len(target) + 1))
+
+
+def test_what_is_left_below_the_least_noise_says_no_more_than_noise_of_that_size():
+    measured = Measured(77, freedom=70.0, least=0.04)
+    assert measured.variance(0.1, 5) == 0.04
+    assert measured.deviance(0.2, 5) - measured.deviance(0.1, 5) == pytest.approx(0.1 / 0.04)
+    free = replace(measured, least=0.0)
+    assert measured.deviance(30.0, 5) == free.deviance(30.0, 5)
+    assert free.deviance(0.1, 5) < measured.deviance(0.1, 5)
 
 
 def marginal(data, indices):

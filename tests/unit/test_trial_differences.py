@@ -66,3 +66,9 @@ def test_objects_whose_trials_differ_are_named_and_no_others():
     (told,) = [each for each in other.outcomes if each.kind == "trials differ"]
     assert "ball 2" in told.text
     assert "ball 1" not in told.text
+
+
+def test_trials_without_noise_do_not_differ_by_what_steps_of_a_law_leave_of_them():
+    law = cl.discover(cl.datasets.lotka_volterra(noise=0.0), library="poly:2")
+    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    assert law.outcomes == ()

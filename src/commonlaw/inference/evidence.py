@@ -39,12 +39,15 @@ class Measured:
         The sum of squares that the first estimate of the noise is worth, in units of the noise that there is.
     outliers
         What outliers add to sums of squares, which says nothing of the noise.
+    least
+        The least variance that the noise can have, in units of that which there is.
     """
 
     count: int
     freedom: float = np.inf
     prior: float = 0.0
     outliers: float = 0.0
+    least: float = 0.0
 
     def without(self, coefficients: int) -> "Measured":
         """Return the same when so many coefficients are fitted besides."""
@@ -58,17 +61,22 @@ class Measured:
         """Return the variance of the noise, in units of that which there is, by the squares that are left."""
         if np.isinf(self.freedom):
             return 1.0
-        return float(self._of_noise(squares)) / max(self.freedom - coefficients, 1.0)
+        return float(self._variance(squares, max(self.freedom - coefficients, 1.0)))
 
     def deviance(self, squares: Floats | float, coefficients: int) -> Floats | float:
         """Return minus twice the log-likelihood of squares that are left, with the scale of the noise integrated out.
 
-        That is by the t distribution, at the variance that is unbiased; for noise that is known these are the squares.
+        That is by the t distribution, at the variance that is unbiased, and by the normal one at the least that the
+        noise can have; for noise that is known these are the squares.
         """
         if np.isinf(self.freedom):
             return squares
         left = max(self.freedom - coefficients, 1.0)
-        return self.freedom * np.log(self._of_noise(squares) / left) + left
+        variance = self._variance(squares, left)
+        return self.freedom * np.log(variance) + self._of_noise(squares) / variance
+
+    def _variance(self, squares: Floats | float, left: float) -> Floats:
+        return np.maximum(self._of_noise(squares) / left, self.least)
 
     def _of_noise(self, squares: Floats | float) -> Floats:
         return np.maximum(squares - self.outliers, 0.0) + self.prior

@@ -13,7 +13,6 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import (
     MODEL_ERRORS,
@@ -164,11 +163,9 @@ def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem,
     """
     if problem.noise_is_fixed or problem.errors or state.has_model_error:
         return problem, state
-    least = noise_floor(problem.trials)
     evidence = evidence_about(problem, state)
     for _ in range(_ROUNDS):
-        left = float(np.sqrt(evidence.noise_variance(state.supports)))
-        factor = max(left, float(np.max(least / problem.noise)))
+        factor = float(np.sqrt(evidence.noise_variance(state.supports)))
         if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
             break
         problem = problem.noisier(factor, LEFT_BY_LAW)

@@ -168,7 +168,13 @@ class SearchProblem:
         if self.noise_is_fixed:
             return Measured(count)
         free = sum(each.degrees_of_freedom(model.order) for model in self.models for each in model.meshes)
-        return Measured(count, free + _PRIOR * len(self.noise), _PRIOR * float(np.sum(1 / self._inflation)))
+        prior = _PRIOR * float(np.sum(1 / self._inflation))
+        return Measured(count, free + _PRIOR * len(self.noise), prior, least=self.least_variance)
+
+    @cached_property
+    def least_variance(self) -> float:
+        """What the variance of the noise is at least, in units of what it is: digits and steps tell no less."""
+        return float(np.max(noise_floor(self.trials) / self.noise) ** 2)
 
     @cached_property
     def prices(self) -> Prices:

@@ -57,7 +57,8 @@ def _probability(problem: SearchProblem, state: SearchState, name: str) -> float
     within = left - free
     if more <= 0 or within <= 0 or not size:
         return 1.0
-    return float(f.sf((together - alone) / more / (alone / within), more, within))
+    variance = max(alone / within, problem.least_variance)
+    return float(f.sf((together - alone) / more / variance, more, within))
 
 
 def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[list[Floats], int]:
