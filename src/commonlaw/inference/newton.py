@@ -33,7 +33,7 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
     """
     found, least = start, value(start)
     for _ in range(_ITERATIONS):
-        step = _step(value, found, low, high)
+        step = _step(value, found, least, low, high)
         length = float(np.abs(step).max(initial=0.0))
         if length < _LAST:
             return np.clip(found + step, low, high)
@@ -50,12 +50,13 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
     return found
 
 
-def _step(value: Callable[[Floats], float], at: Floats, low: Floats, high: Floats) -> Floats:
-    """Return Newton's step, without variables that a bound holds."""
+def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
+    """Return Newton's step from where the value is known, without variables that a bound holds."""
     # At a bound values are taken from its inner side
     center = np.clip(at, np.minimum(low + _SPACING, high), np.maximum(high - _SPACING, low))
     free = np.flatnonzero(high - low > 2 * _SPACING)
-    gradient, curvature = _derivatives(value, center, free)
+    middle = known if np.array_equal(center, at) else value(center)
+    gradient, curvature = _derivatives(value, center, middle, free)
     held = _held(at[free], gradient, low[free], high[free])
     step = np.zeros(len(at))
     inner = free[~held]
@@ -71,9 +72,9 @@ def _held(at: Floats, gradient: Floats, low: Floats, high: Floats) -> Bools:
     return np.asarray(((at <= low) & (gradient > 0)) | ((at >= high) & (gradient < 0)))
 
 
-def _derivatives(value: Callable[[Floats], float], at: Floats, free: Indices) -> tuple[Floats, Floats]:
-    """Return the gradient and the second derivatives by some of the variables, by their indices."""
-    count, middle = len(free), value(at)
+def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:
+    """Return the gradient and the second derivatives by some of the variables, about a value in the middle."""
+    count = len(free)
     moves = _SPACING * np.eye(len(at))[free]
     after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))
     curvature = np.diag(after + before - 2 * middle)
