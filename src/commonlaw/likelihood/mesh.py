@@ -9,12 +9,16 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.integration import Inputs
 from commonlaw.trials import Trial
 
 LONGEST_MESH = 4000
 """Points that are worked on together; longer segments would leave the cache and fill memory."""
+
+
+_WITHOUT_SCALE = ("still", "moving", "observed", "steps", "relative_steps", "typical_step", "grid")
+"""What a mesh computes once that its scale does not change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +77,7 @@ class Mesh:
     def with_scale(self, scale: Floats) -> "Mesh":
         """Return the mesh with other standard deviations; what follows from the rest is not computed again."""
         found = replace(self, scale=scale)
-        found.__dict__.update({name: getattr(self, name) for name in ("still", "observed", "steps", "relative_steps")})
-        found.__dict__.update(typical_step=self.typical_step, grid=self.grid)
+        found.__dict__.update({name: getattr(self, name) for name in _WITHOUT_SCALE})
         return found
 
     def __len__(self) -> int:
@@ -85,9 +88,13 @@ class Mesh:
 
         States that are the same throughout a segment do not count.
         """
+        return int(np.sum(np.maximum(self.moving - order, 0)))
+
+    @cached_property
+    def moving(self) -> Indices:
+        """How many measurements of each state that is not the same throughout it a segment has, (segments, d)."""
         first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
-        counts = np.add.reduceat((self.observed & ~self.still).astype(int), first)
-        return int(np.sum(np.maximum(counts - order, 0)))
+        return np.add.reduceat((self.observed & ~self.still).astype(int), first)
 
     @cached_property
     def steps(self) -> Floats:
