@@ -10,7 +10,7 @@ from commonlaw.formulation.compress import (
 )
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.irls import reweight
-from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, leave_one_out, merge
+from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, column_scales, leave_one_out, merge
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.variables import law_variables, plain_rates
@@ -24,6 +24,7 @@ __all__ = [
     "LeastSquaresProblem",
     "StrongForm",
     "WeakForm",
+    "column_scales",
     "compress",
     "differentiation_bias",
     "effective_share",

@@ -171,6 +171,12 @@ class LeastSquaresProblem:
         return self.factor[:, : self.terms][:, support] / scales, scales
 
 
+def column_scales(columns: Floats) -> Floats:
+    """Return what columns, shape (n, k), are divided by to have unit norm, shape (k,): 1 where all values are zero."""
+    norms = np.linalg.norm(columns, axis=0)
+    return np.where(norms == 0, 1.0, norms)
+
+
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the problem of the rows of all of these, of which there is at least one."""
     return reduce(add, problems)

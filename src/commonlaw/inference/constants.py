@@ -17,6 +17,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import column_scales
 from commonlaw.inference.constant_values import values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
@@ -99,8 +100,7 @@ class _Profile:
         field = VectorField(plain, self.coefficients(constants), order, free=np.isnan(self.known))
         found = field.linearize(self.values).by_parameters
         columns = found.reshape(-1, found.shape[2])
-        norms = np.linalg.norm(columns, axis=0)
-        return np.asarray(columns / np.where(norms > 0, norms, 1.0))
+        return np.asarray(columns / column_scales(columns))
 
     def _fitted(self, constants: Floats) -> tuple[Floats, Floats]:
         found = np.nan_to_num(self.known)
@@ -112,8 +112,7 @@ class _Profile:
         for j, free in enumerate(np.isnan(self.known) & factors):
             rest = self.rates[:, j] - library[:, factors] @ found[j, factors]
             columns = library[:, free]
-            scale = np.linalg.norm(columns, axis=0)
-            scale[scale == 0] = 1.0
+            scale = column_scales(columns)
             own = np.linalg.lstsq(columns / scale, rest)[0] / scale
             found[j, free] = own
             left[:, j] = rest - columns @ own

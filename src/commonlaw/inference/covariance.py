@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation import noise_degrees_of_freedom
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
@@ -122,8 +122,7 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
     drawn = np.random.default_rng(seed).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
     stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
-    norms = np.linalg.norm(np.concatenate(factors), axis=0)
-    norms[norms == 0] = 1.0
+    norms = column_scales(np.concatenate(factors))
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
     # What no drawn block tells is zero
     estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
@@ -147,7 +146,6 @@ def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
 
 def _inverse(factor: Floats) -> Floats:
     """Return the inverse of ``factor' factor``, shape (k, k), from the factor, whose digits it keeps."""
-    norms = np.linalg.norm(factor, axis=0)
-    norms[norms == 0] = 1.0
+    norms = column_scales(factor)
     inverse = np.linalg.pinv(factor / norms, rcond=1e-14) / norms[:, np.newaxis]
     return np.asarray(inverse @ inverse.T)

@@ -24,7 +24,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import law_variables
+from commonlaw.formulation import column_scales, law_variables
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
@@ -295,8 +295,7 @@ def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
 
 def _independent(columns: Floats) -> tuple[Floats, Floats]:
     """Return norms of columns, shape (terms,), and the mixture of columns so scaled that is orthonormal."""
-    norms = np.linalg.norm(columns, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)
+    scale = column_scales(columns)
     _, values, right = np.linalg.svd(columns / scale, full_matrices=False)
     kept = values > _DEPENDENT
     return scale, np.asarray(right[kept].T / values[kept])
@@ -304,8 +303,7 @@ def _independent(columns: Floats) -> tuple[Floats, Floats]:
 
 def _fit(columns: Floats, target: Floats) -> tuple[float, int]:
     """Return what columns leave of a target, its sum of squares, and how many of them are independent."""
-    norms = np.linalg.norm(columns, axis=0)
-    left, values, _ = np.linalg.svd(columns / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    left, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
     basis = left[:, values > _DEPENDENT]
     rest = target - basis @ (basis.T @ target)
     return float(rest @ rest), basis.shape[1]

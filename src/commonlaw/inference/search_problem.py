@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import refuse_constant_states
+from commonlaw.formulation import column_scales, refuse_constant_states
 from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
@@ -348,8 +348,7 @@ def _first(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], 
     library, targets = terms_and_rates(terms, curves, found)
     for equation, free in enumerate(np.isnan(known)):
         columns = library[:, free]
-        norms = np.linalg.norm(columns, axis=0)
-        norms[norms == 0] = 1.0
+        norms = column_scales(columns)
         rest = targets[:, equation] - library @ found[equation]
         found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=_DEPENDENT)[0] / norms
     return found

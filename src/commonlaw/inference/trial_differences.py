@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import column_scales
 from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.inference.search_state import SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
@@ -81,7 +82,6 @@ def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[li
 def _rest(factor: Floats) -> float:
     """Return the sum of squares that least squares leave of the last column."""
     columns, target = factor[:, :-1], factor[:, -1]
-    norms = np.linalg.norm(columns, axis=0)
-    norms[norms == 0] = 1.0
-    solved = np.linalg.lstsq(columns / norms, target, rcond=1e-10)[0]
-    return float(np.sum((target - columns / norms @ solved) ** 2))
+    scaled = columns / column_scales(columns)
+    solved = np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return float(np.sum((target - scaled @ solved) ** 2))
