@@ -9,13 +9,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import forecast_from
+from commonlaw.inference.search import STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.forecast import Forecast
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Trials
-
-_STRONG = 6.0
-"""2 log B from which evidence is strong (Kass and Raftery 1995): what is behind by less is not told apart."""
 
 _BAND = 1.96
 """Standard deviations that a band of 95 % reaches to each side."""
@@ -37,7 +35,7 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     visited forecasts of the two may be further apart than their bands together: there a trial tells which one holds.
     """
     own = 1.0 - sum(each.probability for each in law.other_laws)
-    rivals = [each for each in law.other_laws if each.probability > own * np.exp(-_STRONG / 2)][:_RIVALS]
+    rivals = [each for each in law.other_laws if each.probability > own * np.exp(-STRONG / 2)][:_RIVALS]
     if not rivals or law.order == 0 or law.schema.inputs or not law.has_std:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))

@@ -9,15 +9,12 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.least_squares_problem import LeastSquaresProblem
+from commonlaw.formulation.least_squares_problem import BLOCK, LeastSquaresProblem
 from commonlaw.library import Terms
 from commonlaw.trials import Trial
 
 Segment = tuple[int, Floats, Floats]
 """The first sample of a segment of a trial, and there the values of the variables and the targets, a row a sample."""
-
-_BLOCK = 2048
-"""Rows that are evaluated and absorbed together."""
 
 
 class AbstractFormulation(ABC):
@@ -99,11 +96,11 @@ class AbstractSampledForm(AbstractFormulation):
 
 def _blocks(segments: Iterable[Segment], terms: Terms, width: int) -> Iterator[Floats]:
     """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
-    block = np.empty((_BLOCK, width), order="F")
+    block = np.empty((BLOCK, width), order="F")
     for _, values, targets in segments:
-        for i in range(0, len(values), _BLOCK):
-            some = values[i : i + _BLOCK]
+        for i in range(0, len(values), BLOCK):
+            some = values[i : i + BLOCK]
             rows = block[: len(some)]
             terms.evaluate(some, rows[:, : len(terms)])
-            rows[:, len(terms) :] = targets[i : i + _BLOCK]
+            rows[:, len(terms) :] = targets[i : i + BLOCK]
             yield rows

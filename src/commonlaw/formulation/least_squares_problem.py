@@ -16,7 +16,7 @@ panels are three times faster."""
 
 _MANY_COLUMNS = 128
 
-_BLOCK = 2048
+BLOCK = 2048
 """Rows that are absorbed together."""
 
 _SINGULAR = 1e-14
@@ -61,7 +61,7 @@ class LeastSquaresProblem:
         """
 
         def blocks() -> Iterator[Floats]:
-            for some in (slice(i, i + _BLOCK) for i in range(0, len(library), _BLOCK)):
+            for some in (slice(i, i + BLOCK) for i in range(0, len(library), BLOCK)):
                 rows = np.asfortranarray(np.concatenate([library[some], targets[some]], axis=1))
                 if weights is not None:
                     rows *= np.sqrt(weights[some])[:, np.newaxis]

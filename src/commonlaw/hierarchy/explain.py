@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from commonlaw.array_types import Floats
 from commonlaw.hierarchy.exponents import simple_fraction
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel
+from commonlaw.hierarchy.random_effects import JITTER
 from commonlaw.hierarchy.relation import PropertyTable, Relation
 from commonlaw.hierarchy.relation_choice import RelationChoice, RelationComparison
 
@@ -17,9 +18,6 @@ _SWEEPS = 5
 
 _FREE = 1e2
 """Variance of a coefficient of which nothing is known yet, in units of its mean square."""
-
-_JITTER = 1e-12
-"""Of unit variances, for covariances that are singular to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +77,7 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     """
     units = np.sqrt(np.mean(estimates**2, axis=0))
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
-    lifted = covariances + _JITTER * np.diag(errors**2)
+    lifted = covariances + JITTER * np.diag(errors**2)
     own = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
     choices = _most_probable(own, properties.varying)
     return _explained(own, choices, properties.varying, units)

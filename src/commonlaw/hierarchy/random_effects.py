@@ -39,7 +39,7 @@ smaller and larger."""
 _INFINITE = 1e6
 """Times the largest variance that is tried: infinite."""
 
-_JITTER = 1e-12
+JITTER = 1e-12
 """Of unit variances, for covariances that are singular to rounding."""
 
 _TOLD = 1e10
@@ -213,7 +213,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     """
     units = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
-    errors = covariances / np.outer(units, units) + _JITTER * np.eye(len(units))
+    errors = covariances / np.outer(units, units) + JITTER * np.eye(len(units))
     typical = errors.mean(axis=0)
     if np.isnan(variances).all() and np.linalg.cond(typical) > _TOLD:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
