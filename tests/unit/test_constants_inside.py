@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.kernel import library as kernels
 from commonlaw.law.from_text import read_equations
 from commonlaw.law.numbers import with_error
+from commonlaw.trials.units import parse_unit
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 3.0)}
 SATURATING = "s' = -V s/(K + s)"
@@ -326,3 +327,29 @@ def test_a_law_of_constants_is_the_function_that_is_written(text, function, valu
     found = law.evaluate("object", np.column_stack([points, 0 * points]))[:, 0]
     np.testing.assert_allclose(found, function(points, **values))
     np.testing.assert_allclose(law.letter_values()[0][0], [values[name] for name in law.letters])
+
+
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        (SATURATING, {"V": "mol/min", "K": "mol"}),
+        ("s' = a - b (exp(s/U) - 1)", {"a": "mol/min", "b": "mol/min", "U": "mol"}),
+        ("s' = -k s cos(w t + p)", {"k": "1/min", "w": "1/min", "p": ""}),
+        ("s' = a - V s^n/(K^n + s^n)", {"a": "mol/min", "n": "", "K": None}),
+        ("s' = -k s/(1 + (s/K)^2) + q s (s + L)", {"k": "1/min", "K": "mol", "q": "1/min/mol", "L": "mol"}),
+        ("s' = b s^2 + b s", {"b": None}),
+    ],
+)
+def test_constants_have_the_units_that_make_sums_and_functions_possible(text, units):
+    given = {"s": "mol", "t": "min"}
+    law = cl.Law.from_text(
+        text,
+        dict.fromkeys(read_equations(text, cl.Schema(("s",))).terms.variables.constants, 1.0)
+        | dict.fromkeys(units, 1.0)
+        | ({"V": 1.0} if "V" in text else {}),
+        units=given,
+    )
+    found = dict(zip(law.letters, law.letter_units(), strict=True))
+    for name, unit in units.items():
+        assert (found[name] is None) == (unit is None), (name, found)
+        assert unit is None or parse_unit(found[name] or "dimensionless") == parse_unit(unit or "dimensionless")

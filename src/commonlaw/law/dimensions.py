@@ -1,13 +1,18 @@
 """Units of what relations consist of: base dimensions, constants with a name, and what they say of a factor."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.hierarchy import Dimensions
+from commonlaw.library import Terms, term_unit, units_of_constants
+from commonlaw.trials import Schema
 from commonlaw.trials.units import parse_unit, registry
+
+if TYPE_CHECKING:
+    import pint
 
 CONSTANTS = {
     "a speed": "m/s",
@@ -67,3 +72,26 @@ def quotient_unit(unit: str, powers: Sequence[tuple[str, float]]) -> str:
 def is_number(unit: str) -> bool:
     """Return whether what has this unit is a number, such as ``m/km``."""
     return parse_unit(unit).dimensionless
+
+
+def units_of_coefficients(
+    terms: Terms, support: Bools, schema: Schema, order: int
+) -> "dict[tuple[int, int], pint.Unit]":
+    """Return the unit of each coefficient in a support, shape (equations, terms), where those of variables tell it."""
+    states, found = schema.states, dict[tuple[int, int], "pint.Unit"]()
+    if not {*states, schema.time} <= schema.units.keys():
+        return {}
+    measured = (*states, *schema.inputs, schema.time)
+    units = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
+    time = units[schema.time]
+    rates = terms.variables.states[len(states) :]
+    units |= {rate: units[state] / time for state, rate in zip(states, rates, strict=False)}
+    constants = units_of_constants(terms, units) if terms.constants else {}
+    units |= constants
+    for j, k in np.argwhere(support).tolist():
+        constant, below = terms.constant_name(k), term_unit(terms.terms[k], terms.variables, units)
+        if constant in constants:
+            found[j, k] = constants[constant]
+        elif constant is None and below is not None:
+            found[j, k] = units[states[j]] / time**order / below
+    return found

@@ -13,18 +13,17 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.extras import optional_import
 from commonlaw.law import text
-from commonlaw.law.dimensions import quotient_unit
+from commonlaw.law.dimensions import quotient_unit, units_of_coefficients
 from commonlaw.law.explanation import LATEX, PLAIN, Explanation
 from commonlaw.law.from_text import Coefficient, GivenEquations, Part, Product, read_equations
 from commonlaw.law.numbers import with_error
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.related import RelatedCoefficients
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import Terms, term_unit
+from commonlaw.library import Terms
 from commonlaw.library.naming import latex_name
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
-from commonlaw.trials.units import parse_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -249,18 +248,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
         return {key: f"{unit:~P}" for key, unit in self._units().items()}
 
     def _units(self) -> "dict[tuple[str, str], pint.Unit]":
-        states, schema, found = self.states, self.schema, {}
-        if not {*states, schema.time} <= schema.units.keys():
-            return {}
-        measured = (*states, *schema.inputs, schema.time)
-        units = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
-        time = units[schema.time]
-        units |= {rate: units[state] / time for state, rate in zip(states, self.rates, strict=False)}
-        for j, k in np.argwhere(self.support):
-            below = term_unit(self.terms.terms[k], self.terms.variables, units)
-            if below is not None:
-                found[self.left_hand_sides[j], self.terms.names[k]] = units[states[j]] / time**self.order / below
-        return found
+        found = units_of_coefficients(self.terms, self.support, self.schema, self.order)
+        return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in found.items()}
 
     def structure(self) -> tuple[str, ...]:
         """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was."""

@@ -21,6 +21,7 @@ from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.library.units import term_unit
+from commonlaw.library.units_of_constants import units_of_constants
 from commonlaw.spec import parse_spec
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "parse_term",
     "parse_terms",
     "term_unit",
+    "units_of_constants",
 ]
 
 

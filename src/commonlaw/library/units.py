@@ -68,11 +68,11 @@ def _unit(term: AbstractTerm, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | 
             quotient: pint.Unit = reduce(mul, above, none) / reduce(mul, below, none)
             return quotient
         case Expression(code=code):
-            return _of_expression(code, units)
+            return expression_unit(code, units)
     return none if all(units[i].dimensionless for i in term.columns()) else None
 
 
-def _of_expression(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
+def expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
     """Return the unit of an expression by computing it for quantities of these units."""
     import pint
 

@@ -1,0 +1,79 @@
+"""The units of constants inside of terms: those that make sums and functions of them possible."""
+
+import ast
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from commonlaw.library.grammar import columns_in, constant
+from commonlaw.library.terms import Terms
+from commonlaw.library.units import expression_unit
+from commonlaw.trials.units import registry
+
+if TYPE_CHECKING:
+    import pint
+
+_OF_ANY_UNIT = ("abs", "sqrt", "sign")
+"""Functions whose argument may have a unit."""
+
+
+def units_of_constants(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[str, pint.Unit]":
+    """Return the units of constants, from those of variables by their names, as far as these tell them.
+
+    K of ``s/(K + s)`` has the unit of s, U of ``exp(u/U)`` that of u, and a power none.
+    """
+    names, first = terms.variables.names, len(terms.variables.measured)
+    known = {i: units[name] for i, name in enumerate(names[:first]) if name in units}
+    codes = [f"v{i}" for i in range(len(names))]
+    trees = [ast.parse(term.expression(codes), mode="eval").body for term in terms.terms]
+    count = -1
+    while count < len(known):  # What one term tells of a constant may tell another's unit
+        count = len(known)
+        for tree in trees:
+            _look(tree, None, known, first)
+    return {names[i]: unit for i, unit in known.items() if i >= first}
+
+
+def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Unit]", first: int) -> None:
+    """Note the units of constants in a tree that has a unit, if it is known which."""
+    none = registry().dimensionless
+    match tree:
+        case ast.Name(id=name) if (column := int(name[1:])) >= first and wanted is not None:
+            known.setdefault(column, wanted)
+        case ast.UnaryOp(operand=operand):
+            _look(operand, wanted, known, first)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            _look(argument, None if name in _OF_ANY_UNIT else none, known, first)
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            number = constant(exponent)
+            root = None if wanted is None or not number else registry().Unit(wanted ** (1 / number))
+            _look(base, root, known, first)
+            _look(exponent, none, known, first)
+        case ast.BinOp(op=op, left=left, right=right):
+            units = [_unit(each, known) for each in (left, right)]
+            if isinstance(op, ast.Add | ast.Sub):
+                own = next((each for each in (*units, wanted) if each is not None), None)
+                sides = own, own
+            else:
+                sides = _beside(isinstance(op, ast.Mult), wanted, *units)
+            _look(left, sides[0], known, first)
+            _look(right, sides[1], known, first)
+
+
+def _beside(
+    is_product: bool, wanted: "pint.Unit | None", left: "pint.Unit | None", right: "pint.Unit | None"
+) -> "tuple[pint.Unit | None, pint.Unit | None]":
+    """Return the units of the operands of a product or a quotient, from that of the result and of the other one."""
+    if wanted is None:
+        return None, None
+    of_left = None if right is None else wanted / right if is_product else wanted * right
+    of_right = None if left is None else wanted / left if is_product else left / wanted
+    return of_left, of_right
+
+
+def _unit(tree: ast.expr, known: "Mapping[int, pint.Unit]") -> "pint.Unit | None":
+    """Return the unit of a tree all of whose names have a known one."""
+    code = ast.unparse(tree)
+    columns = columns_in(code)
+    if not columns:
+        return registry().dimensionless
+    return expression_unit(code, known) if columns <= known.keys() else None
