@@ -2,10 +2,11 @@
 
 from commonlaw.hierarchy.dimensions import Dimensions
 from commonlaw.hierarchy.explain import Explained, explain
-from commonlaw.hierarchy.random_effects import RandomEffects, Shrinkage, marginal_deviance, shrink
+from commonlaw.hierarchy.random_effects import WORST_CONDITION, RandomEffects, Shrinkage, marginal_deviance, shrink
 from commonlaw.hierarchy.relation import PropertyTable, Relation, RelationKind
 
 __all__ = [
+    "WORST_CONDITION",
     "Dimensions",
     "Explained",
     "PropertyTable",

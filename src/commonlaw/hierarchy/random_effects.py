@@ -42,8 +42,8 @@ _INFINITE = 1e6
 JITTER = 1e-12
 """Of unit variances, for covariances that are singular to rounding."""
 
-_TOLD = 1e10
-"""Covariances of coefficients whose condition is worse have too few digits."""
+WORST_CONDITION = 1e10
+"""Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
 
 _Result = TypeVar("_Result")
 
@@ -215,7 +215,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     own = estimates / units
     errors = covariances / np.outer(units, units) + JITTER * np.eye(len(units))
     typical = errors.mean(axis=0)
-    if np.isnan(variances).all() and np.linalg.cond(typical) > _TOLD:
+    if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
         back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
         turn = np.linalg.inv(back)

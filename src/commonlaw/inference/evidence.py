@@ -15,13 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.hierarchy import RandomEffects, marginal_deviance
+from commonlaw.hierarchy import WORST_CONDITION, RandomEffects, marginal_deviance
 
 _NEAR = 1e-12
 """Columns whose square is less than this share outside the span of others have too few digits there."""
-
-_TOLD = 1e10
-"""Information on coefficients whose condition is worse has too few digits."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +129,7 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float) -> float:
     The noise of the targets has this variance.
     """
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
-    if not np.linalg.cond(information.sum(axis=0)) < _TOLD:
+    if not np.linalg.cond(information.sum(axis=0)) < WORST_CONDITION:
         return np.inf
     estimates = np.asarray(np.linalg.solve(columns, targets)[..., 0])
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)))
