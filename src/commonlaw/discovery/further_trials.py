@@ -115,7 +115,7 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
     start, one, other, (row, state) = found
     variables, schema = law.terms.variables.states, law.schema
     units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
-    place = " and ".join(
+    begin = " and ".join(
         f"{name} = {value:.3g}{units.get(name, '')}" for name, value in zip(variables, start, strict=True)
     )
     one_end, other_end = (
@@ -126,7 +126,7 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
     after = f"{times[row] - times[0]:.3g} {schema.units.get(schema.time, '')}".rstrip()
     text = (
         f"{_exchange(law, rival.law)} is plausible, too (probability {rival.probability:.2g}), and forecasts what was "
-        f"measured alike; {law.objects[0]} from {place} comes to {schema.states[state]} = {one_end} after {after} by "
+        f"measured alike; {law.objects[0]} from {begin} comes to {schema.states[state]} = {one_end} after {after} by "
         f"the law, and to {other_end} by the other"
     )
     return Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "a trial that starts there would tell")

@@ -58,8 +58,8 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
     width = len(found.trials.schema.states)
     for i, (std, noise) in enumerate(zip(own.forecast.std or (), own.forecast.measurement_std(), strict=True)):
         middle = found.trajectories[i].states[:, :width]
-        off = [(each.weights[i], each.forecast.trajectories[i].states[:, :width]) for each in found.parts]
-        between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in off if share))
+        others = [(each.weights[i], each.forecast.trajectories[i].states[:, :width]) for each in found.parts]
+        between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in others if share))
         farthest = max(farthest, float(np.nanmax(between / np.hypot(std[:, :width], noise), initial=0.0)))
     if farthest <= 1:
         return ()

@@ -75,24 +75,24 @@ def _look(tree: ast.expr, size: float | None, values: Floats, found: dict[int, F
                 _look(exponent, 1.0, values, found)
             case ast.BinOp(op=op, left=left, right=right):
                 for own, other, first in ((right, left, False), (left, right, True)):
-                    beside = _size(other, values)
-                    if angle and isinstance(op, ast.Mult) and isinstance(own, ast.Name) and beside is not None:
+                    other_size = _size(other, values)
+                    if angle and isinstance(op, ast.Mult) and isinstance(own, ast.Name) and other_size is not None:
                         found.setdefault(int(own.id[1:]), _frequencies(other, values))
-                    _look(own, _SIZES[type(op)](size, beside, first), values, found, angle)
+                    _look(own, _SIZES[type(op)](size, other_size, first), values, found, angle)
 
 
-def _of_sum(size: float | None, beside: float | None, _: bool) -> float | None:
-    return size if beside is None else beside
+def _of_sum(size: float | None, other: float | None, _: bool) -> float | None:
+    return size if other is None else other
 
 
-def _of_product(size: float | None, beside: float | None, _: bool) -> float | None:
-    return None if size is None else size / (beside or 1.0)
+def _of_product(size: float | None, other: float | None, _: bool) -> float | None:
+    return None if size is None else size / (other or 1.0)
 
 
-def _of_quotient(size: float | None, beside: float | None, above: bool) -> float | None:
+def _of_quotient(size: float | None, other: float | None, above: bool) -> float | None:
     if size is None:
         return None
-    return size * (beside or 1.0) if above else (beside or 1.0) / size
+    return size * (other or 1.0) if above else (other or 1.0) / size
 
 
 _SIZES: Mapping[type[ast.operator], Callable[[float | None, float | None, bool], float | None]] = {

@@ -174,7 +174,7 @@ def with_constants_found(
     with threads(n_jobs):
         profiles = _profiles(setup)
         starts = _starts(setup.law, profiles, bounds)
-        _check_told(setup.law, profiles, starts[-1])
+        _check_identifiable(setup.law, profiles, starts[-1])
         found = in_parallel(lambda start: _fitted(setup, profiles[0].inside, start), starts)
     states = [each for each in found if each is not None and _is_finite(each, profiles)]
     if not states:
@@ -234,10 +234,10 @@ def _profiles(setup: FitSetup) -> list[_Profile]:
     law, found = setup.law, list[_Profile]()
     for name, known in zip(law.objects, setup.known, strict=True):
         curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
-        told = [pair for pair in curves if np.isfinite(pair[1][0]).all()]
-        if not told:
+        complete = [pair for pair in curves if np.isfinite(pair[1][0]).all()]
+        if not complete:
             raise CommonlawError(f"{name}: no trial has all states, from which constants inside of terms could begin")
-        along = [values_and_rates(law.terms.variables, *pair) for pair in told]
+        along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
         few = spread(len(values), _MOST_POINTS)
         found.append(_Profile(law.terms, known, values[few], rates[few]))
@@ -311,7 +311,7 @@ def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
     return np.asarray(begin * least_squares(left, np.ones_like(begin), max_nfev=_STEPS).x)
 
 
-def _check_told(law: Law, profiles: Sequence[_Profile], constants: Floats) -> None:
+def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Floats) -> None:
     """Refuse what no trial could tell: coefficients of which only a combination matters."""
     listed = []
     for each, own in zip(profiles, constants, strict=True):

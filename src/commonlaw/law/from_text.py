@@ -147,11 +147,11 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     for j, row in enumerate(rows):
         for each in row:
             known[j, listed.index(each.term)] = np.nan if each.coefficients else each.factor
-    places = _places_of_constants(rows, variables)
-    own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(places.items())]
-    found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(places, own, strict=True))
-    known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in places.values())])
-    terms = Terms(variables, (*listed, *(Constant(variables.index(name)) for name in places)))
+    owners = _owners_of_constants(rows, variables)
+    own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
+    found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(owners, own, strict=True))
+    known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in owners.values())])
+    terms = Terms(variables, (*listed, *(Constant(variables.index(name)) for name in owners)))
     texts = tuple(each.text for each in ordered)
     bounds = bounds_in(given)
     for bound in bounds:
@@ -159,7 +159,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     return GivenEquations(texts, terms, equations[0].order, known, found, (*products, *own), bounds)
 
 
-def _places_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
+def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
     """Return the first equation, by its index, in whose terms each constant stands."""
     used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
     columns = {name: variables.index(name) for name in variables.constants}

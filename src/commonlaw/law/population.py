@@ -15,7 +15,7 @@ from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import Property
 
-_PLACES = 20
+_NODES = 20
 """Values of a scatter that a band is an average over."""
 
 
@@ -127,10 +127,10 @@ def _spread(relation: Relation) -> float:
     """
     if not relation.scatter:
         return relation.scatter_error
-    places, weights = hermgauss(_PLACES)
+    nodes, weights = hermgauss(_NODES)
     deviation = np.sqrt(np.log1p((relation.scatter_error / relation.scatter) ** 2))
-    scales = relation.scatter * np.exp(np.sqrt(2) * deviation * places)
-    _, high = mixture_interval(weights / weights.sum(), np.zeros(_PLACES), scales, np.inf, 0.95)
+    scales = relation.scatter * np.exp(np.sqrt(2) * deviation * nodes)
+    _, high = mixture_interval(weights / weights.sum(), np.zeros(_NODES), scales, np.inf, 0.95)
     return float(high / two_sided(0.95))
 
 

@@ -54,12 +54,12 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
                 own = next((each for each in (*units, wanted) if each is not None), None)
                 sides = own, own
             else:
-                sides = _beside(isinstance(op, ast.Mult), wanted, *units)
+                sides = _units_of_operands(isinstance(op, ast.Mult), wanted, *units)
             _look(left, sides[0], known, first)
             _look(right, sides[1], known, first)
 
 
-def _beside(
+def _units_of_operands(
     is_product: bool, wanted: "pint.Unit | None", left: "pint.Unit | None", right: "pint.Unit | None"
 ) -> "tuple[pint.Unit | None, pint.Unit | None]":
     """Return the units of the operands of a product or a quotient, from that of the result and of the other one."""

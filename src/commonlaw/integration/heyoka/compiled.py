@@ -52,14 +52,14 @@ class Structure:
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
         """Return the structure of a vector field."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
-        places = np.argwhere(vector_field.kept)[:, 1].tolist()
+        columns = np.argwhere(vector_field.kept)[:, 1].tolist()
         events = EventFunctions(options.events, vector_field).terms.terms
         free = np.flatnonzero(vector_field.parameter_mask[vector_field.kept] & options.sensitivities)
         return cls(
             tuple(vector_field.terms.terms[k] for k in used),
             tuple((int(j), int(k)) for j, k in np.argwhere(vector_field.kept[:, used])),
             tuple(int(i) for i in free),
-            tuple(places.index(k) if k in places else None for k in vector_field.terms.constants),
+            tuple(columns.index(k) if k in columns else None for k in vector_field.terms.constants),
             len(vector_field.coefficients),
             vector_field.order,
             len(vector_field.terms.variables.inputs),
