@@ -1,6 +1,7 @@
 """Smoothing that takes gaps and that outliers do not spoil."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -34,6 +35,8 @@ _NEAR = 15
 """Samples that are a residual's neighbourhood."""
 _STRENGTHS, _PULLS = 3, 15
 """Rounds of choosing the strength, and of pulling values to the curve at each."""
+_SHORT = 2000
+"""Samples up to which curves are remembered, of some hundred trials: megabytes."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,11 @@ class RobustSpline(AbstractDifferentiator):
                     f"state {j + 1} has {len(measured)} measured values, fewer than the {_LEAST} that smoothing "
                     "splines take; drop the trial or choose another method"
                 )
-            columns.append(self._curve(times[measured], column[measured], times, order))
+            known, values = times[measured], column[measured]
+            if len(times) > _SHORT or order > 2:
+                columns.append(self._curve(known, values, times, order))
+            else:
+                columns.append(_remembered(self, known.tobytes(), values.tobytes(), times.tobytes())[: order + 1])
         smoothed, *derivatives = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
         return Rates(smoothed, tuple(derivatives))
 
@@ -134,6 +141,12 @@ class RobustSpline(AbstractDifferentiator):
                 bounds = _BOUND * _scales(np.abs(distances), np.abs(distances))
                 pulled = curve + np.clip(distances, -bounds, bounds)
         return curve
+
+
+@lru_cache(maxsize=512)
+def _remembered(spline: RobustSpline, known: bytes, values: bytes, times: bytes) -> list[Floats]:
+    """Return a curve and both its derivatives: data checks, searches and forecasts smooth the same trials."""
+    return spline._curve(np.frombuffer(known), np.frombuffer(values), np.frombuffer(times), 2)
 
 
 def _without_spikes(times: Floats, values: Floats) -> Indices:

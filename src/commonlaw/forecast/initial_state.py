@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -158,13 +157,10 @@ def _guess(law: Law, trial: Trial) -> Floats:
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in _unmeasured(law, trial):
         states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    return _curve(trial.times.tobytes(), states.tobytes(), states.shape[1], law.order)
+    return _curve(trial.times, states, law.order)
 
 
-@lru_cache(maxsize=512)
-def _curve(times_as_bytes: bytes, states_as_bytes: bytes, width: int, order: int) -> Floats:
-    """Return a smooth curve; it is the same for all laws that are compared by forecasts of a trial."""
-    times, states = np.frombuffer(times_as_bytes), np.frombuffer(states_as_bytes).reshape(-1, width)
+def _curve(times: Floats, states: Floats, order: int) -> Floats:
     measured = np.isfinite(states)
     if measured.sum(axis=0).min() >= MIN_SAMPLES:
         rates = RobustSpline().differentiate(times, states, 1)
