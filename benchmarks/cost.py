@@ -1,10 +1,12 @@
-"""What a law with nothing given costs on one core: ten objects with ten terms, and the compiled kernel beside NumPy."""
+"""What a law with nothing given costs: ten objects with ten terms, the kernel beside NumPy, two threads beside one."""
 
 import argparse
 import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,7 +18,10 @@ from benchmarks.machine import machine
 GOAL = 10.0
 
 
-def short() -> cl.Law:
+ONE_THREAD = cl.TrajectoryLikelihood(n_jobs=1)
+
+
+def short(method: cl.TrajectoryLikelihood = ONE_THREAD) -> cl.Law:
     """Find the law of twelve objects with nine samples each, far apart, of a growth that is disturbed as it goes."""
     generator, times = np.random.default_rng(0), np.array([0, 0.25, 0.57, 1.12, 2.02, 3.82, 5.1, 7.03, 9.05])
     states = []
@@ -31,35 +36,41 @@ def short() -> cl.Law:
             found.append(size)
         states.append(np.array(found)[:, np.newaxis] + 0.03 * generator.standard_normal((9, 1)))
     names = [f"object {i + 1}" for i in range(12)]
-    return cl.discover(cl.Trials.from_arrays([times] * 12, states, object=names, names=("x",)), library="poly:3")
+    trials = cl.Trials.from_arrays([times] * 12, states, object=names, names=("x",))
+    return cl.discover(trials, library="poly:3", method=method)
 
 
-def drops(objects: int) -> cl.Law:
-    """Find the law of simulated drops of some objects."""
+def drops(method: cl.TrajectoryLikelihood = ONE_THREAD, *, objects: int, samples: int = 49) -> cl.Law:
+    """Find the law of simulated drops of some objects, two of each in 3.3 s."""
     drag = tuple(np.linspace(-0.7, -0.1, objects).tolist())
-    return cl.discover(cl.datasets.load("linear-drag", drag=drag, noise=0.05, seed=1), order=2)
+    trials = cl.datasets.load("linear-drag", drag=drag, samples=samples, rate=samples * 15 / 49, noise=0.05, seed=1)
+    return cl.discover(trials, order=2, method=method)
 
 
-def lorenz() -> cl.Law:
-    """Find Lorenz' law among twenty terms an equation."""
-    return cl.discover(cl.datasets.load("lorenz", noise=0.1, seed=1), library="poly:3")
+def lorenz(method: cl.TrajectoryLikelihood = ONE_THREAD, *, samples: int) -> cl.Law:
+    """Find Lorenz' law among twenty terms an equation, in two runs."""
+    trials = cl.datasets.load("lorenz", samples=samples // 2, noise=0.1, seed=1)
+    return cl.discover(trials, library="poly:3", method=method)
 
 
-KERNEL_CASES: dict[str, Callable[[], cl.Law]] = {
-    "5 drops": lambda: drops(5),
-    "40 drops": lambda: drops(40),
+CASES: dict[str, Callable[..., cl.Law]] = {
+    "5 drops": partial(drops, objects=5),
+    "40 drops": partial(drops, objects=40),
+    "160 drops of 150 samples": partial(drops, objects=160, samples=150),
     "12 objects x 9 samples": short,
-    "Lorenz, 20 terms": lorenz,
+    "Lorenz, 20 terms, 2000 samples": partial(lorenz, samples=2000),
+    "Lorenz, 20 terms, 16 000 samples": partial(lorenz, samples=16_000),
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print one line for each level of noise, and one for each case of the kernel."""
+    """Print one line for each level of noise, and for each case one beside NumPy and one with two threads."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cost", description=__doc__)
     parser.add_argument("--objects", type=int, default=10)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--noise", nargs="*", type=float, default=(0.001, 0.01, 0.1), metavar="LEVEL")
-    parser.add_argument("--kernel", nargs="*", default=list(KERNEL_CASES), choices=list(KERNEL_CASES), metavar="CASE")
+    parser.add_argument("--kernel", nargs="*", default=list(CASES), choices=list(CASES), metavar="CASE")
+    parser.add_argument("--threads", nargs="*", default=list(CASES), choices=list(CASES), metavar="CASE")
     chosen = parser.parse_args(arguments)
     known, small = experiment("Lotka-Volterra", chosen.objects), experiment("Lotka-Volterra", 1)
     print(f"{machine()}\n\nGoal: under {GOAL:g} s on one core.\n")
@@ -72,6 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("\n| case | compiled, CPU s | NumPy, CPU s | NumPy / compiled | same law |\n|---|---|---|---|---|")
         for name in chosen.kernel:
             print(_beside_numpy(name), flush=True)
+        print("\n| case | one thread, s | two, s | one / two | same law | cores used by others |")
+        print("|---|---|---|---|---|---|")
+        for name in chosen.threads:
+            print(_two_threads(name, chosen.repeats), flush=True)
 
 
 def reference() -> None:
@@ -93,12 +108,12 @@ def _line(known: Experiment, level: float, repeats: int) -> str:
 
 def _beside_numpy(name: str) -> str:
     """Return the line of one case, in which the kernel and NumPy take the same data; the first run is not timed."""
-    drops(5)
+    drops(objects=5)
     laws, times = {}, {}
     for kernel in ("compiled", "numpy"):
         os.environ["COMMONLAW_KERNEL"] = kernel
         start = time.process_time()
-        laws[kernel] = KERNEL_CASES[name]()
+        laws[kernel] = CASES[name]()
         times[kernel] = time.process_time() - start
     del os.environ["COMMONLAW_KERNEL"]
     compiled, plain = laws["compiled"], laws["numpy"]
@@ -109,6 +124,29 @@ def _beside_numpy(name: str) -> str:
     told = f"yes ({apart:.0e})" if same else "no"
     ratio = times["numpy"] / times["compiled"]
     return f"| {name} | {times['compiled']:.3g} | {times['numpy']:.3g} | {ratio:.2g} | {told} |"
+
+
+def _two_threads(name: str, repeats: int) -> str:
+    """Return the line of one case, in which one thread and two take turns; the quickest of each counts."""
+    laws, times = dict[int, str](), dict[int, float]()
+    began, before = time.perf_counter(), _busy() - time.process_time()
+    for _ in range(repeats):
+        for count in (1, 2):
+            start = time.perf_counter()
+            laws[count] = CASES[name](cl.TrajectoryLikelihood(n_jobs=count)).to_json()
+            times[count] = min(time.perf_counter() - start, times.get(count, np.inf))
+    others = (_busy() - time.process_time() - before) / (time.perf_counter() - began)
+    same = "yes" if laws[1] == laws[2] else "no"
+    return f"| {name} | {times[1]:.3g} | {times[2]:.3g} | {times[1] / times[2]:.2f} | {same} | {others:.1f} |"
+
+
+def _busy() -> float:
+    """Return the seconds that all processes together have computed; none where the system does not say it."""
+    path = Path("/proc/stat")
+    if not path.exists():
+        return np.nan
+    user, nice, system, _, _, *rest = map(int, path.read_text().splitlines()[0].split()[1:9])
+    return (user + nice + system + sum(rest)) / os.sysconf("SC_CLK_TCK")
 
 
 def _seconds(run: Callable[[], object]) -> float:
