@@ -143,11 +143,9 @@ def _objective(state: SearchState) -> float:
     return sum(each.objective for each in state.estimates)
 
 
-def fit_solutions(
-    problem: SearchProblem, supports: Bools, start: Sequence[Estimate] | None = None
-) -> tuple[SearchProblem, SearchState]:
+def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
     """Return the estimates with these supports and no model error, see `fit_with`, and the noise that this takes."""
-    return to_scale(problem, fit_with(problem, supports, NO_ERROR, start))
+    return to_scale(problem, fit_with(problem, supports, NO_ERROR))
 
 
 def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
