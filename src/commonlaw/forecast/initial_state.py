@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.model_error import FilteredStart, filtered_start
+from commonlaw.forecast.model_error import MODEL_ERRORS, POINTS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
 from commonlaw.likelihood import (
@@ -25,14 +25,6 @@ from commonlaw.trials.trial import with_typical
 
 MIN_SAMPLES = 5
 """Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
-
-_POINTS = 4
-"""Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
-
-_MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
-"""Of the law, relative to the noise. At the first one states may stray from the law as far as measurements do, so that
-a curve through these is a good guess; at the last they are a solution of it: what is tolerated adds up, over all steps
-of a thousand samples, to a fiftieth of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,18 +105,16 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         if filtered is None:
             raise CommonlawError(_not_finite(trial))
         return filtered
-    # A rate that is off by this moves the state by its noise until the last sample
-    unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: guess.shape[1]]
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    (mesh,) = meshes([trial], _POINTS, len(trial))
+    (mesh,) = meshes([trial], POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) / noise)
-    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit)
+    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(noise, trial, guess.shape[1]))
     own = law.coefficients_of(trial.object)
     found = fit(
         model,
-        Estimate(tuple(interpolate([guess], _POINTS, len(trial))), own),
+        Estimate(tuple(interpolate([guess], POINTS, len(trial))), own),
         np.zeros(own.shape, dtype=np.bool_),
-        _MODEL_ERRORS,
+        MODEL_ERRORS,
     )
     if not np.isfinite(found.objective):
         raise CommonlawError(_not_finite(trial))

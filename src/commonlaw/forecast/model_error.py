@@ -23,11 +23,13 @@ from commonlaw.likelihood import (
 from commonlaw.trials import Trial
 from commonlaw.trials.trial import with_typical
 
-_POINTS = 4
-"""Points for each sampling step."""
+POINTS = 4
+"""Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
 
-_MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
-"""Of a law without a random walk, relative to the noise: at the last, states are a solution with what forces add."""
+MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
+"""Of a law without a random walk, relative to the noise. At the first one states may stray from the law as far as
+measurements do, so that a curve through these is a good guess; at the last they are a solution of it, with what forces
+add: what is tolerated adds up, over all steps of a thousand samples, to a fiftieth of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +95,28 @@ class FilteredStart:
         return replace(trajectory, sensitivities=carried), self.covariance
 
 
+def unit_of_errors(noise: Floats, trial: Trial, width: int) -> Floats:
+    """Return the unit of the model error of each state (and rate), shape (width,).
+
+    A rate that is off by this moves the state by its noise until the last sample.
+    """
+    return np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[:width]
+
+
 def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats) -> FilteredStart | None:
     """Return the states at the samples of a trial under a law with errors, its coefficients as they are.
 
     The guess at the states (and rates) has shape (k, D); None if the likelihood cannot be computed.
     """
     errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
-    (mesh,) = meshes([trial], _POINTS, len(trial))
-    (states,) = interpolate([guess], _POINTS, len(trial))
+    (mesh,) = meshes([trial], POINTS, len(trial))
+    (states,) = interpolate([guess], POINTS, len(trial))
     if errors.walk is None:
-        unit = np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[: states.shape[1]]
+        unit = unit_of_errors(noise, trial, states.shape[1])
     else:
         unit = errors.walk * np.sqrt(np.median(mesh.steps))
     mesh, found = mesh.with_inputs(inputs), Estimate((states,), own)
-    model_errors = _MODEL_ERRORS if errors.walk is None else (1.0,)
+    model_errors = MODEL_ERRORS if errors.walk is None else (1.0,)
     for _ in range(errors.rounds):
         white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise))
         mesh = replace(mesh, scale=white / noise)
@@ -123,8 +133,8 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     inner = slice(0, model.width)
     return FilteredStart(
         trial.times,
-        found.states[0][::_POINTS, inner],
-        np.sqrt(variances[::_POINTS, inner]),
+        found.states[0][::POINTS, inner],
+        np.sqrt(variances[::POINTS, inner]),
         last[inner, inner],
         reduced.state_sensitivity[-1, inner],
     )
@@ -137,9 +147,9 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     (n, D), NaN once it diverged.
     """
     errors = law.uncertainty.error_model
-    (mesh,) = meshes([trial], _POINTS, len(trial))
+    (mesh,) = meshes([trial], POINTS, len(trial))
     mesh = mesh.with_inputs(inputs)
-    (between,) = interpolate([np.nan_to_num(states)], _POINTS, len(trial))
+    (between,) = interpolate([np.nan_to_num(states)], POINTS, len(trial))
     latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
     steps = latent.along(mesh) if latent.width else None
     width = states.shape[1]
@@ -159,4 +169,4 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
         for transition, more in zip(carried, covariances, strict=True):
             own = transition @ own @ transition.T + more
             variances.append(np.diag(own)[:width])
-        return np.where(np.isnan(states), np.nan, np.sqrt(np.array(variances)[::_POINTS]))
+        return np.where(np.isnan(states), np.nan, np.sqrt(np.array(variances)[::POINTS]))
