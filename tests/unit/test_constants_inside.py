@@ -284,6 +284,11 @@ def test_values_of_a_stated_law_keep_to_its_bounds():
     assert cl.Law.from_text([SATURATING, "5 >= K"], {"V": 1.0, "K": 2.0}).structure() == (SATURATING,)
 
 
+def test_no_discrepancy_is_sought_beside_constants(fitted, enzymes):
+    with pytest.raises(CommonlawError, match="beside constants inside of terms, here K, no discrepancy is sought"):
+        fitted.discrepancy(enzymes)
+
+
 def test_known_physics_takes_no_constants(enzymes):
     with pytest.raises(CommonlawError, match="K inside of the terms that are known are no variables"):
         cl.discover(enzymes, known="s/(K + s)")

@@ -12,6 +12,7 @@ from commonlaw.discrepancy.function import Compared, Discrepancy
 from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.shares import shares
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
+from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.script import call
@@ -34,6 +35,12 @@ def discrepancy(
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share beside a law, see `Law.discrepancy`."""
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
+    if law.terms.constants:
+        inside = ", ".join(law.terms.variables.constants)
+        raise CommonlawError(
+            f"beside constants inside of terms, here {inside}, no discrepancy is sought: give them as numbers in the "
+            "equations of commonlaw.fit"
+        )
     trials = with_known_properties(trials, law)
     setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
     names = setting.law.terms.variables.names
