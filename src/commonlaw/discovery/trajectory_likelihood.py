@@ -44,7 +44,7 @@ from commonlaw.wording import counted
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
 
-_SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.3, 1e-2, 5e-4
+_SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
 
 
 @dataclass(frozen=True, kw_only=True)
