@@ -52,11 +52,21 @@ class SavitzkyGolay(AbstractSmoother):
         return self.window // 2
 
     def smooth(self, times: Floats, states: Floats) -> Floats:
-        from scipy.signal import savgol_filter
+        from scipy.linalg import lstsq
+        from scipy.ndimage import convolve1d  # scipy.signal has this filter, too, but takes half a second to load
 
         _check_fit(len(times), self.window)
         check_uniform(times, 0.5, "Savitzky-Golay smoothing")
-        return np.asarray(savgol_filter(states, self.window, self.polynomial, axis=0, mode="interp"))
+        half, count = self.window // 2, len(times)
+        powers = np.arange(half, -half - 1.0, -1.0) ** np.arange(self.polynomial + 1)[:, np.newaxis]
+        weights = lstsq(powers, np.eye(self.polynomial + 1)[0])[0]
+        smoothed = convolve1d(np.asarray(states, dtype=np.float64), weights, axis=0, mode="constant")
+        # At the ends, the polynomials of the first and the last window
+        window = np.arange(self.window)
+        for first, inner in ((0, window[:half]), (count - self.window, window[half + 1 :])):
+            fitted = np.polyfit(window, states[first : first + self.window], self.polynomial)
+            smoothed[first + inner] = np.polynomial.polynomial.polyval(inner, fitted[::-1]).T
+        return smoothed
 
 
 @dataclass(frozen=True)
