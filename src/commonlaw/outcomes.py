@@ -7,6 +7,8 @@ from enum import StrEnum
 class OutcomeKind(StrEnum):
     """Every kind of outcome there is; each is also its text, as messages and saved laws have it."""
 
+    AMBIGUOUS = "ambiguous"
+    """Other coefficients fit the measurements as well."""
     CHOSEN = "chosen"
     """The terms of an equation were chosen from candidates; the text says why these."""
     COPIES = "copies"

@@ -104,3 +104,27 @@ def test_a_threshold_that_leaves_no_likelihood_is_refused_in_words(run):
     assert (code, err.count("\n")) == (1, 1)
     assert "the likelihood of this law cannot be computed" in err
     assert "--huber-threshold ..." in err
+
+
+def test_a_state_without_a_column_starts_at_a_dose(run, tmp_path):
+    times, rates, doses = np.arange(0.0, 12.0, 0.75), (1.5, 0.3), {"a": 80.0, "b": 120.0}
+    decay = np.exp(-np.outer(rates, times))
+    rows = [
+        (name, dose, t, dose / 20 * rates[0] / (rates[0] - rates[1]) * (slow - fast))
+        for name, dose in doses.items()
+        for t, fast, slow in zip(times, *decay, strict=True)
+    ]
+    table = pd.DataFrame(rows, columns=["person", "dose", "h", "conc"])
+    table["conc"] += np.random.default_rng(0).normal(0, 0.02, len(table))
+    table.to_csv(tmp_path / "doses.csv", index=False)
+    roles = ("doses.csv", "--object", "person", "--time", "h")
+    code, out, _ = run(
+        "fit", "depot' = -ka depot; conc' = ka depot/V - k conc", *roles, "--start", "depot=dose", "--save", "law.json"
+    )
+    assert code == 0
+    assert "rms error of conc" in out
+    values = cl.Law.load(tmp_path / "law.json").letter_values()[0]
+    assert values == pytest.approx(np.tile([1.5, 20.0, 0.3], (2, 1)), rel=0.1)
+    code, out, _ = run("predict", "law.json", *roles)
+    assert code == 0
+    assert "conc" in out

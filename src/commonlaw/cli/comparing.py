@@ -1,7 +1,7 @@
 """Laws in mind beside each other: trials in the roles that equations give, and the evidence."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -35,14 +35,18 @@ def print_compared(frame: "pd.DataFrame") -> None:
     say("More coefficients cost evidence by themselves. The probability holds if one of these laws is true.")
 
 
-def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = ()) -> "Trials":
-    """Return the trials, their columns in the roles that equations and other laws give them."""
+def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":
+    """Return the trials, their columns in the roles that equations and other laws give them.
+
+    States of equations whose starts are known have no column.
+    """
     from commonlaw.library.equation import split_equations
 
     schemas = [each.schema for each in laws]
     if not equations:
         return source.load(schemas[0])
-    trials, states = source.load(), tuple(each.state for each in split_equations(equations[0]))
+    trials, asked = source.load(), split_equations(equations[0])
+    states = tuple(each.state for each in asked if each.state not in starts)
     if source.dataset or source.states or {*states} == {*trials.schema.states}:
         return trials
     taken = {name for schema in schemas for name in schema.inputs}

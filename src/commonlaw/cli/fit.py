@@ -10,7 +10,7 @@ from commonlaw.cli.comparing import compared, load
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
-from commonlaw.cli.options import option
+from commonlaw.cli.options import by_name, number_or_text, option
 from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
@@ -19,6 +19,15 @@ from commonlaw.cli.working import working
 @command
 @click.argument("equations")
 @with_training_source
+@option(
+    "Table",
+    "--start",
+    "starts",
+    metavar="STATE=VALUE",
+    multiple=True,
+    help="Where trials start in a state that nobody measured, in their first sample: a number, or a property of the "
+    "objects, depot=dose; repeat for more.",
+)
 @with_likelihood
 @option(
     "Output",
@@ -28,7 +37,14 @@ from commonlaw.cli.working import working
     help="Say how the fitted law stands in evidence beside another.",
 )
 @with_outputs
-def fit(equations: str, source: Source, settings: dict[str, Any], against: str | None, outputs: Outputs) -> None:
+def fit(
+    equations: str,
+    source: Source,
+    starts: tuple[str, ...],
+    settings: dict[str, Any],
+    against: str | None,
+    outputs: Outputs,
+) -> None:
     """Fit a law that you have in mind to the trials in FILE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
@@ -41,6 +57,7 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
       commonlaw fit "T' = -k (T - 20)" cups.csv --save law.json
       commonlaw fit "T' = a + b T" cups.csv --against discovered.json
       commonlaw fit "s' = -V s/(K + s)" enzymes.csv
+      commonlaw fit "d' = -a d; c' = b d - k c" doses.csv --start d=dose
       commonlaw fit "x'' = -g - c v" --dataset linear-drag:noise=0.05
     """
     import commonlaw as cl
@@ -48,9 +65,10 @@ def fit(equations: str, source: Source, settings: dict[str, Any], against: str |
     with working("Fitting ...") as show:
         other = cl.Law.load(against) if against else None
         later = LaterSteps()
-        trials = load(source, [equations], [other] if other else ())
+        known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
+        trials = load(source, [equations], [other] if other else (), known)
         training = source.select(trials)
-        law = cl.fit(equations, training, **settings, progress=show)
+        law = cl.fit(equations, training, starts=known, **settings, progress=show)
         outputs.keep(law, later)
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:

@@ -196,7 +196,7 @@ class Learned:
         errors_of = self.findings.forecast.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
-        for state in law.states:
+        for state in law.schema.measured:
             head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
             columns[head] = errors_of[state].reindex(law.objects).tolist()
         return columns

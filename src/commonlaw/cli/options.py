@@ -95,3 +95,11 @@ def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
         except ValueError:
             raise click.UsageError(f"{name} {key}={text}: {text!r} is not a number") from None
     return found
+
+
+def number_or_text(text: str) -> float | str:
+    """Return the number that a text is, or the text itself."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

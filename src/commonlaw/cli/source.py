@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from commonlaw.cli.options import as_one, by_name, in_options, option, pairs
+from commonlaw.cli.options import as_one, by_name, in_options, number_or_text, option, pairs
 from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials
@@ -162,7 +162,7 @@ class Source:
             object_name=self.object_name,
             trial=self.trial or (schema.trial if schema else None),
             time=self.time or (schema.time if schema else None),
-            states=self.states or (schema.states if schema and not self.wide else None),
+            states=self.states or (schema.measured if schema and not self.wide else None),
             inputs=self.inputs or (schema.inputs if schema else ()),
             noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema),
             properties=list(self.properties) or None,
@@ -205,7 +205,7 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials) -> dict[str, li
         role = columns.get(key, key)
         present = known.get(role) or {own[role] for own in trials.properties.values() if role in own}
         parts = _parts(text, present)
-        conditions.setdefault(role, []).extend(parts if role in known else map(_value, parts))
+        conditions.setdefault(role, []).extend(parts if role in known else map(number_or_text, parts))
     return conditions
 
 
@@ -218,10 +218,3 @@ def _parts(text: str, present: Collection[object]) -> list[str]:
     if text in present:
         return [text]
     return [re.sub(r'^"(.*)"$', r"\1", each, flags=re.DOTALL) for each in re.split(_COMMA, text)]
-
-
-def _value(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -1,9 +1,9 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Concatenate, ParamSpec
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import outcomes_of_constants, refine, with_constants_found
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
@@ -22,23 +22,22 @@ from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
-from commonlaw.library.equation import split_equations
+from commonlaw.library.equation import Equation, split_equations
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
-from commonlaw.trials.trial import property_names
+from commonlaw.trials.starts import with_starts
+from commonlaw.trials.trial import Start, property_names
 
-P = ParamSpec("P")
+F = TypeVar("F", bound=Callable[..., Law])
 
 
-def _with_settings_of(
-    refinement: Callable[Concatenate[Law, Trials, P], Law],
-) -> Callable[[Callable[..., Law]], Callable[Concatenate[str | Sequence[str], Trials, P], Law]]:
+def _with_settings_of(refinement: Callable[..., Law]) -> Callable[[F], F]:
     """Give a function of equations and trials the settings of a refinement, so that they are listed in one place."""
 
-    def decorate(function: Callable[..., Law]) -> Callable[Concatenate[str | Sequence[str], Trials, P], Law]:
-        own = list(inspect.signature(function).parameters.values())[:2]
+    def decorate(function: F) -> F:
+        own = list(inspect.signature(function).parameters.values())[:-1]
         settings = list(inspect.signature(refinement).parameters.values())[2:]
         vars(function)["__signature__"] = inspect.Signature([*own, *settings], return_annotation=Law)
         return function
@@ -47,7 +46,9 @@ def _with_settings_of(
 
 
 @_with_settings_of(refine)
-def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
+def fit(
+    equations: str | Sequence[str], trials: Trials, *, starts: Mapping[str, Start] | None = None, **settings: Any
+) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
 
     The way is that of `refine`, maximum likelihood of whole trajectories; laws in discrete time, which have none, are
@@ -71,14 +72,18 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
         values are outside of these, the law is refused.
     trials
         What was measured. Each object has its own coefficients.
+    starts
+        Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
+        property of the objects, such as a dose, or a number for each object. They need no column, and go with laws
+        of first order: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
     Raises
     ------
     CommonlawError
-        If the text cannot be read, the message says at which character and lists the variables; or if the trials cannot
-        be used as they are.
+        If the text cannot be read, the message says at which character and lists the variables; if a state has neither
+        a column nor a start, or nothing tells its scale or a coefficient; or if the trials cannot be used as they are.
 
     Examples
     --------
@@ -91,10 +96,23 @@ def fit(equations: str | Sequence[str], trials: Trials, **settings: Any) -> Law:
     """
     asked = split_equations(equations)
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
+    trials = _with_unmeasured(trials, asked, starts or {})
     given = read_equations(equations, trials.schema)
+    if starts and given.terms.constants:
+        raise CommonlawError(
+            f"constants inside of terms, here {', '.join(given.terms.variables.constants)}, are not fitted beside "
+            f"states that nobody measured, here {', '.join(starts)}: give them as numbers"
+        )
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
-    history = (Step("equations", text, "as given"), *_properties_in(given, trials))
-    calls = (call(refine, settings, "cl.fit", repr(text), "trials"),)
+    history = (
+        Step("equations", text, "as given"),
+        *(
+            Step("start", f"{name} = {start}", "as given: it was not measured")
+            for name, start in (starts or {}).items()
+        ),
+        *_properties_in(given, trials),
+    )
+    calls = (call(fit, {"starts": starts, **settings}, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)
@@ -132,6 +150,31 @@ def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
     return law
 
 
+def _with_unmeasured(trials: Trials, asked: Sequence[Equation], starts: Mapping[str, Start]) -> Trials:
+    """Return trials with the states of equations that nobody measured, and whose starts are known."""
+    schema, states = trials.schema, [each.state for each in asked]
+    for name in starts:
+        check_choice("state of the equations", name, states)
+        if name in schema.states:
+            raise CommonlawError(
+                f"{name} was measured, so that its start is found with the law: leave it out of starts=..."
+            )
+        if name in schema.inputs:
+            raise CommonlawError(f"{name} is an input of the trials: read them without it, or leave its equation out")
+    lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *starts)]
+    if starts and lacking:
+        raise CommonlawError(
+            f"{lacking[0]} has an equation, but neither a column nor a start: name its column, or give where trials "
+            f"start, starts={{{lacking[0]!r}: ...}}, by a number or a property of the objects"
+        )
+    if starts and asked[0].order != 1:
+        raise CommonlawError(
+            f"{next(iter(starts))} was not measured, and starts go with laws of first order: write each rate as a "
+            "state with an equation of its own"
+        )
+    return with_starts(trials, starts)
+
+
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
     """Return a step for each name in equations that is a property of the objects."""
     names = [name for name in property_names(trials.properties) if name in {each.name for each in given.coefficients}]
@@ -139,9 +182,15 @@ def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
-    """Return the law of given equations; coefficients that are to be found are 1, and only they have an error."""
+    """Return the law of given equations; coefficients that are to be found are 1 or -1, and only they have an error.
+
+    They have the signs of the text.
+    """
     objects, known = trials.objects, _known(given, trials)
-    coefficients = np.where(np.isnan(known), 1.0, known)
+    signs = np.ones(known.shape[1:])
+    for product in given.products:
+        signs[product.equation, product.term] = np.sign(product.factor)
+    coefficients = np.where(np.isnan(known), signs, known)
     free = np.isnan(known)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
     covariance = free[:, :, np.newaxis] * np.eye(free.shape[1])
     return Law(

@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation import noise_degrees_of_freedom
 from commonlaw.formulation import LeastSquaresProblem, column_scales
+from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
@@ -42,7 +43,7 @@ def fitted_law(
             covariance=covariances(problem, state, covariance, seed),
             shared_factor=None,
             unpooled=None,
-            noise=problem.noise,
+            noise=np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(problem, state),
             widening=None,

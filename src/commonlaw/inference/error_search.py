@@ -107,7 +107,8 @@ class _Levels:
         """The least and the largest values, each of shape (levels and times,)."""
         states, rates, step, duration = self._scales
         noise, floor = self.before.first_noise, noise_floor(self.before.trials)
-        found = [(noise, noise) if self.before.noise_given else (floor, np.maximum(states, floor))]
+        fixed = self.before.noise_given | self.before.trials.schema.unmeasured
+        found = [(np.where(fixed, noise, floor), np.where(fixed, noise, np.maximum(states, floor)))]
         if self.kind == "proportional":
             found.append((np.full(len(states), _SMALLEST), np.ones(len(states))))
         elif self.kind == "correlated":
@@ -141,7 +142,7 @@ class _Levels:
         groups = [problem.trials.of_object(name) for name in problem.trials.objects]
         trials = [trial for group in groups for trial in group]
         curves = [own[:, -d:] for group in problem.smoothed for own in group]
-        states = spread_within(problem.trials)
+        states = np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), spread_within(problem.trials))
         rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)

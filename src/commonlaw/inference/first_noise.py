@@ -23,12 +23,15 @@ _MULTIPLE = 1e-3
 def noise_floor(trials: Trials) -> Floats:
     """Return what the noise of each state is at least, shape (d,): a small share of it, or that of rounded values.
 
-    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
+    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12). Of a
+    state that nobody measured it is that of its starts.
     """
     columns = np.concatenate([trial.states for trial in trials]).T
     scale = spread_within(trials)
     steps = [_step(column[np.isfinite(column)]) for column in columns]
-    return np.asarray(np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12)))
+    found = np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12))
+    of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
+    return np.asarray(np.where(trials.schema.unmeasured, of_starts, found))
 
 
 def _step(values: Floats) -> float:
@@ -44,8 +47,8 @@ def _step(values: Floats) -> float:
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
     """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
 
-    Of states whose measurements have standard deviations of their own it is the median of these; None if nothing is
-    known of any state.
+    Of states whose measurements have standard deviations of their own it is the median of these, and NaN of states
+    that nobody measured; None if nothing is known of any state.
 
     Raises
     ------
@@ -57,16 +60,18 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
         return None
     noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
     for name, level in noise.items():
+        if name in trials.schema.starts:
+            raise CommonlawError(f"the noise of {name!r} is given, and nobody measured it: leave it out")
         if not (np.isfinite(level) and level > 0):
             raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
         if name in columns:
             raise CommonlawError(f"the noise of {name!r} is given twice, and in column {columns[name]!r}: give it once")
     each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
     noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
-    missing = [name for name in states if name not in noise]
+    missing = [name for name in states if name not in noise and name not in trials.schema.starts]
     if missing:
         raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
-    return np.array([noise[name] for name in states], dtype=np.float64)
+    return np.array([noise.get(name, np.nan) for name in states], dtype=np.float64)
 
 
 def by_columns(schema: Schema) -> str:
@@ -93,10 +98,16 @@ NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] 
 
 
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:
-    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from."""
+    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from.
+
+    Of states that nobody measured it is NaN.
+    """
     squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
     reasons = []
     for j, name in enumerate(trials.schema.states):
+        if name in trials.schema.starts:
+            squares[:, j], weights[:, j] = np.nan, 1.0
+            continue
         pairs = [(trial.times, trial.states[:, j]) for trial in trials]
         measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
         counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]

@@ -103,7 +103,7 @@ class FitSetup:
         """Return what was measured, ready to be fitted by the terms of the law."""
         noise, huber, law = self.noise, self.huber_threshold, self.law
         begin = law.coefficients
-        return prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, constants=begin)
+        return prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
 
 
 def _of_objects(law: Law, trials: Trials) -> Law:

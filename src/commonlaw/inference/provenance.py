@@ -103,9 +103,26 @@ def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _
     return (*found, *outcomes_of_samples(problem))
 
 
+def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
+    """Return a word on coefficients that fit as well as those of a law of states that nobody measured."""
+    if not problem.as_good:
+        return ()
+    names = ", ".join(problem.trials.schema.starts)
+    others = "; or ".join(
+        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.named_coefficients)
+        for each in problem.as_good
+    )
+    text = (
+        f"other coefficients fit {law.objects[0]} as well: {others}; with the signs of the equations as far as "
+        f"possible, those by which {names} changes fastest were taken"
+    )
+    remedy = "give what is known of them as numbers in the equations, or measure another state"
+    return (Outcome(OutcomeKind.AMBIGUOUS, "", text, remedy),)
+
+
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS, OutcomeKind.SAMPLES
+    kinds = OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS
     return tuple(each for each in outcomes if each.kind not in kinds)
 
 
@@ -168,12 +185,13 @@ def noise_step(problem: SearchProblem) -> Step:
 
 
 def levels_in_words(levels: Floats, schema: Schema) -> str:
-    """Return the levels of errors of each state's measurements in words."""
+    """Return the levels of errors of measurements in words, of each state that has any."""
     return ", ".join(
         f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
         if name in schema.logarithmic
         else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
         for name, level in zip(schema.states, levels, strict=True)
+        if name not in schema.starts
     )
 
 

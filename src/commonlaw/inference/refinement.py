@@ -13,6 +13,7 @@ from commonlaw.inference.provenance import (
     fit_steps,
     noise_step,
     outcomes_of_fit,
+    outcomes_of_unmeasured,
     sample_steps,
     without_outcomes_of_fit,
 )
@@ -126,6 +127,7 @@ def refine(
         outcomes=(
             *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
             *outcomes_of_fit(problem, state),
+            *outcomes_of_unmeasured(refined, problem),
         ),
         history=(*law.history, *chosen),
         calls=calls,

@@ -25,7 +25,9 @@ def unexplained(problem: SearchProblem, state: SearchState) -> str:
     floor = noise_floor(problem.trials)
     found = []
     for j, name in enumerate(problem.trials.schema.states):
-        if problem.noise[j] > 1.001 * floor[j]:  # Below, what is left is not of the measurements
+        if (
+            problem.noise[j] > 1.001 * floor[j] and name not in problem.trials.schema.starts
+        ):  # Below, what is left is not of the measurements
             found += [f"residuals of {name} {what}" for what in _of_state(problem, state, j)]
     return "; ".join(found)
 

@@ -50,9 +50,14 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     Raises
     ------
     CommonlawError
-        If the law is not of order 1, or has no such state.
+        If the law is not of order 1, or has no such state, or nobody measured it.
     """
     names = tuple(dict.fromkeys(find_name(name, law.states, "state") for name in states))
+    if unmeasured := [name for name in names if name in law.schema.starts]:
+        raise CommonlawError(
+            f"{unmeasured[0]} was not measured, and a logarithmic scale is one of measurements: leave it out of "
+            "positive=..."
+        )
     if names == law.schema.logarithmic:
         return law
     return replace(

@@ -95,7 +95,8 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
 
     Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large
     ones leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed
-    measurements.
+    measurements. Where states were not measured, large ones lead from one set of coefficients to another that fits as
+    well, and the smallest is begun with only from where the search begins.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
         If the likelihood cannot be computed.
     """
     *larger, smallest = model_errors
-    ways = dict.fromkeys(((*larger, smallest), (smallest,)))
+    ways = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
     found = [state for way in ways for state in _anneal(problem, supports, way)]
     last = [state for state in found if state.model_error == smallest]
     others = [state for state in found if state.model_error != smallest]
@@ -121,13 +122,15 @@ def fit_with(
         See `fit_supports`.
     start
         Estimates that are near; without them larger model errors lead there from the smoothed measurements, or these
-        are near enough, whichever fits better.
+        are near enough, whichever fits better; see `fit_supports` for states that were not measured.
 
     Raises
     ------
     NotPositiveError
         If the likelihood cannot be computed there.
     """
+    if start is None and problem.trials.schema.starts:
+        start = problem.starts
     if start is not None:
         return fitted(problem, start, supports, model_error)[0]
     larger = [each for each in MODEL_ERRORS if each > model_error]

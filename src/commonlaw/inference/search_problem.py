@@ -7,12 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import column_scales, refuse_constant_states
+from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
+from commonlaw.inference.known_starts import begun_at_starts, with_exact_starts, with_noise_of_unmeasured
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
 from commonlaw.inference.prices import FACTOR, Prices, shifted
-from commonlaw.inference.smooth_rates import smooth_curves, terms_and_rates
+from commonlaw.inference.smooth_rates import first_coefficients, smooth_curves
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.inference.unmeasured import begun, filled_curves, spread_within, typical_states
 from commonlaw.library import Terms
@@ -34,9 +35,6 @@ from commonlaw.trials.trial import with_typical
 _PRIOR = 2.0
 """Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
-_DEPENDENT = 1e-8
-"""Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
-
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
@@ -48,7 +46,8 @@ class SearchProblem:
     `first_noise` is that before any law, which stays if it was given.
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
-    `samples` say which of all are fitted, nothing if all are.
+    `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
+    fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
     """
 
     trials: Trials
@@ -64,6 +63,7 @@ class SearchProblem:
     points: int = 1
     errors: ErrorModel = NO_ERRORS
     samples: str = ""
+    as_good: tuple[Floats, ...] = ()
 
     @property
     def allowed(self) -> Bools:
@@ -169,7 +169,7 @@ class SearchProblem:
             return Measured(count)
         free = sum(each.degrees_of_freedom(model.order) for model in self.models for each in model.meshes)
         prior = _PRIOR * float(np.sum(1 / self._inflation))
-        return Measured(count, free + _PRIOR * len(self.noise), prior, least=self.least_variance)
+        return Measured(count, free + _PRIOR * len(self._inflation), prior, least=self.least_variance)
 
     @cached_property
     def least_variance(self) -> float:
@@ -197,7 +197,7 @@ class SearchProblem:
 
     @cached_property
     def _inflation(self) -> Floats:
-        """The variance of the noise over that estimated first, shape (d,).
+        """The variance of the noise over that estimated first, of each state that was measured.
 
         It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
         """
@@ -207,7 +207,7 @@ class SearchProblem:
         if self.errors.correlated is not None:
             step = np.median(np.concatenate([np.diff(trial.times) for trial in self.trials]))
             variance = variance + self.errors.correlated**2 * np.tanh(step / (2 * self.errors.memory))
-        return np.asarray(variance / self.first_noise**2)
+        return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement at the state where it is, shape (n, d)."""
@@ -259,7 +259,7 @@ def prepare(
     noise: Floats | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
     most_samples: int = MOST_SAMPLES,
-    constants: Floats | None = None,
+    guess: Floats | None = None,
 ) -> SearchProblem:
     """Return the problem of finding a law of these trials.
 
@@ -277,9 +277,9 @@ def prepare(
         Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
     most_samples
         Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
-    constants
-        What those constants inside of terms begin with that are to be found: coefficients, shape (objects, equations,
-        terms), of which no others matter.
+    guess
+        Coefficients, shape (objects, equations, terms): what those constants inside of terms begin with that are to be
+        found, and likely signs of those in equations of unmeasured states.
 
     Raises
     ------
@@ -287,38 +287,37 @@ def prepare(
         If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
         is not above zero.
     """
+    trials = with_exact_starts(trials, terms, known[0])
     scale, order = spread_within(trials), len(terms.variables.states) // len(trials.schema.states)
     trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
-    refuse_constant_states(extremes, trials.schema)
+    started = trials.schema.unmeasured
+    refuse_constant_states({name: np.where(started, np.nan, each) for name, each in extremes.items()}, trials.schema)
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
-    levels = np.maximum(noise, FLOOR * scale if given else noise_floor(trials))
+    levels = np.fmax(noise, FLOOR * scale if given else noise_floor(trials))
+    if started.any():
+        levels = with_noise_of_unmeasured(levels, trials)
     carried = as_many_as_are_carried(trials, levels, most_samples)
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
-    smoothed = dict(zip(trials, in_parallel(lambda trial: smooth_curves(trial, order), trials), strict=True))
+    smoothed = dict(zip(trials, in_parallel(lambda trial: smooth_curves(trial, order, started), trials), strict=True))
     curves = [[smoothed[trial] for trial in group] for group in groups]
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
-    models, starts = [], []
     between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
+    models = [TrajectoryModel(terms, meshes(group, input_between=between), observation, unit) for group in groups]
+    if started.any():
+        starts, curves, as_good = begun_at_starts(
+            models, trials, curves, known, np.zeros_like(known) if guess is None else guess
+        )
+    else:
+        begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
+        starts, as_good = _begun_along_curves(models, groups, curves, begins), []
     typical = typical_states(curves)
-    own_laws = []
-    begins = known if constants is None else np.where(np.isnan(known) & ~terms.is_factor, constants, known)
-    for group, own, fixed in zip(groups, curves, begins, strict=True):
-        models.append(TrajectoryModel(terms, meshes(group, input_between=between), observation, unit))
-        usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
-        coefficients = _first(terms, usable, fixed) if usable else np.nan_to_num(fixed)
-        starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
-        own_laws.append([coefficients] if usable else [])
-    others = [each for own in own_laws for each in own]
-    for o, own in enumerate(curves):
-        if any(np.isnan(states).any() for states, _ in own):
-            starts[o] = begun(models[o], starts[o], own_laws[o] or others)
     measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
     problem = SearchProblem(
@@ -333,22 +332,31 @@ def prepare(
         levels,
         given,
         samples=carried.words,
+        as_good=tuple(as_good),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
+
+
+def _begun_along_curves(
+    models: Sequence[TrajectoryModel],
+    groups: Sequence[Sequence[Trial]],
+    curves: Sequence[Sequence[tuple[Floats, Floats]]],
+    known: Floats,
+) -> list[Estimate]:
+    """Return the smoothed states and rates of each object, and coefficients of all allowed terms by least squares."""
+    starts, own_laws, typical = [], [], typical_states(curves)
+    for model, group, own, fixed in zip(models, groups, curves, known, strict=True):
+        usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
+        coefficients = first_coefficients(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
+        starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
+        own_laws.append([coefficients] if usable else [])
+    others = [each for own in own_laws for each in own]
+    for o, own in enumerate(curves):
+        if any(np.isnan(states).any() for states, _ in own):
+            starts[o] = begun(models[o], starts[o], own_laws[o] or others)
+    return starts
 
 
 def spread(count: int, most: int) -> list[int]:
     """Return the indices of at most so many of a number of things, evenly spread."""
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
-
-
-def _first(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
-    """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
-    found = np.nan_to_num(known)
-    library, targets = terms_and_rates(terms, curves, found)
-    for equation, free in enumerate(np.isnan(known)):
-        columns = library[:, free]
-        norms = column_scales(columns)
-        rest = targets[:, equation] - library @ found[equation]
-        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=_DEPENDENT)[0] / norms
-    return found

@@ -4,21 +4,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import column_scales
 from commonlaw.inference.first_noise import parabola
 from commonlaw.library import Terms, Variables
 from commonlaw.trials import Trial
 
+_DEPENDENT = 1e-8
+"""Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
 
-def smooth_curves(trial: Trial, order: int) -> tuple[Floats, Floats]:
+
+def smooth_curves(trial: Trial, order: int, unmeasured: Bools | None = None) -> tuple[Floats, Floats]:
     """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial.
 
-    Those of a state that was not measured in it are NaN.
+    Those of a state that was not measured in it are NaN, and so are those of states of which at most a start is known.
     """
     columns = []
-    for column in trial.states.T:
+    for column in trial.states.T if unmeasured is None else np.where(unmeasured, np.nan, trial.states).T:
         seen = np.isfinite(column)
         if not seen.any():
             columns.append([column] * (order + 1))
@@ -65,3 +69,15 @@ def values_and_rates(variables: Variables, trial: Trial, curve: tuple[Floats, Fl
     logarithmic = list(variables.logarithmic_columns)
     rates[:, logarithmic] *= values[:, logarithmic]
     return values, rates
+
+
+def first_coefficients(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
+    """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
+    found = np.nan_to_num(known)
+    library, targets = terms_and_rates(terms, curves, found)
+    for equation, free in enumerate(np.isnan(known)):
+        columns = library[:, free]
+        norms = column_scales(columns)
+        rest = targets[:, equation] - library @ found[equation]
+        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=_DEPENDENT)[0] / norms
+    return found

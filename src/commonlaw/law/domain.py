@@ -39,11 +39,15 @@ class Domain:
 
     @classmethod
     def of(cls, trials: Trials, rates: Sequence[str]) -> "Domain":
-        """Return what trials have visited; rates, of laws of second order, by smooth curves through the samples."""
+        """Return what trials have visited; rates, of laws of second order, by smooth curves through the samples.
+
+        States that nobody measured are not among it.
+        """
         schema, columns = trials.schema, dict[str, list[Floats]]()
         for trial in trials:
             states = natural(trial.states, schema)
-            others = [*zip(schema.states, states.T, strict=True), *zip(schema.inputs, trial.inputs.T, strict=True)]
+            own = [pair for pair in zip(schema.states, states.T, strict=True) if pair[0] not in schema.starts]
+            others = [*own, *zip(schema.inputs, trial.inputs.T, strict=True)]
             if rates:
                 others += zip(rates, _rates(trial).T, strict=True)
             for name, each in others:

@@ -265,7 +265,7 @@ class Forecast(ShownInNotebooks):
         )
 
     def errors(self) -> "pd.DataFrame":
-        """Return a table of errors, one row for each trial and state.
+        """Return a table of errors, one row for each trial and state that has a column.
 
         Columns: the root of the mean squared error, the largest and the last absolute error, all in the state's unit,
         and when the forecast diverged (NaN if it did not; its errors are then infinite). Samples in which the state was
@@ -277,7 +277,8 @@ class Forecast(ShownInNotebooks):
         for trial, trajectory, (states, forecast) in zip(self.trials, self.trajectories, self._compared(), strict=True):
             errors = np.abs(np.nan_to_num(forecast, nan=np.inf) - states)
             lost = np.flatnonzero(np.isnan(trajectory.states).any(axis=1))
-            for j, name in enumerate(schema.states):
+            for name in schema.measured:
+                j = schema.states.index(name)
                 error = errors[~np.isnan(states[:, j]), j]
                 rows.append(
                     {

@@ -11,6 +11,7 @@ from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion, in_units
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.measured_rates import without_rates
+from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import as_numbers
 
 
@@ -23,7 +24,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
         The law.
     trials
         What was measured. What has no unit there or in the law is taken as it is. Columns that the law
-        left out, as they are rates of its states, are left out here.
+        left out, as they are rates of its states, are left out here. States that nobody measured come with
+        their starts.
     inputs
         Whether the trials may have other inputs than the law.
 
@@ -33,7 +35,9 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
         If the variables are not those of the law, or a unit cannot be converted into that of the law.
     """
     trials = without_rates(trials, law.schema.rates)
-    kinds = [("states", law.schema.states, trials.schema.states)]
+    starts = {name: start for name, start in law.schema.starts.items() if name not in trials.schema.states}
+    measured = tuple(name for name in law.schema.states if name not in starts)
+    kinds = [("states", measured, trials.schema.states)]
     kinds += [("inputs", law.schema.inputs, trials.schema.inputs)] if inputs == "same" else []
     for kind, wanted, given in kinds:
         if wanted != given:
@@ -41,7 +45,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
                 f"the law has the {kind} {', '.join(wanted) or 'none'}, "
                 f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
             )
-    return in_units(trials, _units(law, trials.schema))
+    return with_starts(in_units(trials, _units(law, trials.schema)), starts)
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
@@ -69,5 +73,6 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
     own, wider = law.schema, law.with_discrepancy
     used = {*own.states, *own.inputs, *(law.explanation.properties if law.explanation else ())}
     used |= {*wider.schema.inputs} if wider else set()
+    used |= {start for start in own.starts.values() if isinstance(start, str)}
     units = {name: unit for name, unit in own.units.items() if name in used}
     return units | ({given.time: own.units[own.time]} if own.time in own.units else {})

@@ -93,7 +93,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
         "object": schema.object if schema.object != "object" else None,
         "trial": schema.trial if schema.trial != "trial" else None,
         "time": schema.time,
-        "states": list(schema.states),
+        "states": list(schema.measured),
         "inputs": list(schema.inputs) or None,
         "properties": list(source.properties) or None,
         "noise_columns": dict(schema.noise_columns) or None,
@@ -110,7 +110,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
 
 
 def _columns(schema: Schema) -> tuple[str, ...]:
-    return (schema.time, *schema.states, *schema.inputs)
+    return (schema.time, *schema.measured, *schema.inputs)
 
 
 def _default(field: Any) -> Any:

@@ -22,8 +22,7 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
         return trials
     changed = []
     for trial in trials:
-        own = trials.properties.get(trial.object, {})
-        values = [_number(name, own.get(name), trial.object, trials) for name in names]
+        values = [number_of(name, trial.object, trials) for name in names]
         inputs = np.column_stack([trial.inputs, np.tile(values, (len(trial), 1))])
         changed.append(replace(trial, inputs=inputs))
     schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
@@ -33,7 +32,9 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
     return replace(trials, trials=tuple(changed), schema=schema, properties=left)
 
 
-def _number(name: str, value: object, owner: str, trials: Trials) -> float:
+def number_of(name: str, owner: str, trials: Trials) -> float:
+    """Return the value of a property of an object; refused if it has none, or one that is no number."""
+    value = trials.properties.get(owner, {}).get(name)
     if value is None:
         known = property_names(trials.properties)
         if name not in known:

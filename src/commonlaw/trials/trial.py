@@ -17,6 +17,8 @@ from commonlaw.wording import counted
 Property = float | str
 ObjectProperties = Mapping[str, Mapping[str, Property]]
 PropertyTable = Mapping[Any, Mapping[str, Property]]
+Start = float | str | Mapping[str, float]
+"""A number, the name of a property, or a number for each object."""
 
 _SHOWN = 3
 """Locations that a note lists."""
@@ -51,6 +53,8 @@ class Schema:
     rates
         Columns that were left out of the states, as they are the rate of one, by that one: ``{"theta": "omega"}``. A
         law of second order calls the rates by these names.
+    starts
+        States that nobody measured, by where trials start in them, see `commonlaw.fit`.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class Schema:
     logarithmic: tuple[str, ...] = ()
     input_between: str = "linear"
     rates: Mapping[str, str] = field(default_factory=dict)
+    starts: Mapping[str, Start] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
@@ -77,10 +82,20 @@ class Schema:
             raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
         if not self.states:
             raise CommonlawError("no state variable is named: say which columns were measured")
-        for name in (*self.noise_columns, *self.logarithmic):
+        for name in (*self.noise_columns, *self.logarithmic, *self.starts):
             check_choice("state", name, self.states)
         if len({*self.logarithmic}) < len(self.logarithmic):
             raise CommonlawError(f"logarithms are taken of {', '.join(self.logarithmic)}: name each state once")
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The states that have a column: all but those of which only starts are known."""
+        return tuple(name for name in self.states if name not in self.starts)
+
+    @property
+    def unmeasured(self) -> Bools:
+        """Which states nobody measured, so that only their starts are known, shape (states,)."""
+        return np.array([name in self.starts for name in self.states], dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +328,7 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
     """Refuse a trial with standard deviations of a state for which the schema names no column, or without others."""
     for j, name in enumerate(schema.states):
         named, known = name in schema.noise_columns, bool(np.isfinite(trial.noise[:, j]).any())
-        if known and not named:
+        if known and not named and name not in schema.starts:
             raise CommonlawError(
                 f"{trial.label} has standard deviations of {name}: name their column in the schema, noise_columns="
             )

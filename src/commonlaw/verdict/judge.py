@@ -83,7 +83,8 @@ def _compared(judged: Sequence[Segment], states: Bools) -> int:
 def _by_state(trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats) -> tuple[StateError, ...]:
     """Return the errors of each state, with the range that was measured in the trials."""
     schema, found = trials.schema, []
-    for j, name in enumerate(schema.states):
+    for name in schema.measured:
+        j = schema.states.index(name)
         values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
         values = values[np.isfinite(values)]
         found.append(

@@ -1,0 +1,204 @@
+"""States that nobody measured, with known starts: doses that are absorbed, compartments, the susceptible."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+
+TIMES = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])
+ONE = "depot' = -ka depot; conc' = ka depot/V - k conc"
+TWO = "depot' = -ka depot; conc' = ka depot/V - b conc + q slow; slow' = conc - h slow"
+TYPICAL = {ONE: (1.5, 20.0, 0.3), TWO: (3.0, 20.0, 0.6, 0.1, 0.2)}
+LETTERS = {ONE: ("ka", "V", "k"), TWO: ("ka", "V", "b", "q", "h")}
+WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
+
+
+def concentration(equations, values, dose, first=0.0):
+    """Concentrations at the sample times, by an integrator of SciPy."""
+
+    def rates(_, state):
+        depot, conc, slow = state
+        if equations == ONE:
+            ka, volume, k = values
+            return [-ka * depot, ka * depot / volume - k * conc, 0.0]
+        ka, volume, b, q, h = values
+        return [-ka * depot, ka * depot / volume - b * conc + q * slow, conc - h * slow]
+
+    start, span = [dose, first, 0.0], (0, TIMES[-1])
+    return solve_ivp(rates, span, start, t_eval=TIMES, rtol=1e-10, atol=1e-12, method="LSODA").y[1]
+
+
+def people(equations, noise, seed=0, count=6):
+    """Parameters, doses and trials of people whose concentration alone is measured."""
+    generator = np.random.default_rng(seed)
+    truth = np.array(TYPICAL[equations]) * np.exp(0.15 * generator.standard_normal((count, len(TYPICAL[equations]))))
+    doses = 100 * np.exp(0.2 * generator.standard_normal(count))
+    measured = [concentration(equations, *own) for own in zip(truth, doses, strict=True)]
+    measured = [own + noise * generator.standard_normal(len(TIMES)) for own in measured]
+    names = [f"person {i}" for i in range(count)]
+    properties = {name: {"dose": dose} for name, dose in zip(names, doses, strict=True)}
+    trials = cl.Trials.from_arrays(
+        [TIMES] * count, measured, object=names, names=["conc"], units={"dose": "mg"}, properties=properties
+    )
+    return truth, doses, measured, trials
+
+
+def starts_of(equations):
+    return {"depot": "dose"} if equations == ONE else {"depot": "dose", "slow": 0.0}
+
+
+def by_letters(law, equations):
+    """Values and standard errors, with columns in the order of the letters."""
+    columns = [law.letters.index(name) for name in LETTERS[equations]]
+    return [each[:, columns] for each in law.letter_values()]
+
+
+def least_squares_of(equations, dose, measured, begin):
+    """Least squares of parameters and of the first concentration, and their standard errors over the noise."""
+    begin = np.append(begin, 0.0)
+    found = least_squares(
+        lambda own: concentration(equations, own[:-1], dose, own[-1]) - measured,
+        begin,
+        x_scale=np.append(begin[:-1], 0.1),
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
+    return found.x[:-1], np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:-1]
+
+
+@pytest.mark.parametrize(("equations", "accuracy"), [(ONE, 1e-4), (TWO, 4e-4)])
+def test_estimates_are_those_of_independent_least_squares(equations, accuracy):
+    noise = 0.001  # Meshes are as fine as it asks for, which is coarser the less it tells
+    truth, doses, measured, trials = people(equations, noise, count=3)
+    law = cl.fit(equations, trials, starts=starts_of(equations), noise={"conc": noise}, **WHITE)
+    values, _ = by_letters(law, equations)
+    for own, *data in zip(values, doses, measured, truth, strict=True):
+        np.testing.assert_allclose(own, least_squares_of(equations, *data)[0], rtol=accuracy)
+
+
+@pytest.mark.parametrize("equations", [ONE, TWO])
+def test_standard_errors_are_the_bound_of_the_information(equations):
+    noise = 0.03
+    truth, doses, measured, trials = people(equations, noise)
+    law = cl.fit(equations, trials, starts=starts_of(equations), noise={"conc": noise}, **WHITE)
+    for value, error, *data in zip(*by_letters(law, equations), doses, measured, truth, strict=True):
+        expected, bound = least_squares_of(equations, *data)
+        np.testing.assert_allclose(error, noise * bound, rtol=0.03)
+        assert (abs(value - expected) < 0.05 * error).all()
+
+
+def test_intervals_hold_what_they_say():
+    inside = []
+    for seed in range(24):
+        truth, _, _, trials = people(ONE, 0.1, seed)
+        values, errors = by_letters(cl.fit(ONE, trials, starts={"depot": "dose"}, **WHITE), ONE)
+        inside.append(abs(values - truth) < 1.96 * errors)
+    # 0.95, give or take three standard errors of what 144 people say, whose three parameters go together
+    assert 0.95 - 3 * 0.018 < np.mean(inside) < 0.95 + 2 * 0.018
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return people(ONE, 0.1)[3]
+
+
+@pytest.fixture(scope="module")
+def law(trials):
+    return cl.fit(ONE, trials, starts={"depot": "dose"})
+
+
+def test_it_says_what_was_given_and_what_fits_as_well(law):
+    assert ("start", "depot = dose") in [(each.stage, each.choice) for each in law.history]
+    assert law.schema.units["depot"] == "mg"
+    (outcome,) = [each for each in law.outcomes if each.kind == "ambiguous"]
+    ka, _, k = by_letters(law, ONE)[0][0]
+    assert ka > k
+    swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split("; ")[0].split(", ")]
+    assert (swapped[0], swapped[2]) == pytest.approx((k, ka), rel=0.1)
+
+
+def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
+    again = cl.Law.from_json(law.to_json())
+    assert str(again) == str(law)
+    forecast = again.predict(trials, return_std=True)
+    assert [each.states[0, 1] for each in forecast.trajectories] == pytest.approx(
+        [trials.properties[name]["dose"] for name in trials.objects], rel=1e-3
+    )
+    assert set(forecast.errors()["state"]) == {"conc"}
+    assert forecast.score() > 0.99
+    verdict = again.verdict(trials)
+    assert verdict.usable
+    assert [each.state for each in verdict.state_errors] == ["conc"]
+    assert "states=['conc']" in law.to_script()
+    assert "starts={'depot': 'dose'}" in law.to_script()
+
+
+def test_doses_are_taken_in_the_units_of_the_law(law, trials):
+    grams = {name: {"dose": own["dose"] / 1000} for name, own in trials.properties.items()}
+    schema = cl.Schema(("conc",), units={"dose": "g"})
+    others = cl.Trials(trials.trials, schema, grams)
+    one, other = law.predict(trials), law.predict(others)
+    np.testing.assert_allclose(one.trajectories[0].states, other.trajectories[0].states, rtol=1e-6)
+
+
+def test_refining_keeps_to_the_coefficients(law, trials):
+    np.testing.assert_allclose(cl.refine(law, trials).coefficients, law.coefficients, rtol=1e-6)
+
+
+def test_starts_are_numbers_for_all_or_each_object_too(law, trials):
+    doses = {name: own["dose"] for name, own in trials.properties.items()}
+    each = cl.fit(ONE, trials, starts={"depot": doses})
+    np.testing.assert_array_equal(each.coefficients, law.coefficients)
+    some = trials.select(object=trials.objects[0])
+    one, other = (cl.fit(ONE, some, starts={"depot": start}) for start in ("dose", doses[trials.objects[0]]))
+    np.testing.assert_array_equal(one.coefficients, other.coefficients)
+
+
+def test_the_susceptible_are_told_by_the_infected():
+    times, truth = np.linspace(0, 40, 21), np.array([5e-4, 5e-4, 0.15])
+    generator = np.random.default_rng(0)
+
+    def infected(b, c, g):
+        def rates(_, state):
+            return [-b * state[0] * state[1], c * state[0] * state[1] - g * state[1]]
+
+        return solve_ivp(rates, (0, 40), [990.0, 10.0], t_eval=times, rtol=1e-10, atol=1e-8).y[1]
+
+    measured = [infected(*truth * np.exp(0.1 * generator.standard_normal(3))) for _ in range(3)]
+    measured.append(infected(*truth))
+    measured = [own + 2.0 * generator.standard_normal(len(times)) for own in measured]
+    trials = cl.Trials.from_arrays([times] * 4, measured, object=list("abcd"), names=["I"])
+    law = cl.fit("S' = -b S I; I' = c S I - g I", trials, starts={"S": 990.0}, **WHITE)
+    columns = [law.letters.index(name) for name in "bcg"]
+    values, errors = (each[-1, columns] for each in law.letter_values())
+    assert (abs(values - truth) < 4 * errors).all()
+    assert (errors < 0.1 * truth).all()
+
+
+@pytest.mark.parametrize(
+    ("equations", "starts", "settings", "message"),
+    [
+        (TWO, {"depot": 100.0}, {}, "slow has an equation, but neither a column nor a start"),
+        (ONE, {"dopot": 100.0}, {}, "unknown state of the equations 'dopot': did you mean 'depot'"),
+        (ONE, {"depot": "dos"}, {}, "unknown property 'dos': did you mean 'dose'"),
+        (ONE, {"depot": np.nan}, {}, "the start of depot is nan for person 0: give a finite number"),
+        (ONE, {"depot": {"person 0": 1.0}}, {}, "the start of depot is nan for person 1"),
+        (ONE, {"depot": 100.0, "conc": 0.0}, {}, "conc was measured, so that its start is found with the law"),
+        (ONE, {"depot": 100.0}, {"noise": {"depot": 1.0}}, "the noise of 'depot' is given, and nobody measured it"),
+        (ONE, {"depot": 100.0}, {"positive": ["depot"]}, "depot was not measured, and a logarithmic scale"),
+        (ONE.replace("k conc", "v conc/(K + conc)"), {"depot": 100.0}, {}, "here K, are not fitted beside"),
+        (ONE.replace("'", "''"), {"depot": 100.0}, {}, "starts go with laws of first order"),
+        (
+            TWO.replace("slow' = conc", "slow' = p conc"),
+            {"depot": 100.0, "slow": 0.0},
+            {},
+            "slow was not measured and starts at zero, so that nothing tells its scale",
+        ),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_by_name(trials, equations, starts, settings, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.fit(equations, trials, starts=starts, **settings)
