@@ -101,7 +101,8 @@ def fit(
     if starts and given.terms.constants:
         raise CommonlawError(
             f"constants inside of terms, here {', '.join(given.terms.variables.constants)}, are not fitted beside "
-            f"states that nobody measured, here {', '.join(starts)}: give them as numbers"
+            f"states that nobody measured, here {', '.join(starts)}: give them as numbers, or each term a "
+            "coefficient of its own"
         )
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
