@@ -76,6 +76,7 @@ def fit(
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, or a number for each object. They need no column, and go with laws
         of first order: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
+        Rows before the first measurement are left out of `Trials`, and so tell no time of a dose.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
