@@ -46,7 +46,7 @@ def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcom
 
 def _probability(problem: SearchProblem, state: SearchState, name: str) -> float:
     """Return how probable differences as large are between trials of an object that do not differ."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     index = problem.trials.objects.index(name)
     factors, left = _factors(problem, state, index)
@@ -59,7 +59,7 @@ def _probability(problem: SearchProblem, state: SearchState, name: str) -> float
     if more <= 0 or within <= 0 or not size:
         return 1.0
     variance = max(alone / within, problem.least_variance)
-    return float(f.sf((together - alone) / more / variance, more, within))
+    return float(fdtrc(more, within, max(together - alone, 0.0) / more / variance))
 
 
 def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[list[Floats], int]:
