@@ -49,7 +49,10 @@ def threads(n_jobs: int) -> Iterator[None]:
 
 
 def in_parallel(
-    function: Callable[..., T], *columns: Iterable[Any], done: Callable[[int], None] = lambda _: None
+    function: Callable[..., T],
+    *columns: Iterable[Any],
+    pays: bool = True,
+    done: Callable[[int], None] = lambda _: None,
 ) -> list[T]:
     """Return what a function gives for each row of some columns, in their order; `map` in threads, see `threads`.
 
@@ -59,6 +62,8 @@ def in_parallel(
         What is done with each row.
     *columns
         Its arguments, one row after the other; rows that take long had better come first.
+    pays
+        Whether the rows compute so much outside of Python that this is worth what threads cost.
     done
         Takes how many rows are done, in one thread at a time.
 
@@ -67,7 +72,7 @@ def in_parallel(
     Exception
         What the first row raises that raises something.
     """
-    team = _TEAM.get() or _Team(1)
+    team = (_TEAM.get() if pays else None) or _Team(1)
     return team.do([partial(function, *row) for row in zip(*columns, strict=True)], done)
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from commonlaw.inference.search import SCHEDULES, fit_supports, fit_with, polish, search, with_close_neighbours
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import NO_ERROR, SearchState
-from commonlaw.likelihood import NotPositiveError
+from commonlaw.likelihood import NotPositiveError, threads_pay
 from commonlaw.parallel import in_parallel
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver
@@ -55,7 +55,8 @@ def search_by_few(
     with the supports: these are sought in all then.
     """
     tell = part(progress, 0.0, _SEARCHED) if len(few) == 1 else lambda _: None
-    found = [each[0] for each in in_parallel(lambda each: search(each, solver, tell), few)]
+    pays = threads_pay(problem.models)
+    found = [each[0] for each in in_parallel(lambda each: search(each, solver, tell), few, pays=pays)]
     if not any(each.has_model_error for each in found):
         progress(Stage("weighing by all samples what some of them show", _SEARCHED))
         with suppress(NotPositiveError):
@@ -69,7 +70,8 @@ def search_by_few(
 def _weighed(problem: SearchProblem, found: Sequence[SearchState], solver: AbstractSolver) -> list[SearchState]:
     """Return laws that some show, chosen again by all, the same with model errors, and close neighbours."""
     distinct = {each.supports.tobytes(): each for each in found}.values()
-    ways = in_parallel(lambda each: _chosen_again(problem, each, solver), distinct)
+    pays = threads_pay(problem.models)
+    ways = in_parallel(lambda each: _chosen_again(problem, each, solver), distinct, pays=pays)
     return with_close_neighbours(problem, [state for each in ways for state in each])
 
 

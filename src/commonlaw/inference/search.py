@@ -26,7 +26,7 @@ from commonlaw.inference.search_state import (
     nearest_by,
     restricted,
 )
-from commonlaw.likelihood import Estimate, NotPositiveError
+from commonlaw.likelihood import Estimate, NotPositiveError, threads_pay
 from commonlaw.parallel import in_parallel
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.solvers import AbstractSolver
@@ -63,7 +63,9 @@ def search(
         progress(Stage(f"choosing terms, {done} of {of} done", done / (len(schedules) + 1)))
 
     tell(0)
-    ways = in_parallel(lambda each: _anneal(problem, solver, each), schedules, done=tell)
+    ways = in_parallel(
+        lambda each: _anneal(problem, solver, each), schedules, pays=threads_pay(problem.models), done=tell
+    )
     found = [state for each in ways for state in each]
     if schedules is not SCHEDULES:
         return list_by_evidence(found)

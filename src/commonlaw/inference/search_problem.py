@@ -28,7 +28,6 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
-from commonlaw.parallel import in_parallel
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
@@ -302,8 +301,7 @@ def prepare(
     carried = as_many_as_are_carried(trials, levels, most_samples)
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
-    smoothed = dict(zip(trials, in_parallel(lambda trial: smooth_curves(trial, order, started), trials), strict=True))
-    curves = [[smoothed[trial] for trial in group] for group in groups]
+    curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
     unit = levels
     if order == 2:
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])

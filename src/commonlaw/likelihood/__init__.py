@@ -1,7 +1,7 @@
 """The likelihood of trajectories: states and coefficients fitted together to what was measured."""
 
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_each, whitened
+from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_each, threads_pay, whitened
 from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
@@ -29,6 +29,7 @@ __all__ = [
     "linearize",
     "linearize_each",
     "meshes",
+    "threads_pay",
     "whitened",
     "without_states",
 ]

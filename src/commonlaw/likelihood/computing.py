@@ -15,8 +15,8 @@ from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.parallel import in_parallel
 
-_MANY = 5000
-"""Points of meshes from which the objects are worth more than what threads cost: some milliseconds of work."""
+_MANY = 50_000
+"""Numbers in the rows of all terms from which threads pay: a linearisation then takes them some milliseconds."""
 
 T = TypeVar("T")
 
@@ -112,10 +112,13 @@ def whitened(
 def _each(
     function: Callable[[TrajectoryModel, Estimate], T], models: Sequence[TrajectoryModel], estimates: Sequence[Estimate]
 ) -> list[T]:
-    """Return what a function gives for each object, in several threads where that pays."""
-    if sum(len(mesh) for model in models for mesh in model.meshes) > _MANY:
-        return in_parallel(function, models, estimates)
-    return list(map(function, models, estimates))
+    return in_parallel(function, models, estimates, pays=threads_pay(models))
+
+
+def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
+    """Whether the kernel has so much to do with these objects that threads are worth what they cost."""
+    points = sum(len(mesh) for model in models for mesh in model.meshes)
+    return points * models[0].equations * len(models[0].terms) > _MANY
 
 
 def _compiled(model: TrajectoryModel) -> tuple[CDLL, Packed] | None:
