@@ -184,10 +184,12 @@ def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
     assert "| heights of balls | 0.1 | 1 of 1 |" in capsys.readouterr().out
     coverage.main(["--families", "heights of balls", "--draws", "1", "--noise", "0.001"])
     assert "| heights of balls | 0.1 | 1 of 1 | 10 | " in capsys.readouterr().out
-    cost.main(["--objects", "1", "--repeats", "1", "--noise", "0.01", "--kernel", "5 drops"])
+    cost.main(["--objects", "1", "--repeats", "1", "--noise", "0.01", "--kernel", "5 drops", "--threads", "5 drops"])
     printed = capsys.readouterr().out
     assert re.search(r"\| yes \|\n", printed)
-    assert re.search(r"\| 5 drops[^|]*\|.*\| yes", printed.splitlines()[-1])
+    beside_numpy, two_threads = (line for line in printed.splitlines() if line.startswith("| 5 drops"))
+    assert re.search(r"\| yes \(\d", beside_numpy)
+    assert re.search(r"\| yes \| \d", two_threads)
 
 
 def test_falls_and_drops_are_compared_with_their_truth():
