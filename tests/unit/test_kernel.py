@@ -14,6 +14,7 @@ from commonlaw.library import Constant, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.library.monomial import Monomial
 from commonlaw.likelihood import (
+    AboutEstimates,
     Estimate,
     LatentProcesses,
     NotPositiveError,
@@ -177,6 +178,41 @@ def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
         agree(found.log_determinant, expected.log_determinant, again.log_determinant, "log-determinant")
         products = [each.problem.factor.T @ each.problem.factor for each in (found, expected, again)]
         agree(products[0], products[1], products[2], "information")
+
+
+LEVELS = {
+    "white": {},
+    "memory": {"correlated": np.array([0.1, 0.2]), "memory": 0.7},
+    "force": {"force": np.array([0.3, 0.1]), "force_time": 1.5},
+}
+
+
+@pytest.mark.parametrize("kernel", ["compiled", "numpy"])
+@pytest.mark.parametrize("levels", LEVELS.values(), ids=LEVELS)
+def test_objects_at_other_levels_of_errors_are_linearized_as_one_by_one(library, monkeypatch, levels, kernel):
+    assert library is not None
+    monkeypatch.setenv(kernels.VARIABLE, kernel)
+    begun = LatentProcesses(**{name: 1.5 * value for name, value in levels.items()})
+    model, estimate = model_of()
+    other = replace(estimate, coefficients=estimate.coefficients + 0.1)
+    pairs = [model.with_latent(begun, own) for own in (estimate, other)]
+    models, estimates = zip(*pairs, strict=True)
+    columns = np.ones(estimate.coefficients.shape, dtype=bool)
+    columns[0, 1] = False
+    (mesh,), latent = model.meshes, LatentProcesses(**levels)
+    scales = np.random.default_rng(0).uniform(0.5, 2.0, (2, *mesh.measured.shape))
+    std = np.concatenate(scales) * model.observation.noise
+    found, log_determinant = AboutEstimates(models, estimates, columns).linearize(std, latent, 0.1)
+    alone = [
+        linearize(replace(each, meshes=[mesh.with_scale(scale)], latent=latent), own, 0.1, columns)
+        for each, own, scale in zip(models, estimates, scales, strict=True)
+    ]
+    for factor, expected in zip(found, alone, strict=True):
+        theirs = expected.problem.factor
+        np.testing.assert_allclose(
+            factor.T @ factor, theirs.T @ theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max() ** 2
+        )
+    np.testing.assert_allclose(log_determinant, sum(each.log_determinant for each in alone), rtol=1e-11)
 
 
 def test_defects_and_their_derivatives_are_those_of_numpy(case, library):

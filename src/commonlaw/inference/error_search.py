@@ -1,7 +1,7 @@
 """The errors of measurements and of the law, estimated with it: the levels of each kind by their largest evidence."""
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import product
 from typing import Literal
 
@@ -13,9 +13,9 @@ from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.newton import minimum
 from commonlaw.inference.search import to_scale
 from commonlaw.inference.search_problem import SearchProblem, spread
-from commonlaw.inference.search_state import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, offset
+from commonlaw.inference.search_state import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.unmeasured import spread_within
-from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError, linearize
+from commonlaw.likelihood import AboutEstimates, ErrorModel, NotPositiveError
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
 """White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
@@ -67,10 +67,10 @@ def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) ->
     levels = _Levels(problem, kind)
     count = int(np.clip(np.ceil(_MEASURED / np.mean(problem.measured)), _FEWEST, _MOST))
     few = spread(len(problem.models), count)
-    some, about = problem.of_objects(few), replace(state, estimates=tuple(state.estimates[i] for i in few))
-
-    def value(logs: Floats) -> float:
-        return _value(levels.problem(logs, some), about, levels.model_error(logs))
+    some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [state.estimates[i] for i in few]
+    value = partial(
+        _value, levels, some, AboutEstimates(some.models, some.padded(estimates), state.supports & some.allowed)
+    )
 
     starts = [(value(each), i) for i, each in enumerate(levels.starts)]
     index = min(starts)[1]
@@ -86,8 +86,8 @@ class _Levels:
     before: SearchProblem
     kind: ErrorKind
 
-    def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
-        """Return a problem with these levels."""
+    def errors(self, logs: Floats) -> tuple[Floats, ErrorModel]:
+        """Return the noise of each state, shape (d,), and the other errors."""
         d, kind, values = len(self.before.noise), self.kind, np.exp(logs)
         errors = ErrorModel()
         if kind == "proportional":
@@ -96,7 +96,11 @@ class _Levels:
             errors = ErrorModel(correlated=values[d:-1], memory=float(values[-1]))
         elif kind == "force":
             errors = ErrorModel(force=values[d:-1], force_time=float(values[-1]))
-        return before.with_errors(values[:d], errors, "level of largest evidence for errors of this kind, with the law")
+        return values[:d], errors
+
+    def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
+        """Return a problem with these levels."""
+        return before.with_errors(*self.errors(logs), "level of largest evidence for errors of this kind, with the law")
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""
@@ -149,18 +153,16 @@ class _Levels:
         return states, np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0)), float(np.median(steps)), longest
 
 
-def _value(problem: SearchProblem, state: SearchState, model_error: float) -> float:
-    """Return minus twice the log-evidence of a state's supports, linearised about it, at the scale of these levels."""
-    estimates: tuple[Estimate, ...] = problem.padded(state.estimates)
+def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs: Floats) -> float:
+    """Return minus twice the log-evidence of the supports of estimates, linearised about them, at these levels."""
+    measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
+    std = measurements.white_std(noise, errors)
     try:
-        linear = [
-            linearize(model, each, errors_to_fit(model_error)[-1], state.supports & np.isnan(known))
-            for model, each, known in zip(problem.models, estimates, problem.known, strict=True)
-        ]
+        factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
     except NotPositiveError:
         return _WORST
-    factors = np.array([each.problem.factor for each in linear])
-    counted = problem.counted
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(counted.count))
-    found = evidence + counted.prior + offset(problem, linear, model_error)
+    prior = measurements.counted(noise, errors, std).prior
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(measurements.count))
+    price = measurements.price(noise, errors, std) + price_of_model_error(model_error, measurements.count)
+    found = evidence + prior + log_determinant + price
     return found if np.isfinite(found) else _WORST

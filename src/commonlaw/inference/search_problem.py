@@ -12,6 +12,7 @@ from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
 from commonlaw.inference.known_starts import begun_at_starts, with_exact_starts, with_noise_of_unmeasured
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
+from commonlaw.inference.measurements import Measurements
 from commonlaw.inference.prices import FACTOR, Prices, shifted
 from commonlaw.inference.smooth_rates import first_coefficients, smooth_curves
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
@@ -29,10 +30,6 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.trial import with_typical
-
-_PRIOR = 2.0
-"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +134,10 @@ class SearchProblem:
 
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
-        models, starts = [], []
+        stds, models, starts = iter(self._by_mesh(self.measurements.white_std(noise, errors) / noise)), [], []
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(each[:, : model.width] for each in start.states)
-            pairs = zip(model.meshes, states, strict=True)
-            meshes = [mesh.with_scale(self._scale(mesh, own[:, : len(noise)], noise, errors)) for mesh, own in pairs]
+            meshes = [mesh.with_scale(next(stds)) for mesh in model.meshes]
             observation = replace(model.observation, noise=noise)
             own = replace(model, meshes=meshes, observation=observation)
             own, start = own.with_latent(errors.latent, replace(start, states=states))
@@ -156,24 +152,24 @@ class SearchProblem:
         starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
+    @cached_property
+    def measurements(self) -> Measurements:
+        """What says how probable levels of errors are, whatever the law."""
+        meshes = tuple(mesh for model in self.models for mesh in model.meshes)
+        states = tuple(own for start in self.starts for own in start.states)
+        return Measurements(
+            self.trials, meshes, states, self.first_noise, self.models[0].order, sum(self.measured), self.noise_is_fixed
+        )
+
     @property
     def counted(self) -> Measured:
-        """How many numbers were measured, and how surely they tell the scale of the noise.
+        """How many numbers were measured, and how surely they tell the scale of the noise."""
+        return self.measurements.counted(self.noise, self.errors, self._white_std)
 
-        The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
-        distribution of the variance).
-        """
-        count = sum(self.measured)
-        if self.noise_is_fixed:
-            return Measured(count)
-        free = sum(each.degrees_of_freedom(model.order) for model in self.models for each in model.meshes)
-        prior = _PRIOR * float(np.sum(1 / self._inflation))
-        return Measured(count, free + _PRIOR * len(self._inflation), prior, least=self.least_variance)
-
-    @cached_property
+    @property
     def least_variance(self) -> float:
         """What the variance of the noise is at least, in units of what it is: digits and steps tell no less."""
-        return float(np.max(noise_floor(self.trials) / self.noise) ** 2)
+        return self.measurements.least_variance(self.noise)
 
     @cached_property
     def prices(self) -> Prices:
@@ -190,39 +186,22 @@ class SearchProblem:
                 found.append(shifted(terms, j) & ~given)
         return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))))
 
-    def noise_deviance(self) -> float:
-        """Return minus twice the logarithm of the prior of the noise, without its scale, see `counted`."""
-        return 0.0 if self.noise_is_fixed else _PRIOR * float(np.sum(np.log(self._inflation)))
-
-    @cached_property
-    def _inflation(self) -> Floats:
-        """The variance of the noise over that estimated first, of each state that was measured.
-
-        It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
-        """
-        pairs = ((mesh, self.noise_of(mesh) / self.noise) for each in self.models for mesh in each.meshes)
-        scales = [np.broadcast_to(mesh.scale / given, mesh.measured.shape) for mesh, given in pairs]
-        variance = self.noise**2 * np.mean(np.concatenate(scales) ** 2, axis=0)
-        if self.errors.correlated is not None:
-            step = np.median(np.concatenate([np.diff(trial.times) for trial in self.trials]))
-            variance = variance + self.errors.correlated**2 * np.tanh(step / (2 * self.errors.memory))
-        return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
+    def price_of_errors(self) -> float:
+        """Return what the levels of errors cost, see `Measurements.price`."""
+        return self.measurements.price(self.noise, self.errors, self._white_std)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement at the state where it is, shape (n, d)."""
         return mesh.scale * self.noise
 
-    def noise_of(self, mesh: Mesh) -> Floats:
-        """Return the white noise of each measurement where states are zero, as given or that of its state."""
-        return with_typical(mesh.noise, self.noise)
+    @property
+    def _white_std(self) -> Floats:
+        return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
 
-    def _scale(self, mesh: Mesh, states: Floats, noise: Floats, errors: ErrorModel) -> Floats:
-        """Return the standard deviations of measurements relative to the noise, shape (n, d).
-
-        States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
-        """
-        std = errors.white_std(states, with_typical(mesh.noise, noise))
-        return np.where(mesh.still, with_typical(mesh.noise, self.first_noise), std) / noise
+    def _by_mesh(self, values: Floats) -> list[Floats]:
+        """Return values at the points of all meshes, one behind the other, mesh by mesh."""
+        lengths = [len(mesh) for model in self.models for mesh in model.meshes]
+        return np.split(values, np.cumsum(lengths)[:-1])
 
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""

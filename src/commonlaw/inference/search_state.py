@@ -128,12 +128,15 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:
     """Return what is added to minus twice the log-evidence of all supports, for its errors.
 
-    A model error is one more number to be found, at the price of any (BIC), and so is every level of other errors; the
-    noise has a prior.
+    A model error is one more number to be found, at the price of any (BIC).
     """
-    numbers = int(model_error > FINAL[0]) + problem.errors.hyperparameters
-    price = numbers * float(np.log(sum(problem.measured))) + problem.noise_deviance()
+    price = price_of_model_error(model_error, sum(problem.measured)) + problem.price_of_errors()
     return sum(each.log_determinant for each in linear) + price
+
+
+def price_of_model_error(model_error: float, count: int) -> float:
+    """Return what a model error costs where so many numbers were measured."""
+    return float(np.log(count)) if model_error > FINAL[0] else 0.0
 
 
 def _of_outliers(model: TrajectoryModel, estimate: Estimate) -> tuple[float, int]:

@@ -127,9 +127,9 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(address, number, address),  # rows, columns, log-determinant
     )
     library.commonlaw_linearize.argtypes = (
-        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure)),
-        *(address, address, address, real, Vagueness),  # free, states, coefficients, model error
-        *(address, address),  # factor, log-determinant
+        *(ctypes.POINTER(ModelStructure), address, number),  # model, meshes, how many
+        *(address, address, address, real, Vagueness),  # free, states, coefficients of each, model error
+        *(address, address),  # factors, log-determinants
     )
     library.commonlaw_marginal_deviance.argtypes = (
         *(number, number, address, address),  # objects, coefficients, estimates, information

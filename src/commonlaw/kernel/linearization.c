@@ -286,13 +286,11 @@ static void join_factors(const double *basis, const double *white, int64_t p, do
 }
 
 /* Linearise the likelihood of one mesh: the factor of its rows, (p + 1) x (p + 1), and the log-determinant. */
-EXPORTED int commonlaw_linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
-                                 const double *coefficients, double model_error, Vagueness beyond, double *factor,
-                                 double *result) {
+static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
+                     const double *coefficients, double model_error, Vagueness beyond, int64_t p, double *factor,
+                     double *result) {
     const int64_t W = model->equations * model->order + model->latent, steps = mesh->points - 1, count = steps * W;
     const int64_t all = model->equations * model->program.terms;
-    int64_t p = 0;
-    for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
     const int64_t size = count + 2 * count * W + count * p + count * (p + 1) + p * p + (p + 1) * (p + 1) + p;
     double *defects = malloc(sizeof(double) * (size_t)(size + 1));
     if (!defects) return NO_MEMORY;
@@ -314,5 +312,22 @@ EXPORTED int commonlaw_linearize(const Model *model, const Mesh *mesh, const uin
         join_factors(basis, white, p, factor);
     }
     free(defects);
+    return failed;
+}
+
+/* Linearise the likelihood of several meshes, each with coefficients of its own: the factors of their rows, each
+   (p + 1) x (p + 1), and the log-determinants. States of all meshes stand one behind the other. */
+EXPORTED int commonlaw_linearize(const Model *model, const Mesh *meshes, int64_t count, const uint8_t *free_ones,
+                                 const double *states, const double *coefficients, double model_error,
+                                 Vagueness beyond, double *factors, double *results) {
+    const int64_t W = model->equations * model->order + model->latent, all = model->equations * model->program.terms;
+    int64_t p = 0;
+    for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
+    int failed = DONE;
+    for (int64_t each = 0; each < count && !failed; ++each) {
+        failed = linearize(model, meshes + each, free_ones, states, coefficients + each * all, model_error, beyond, p,
+                           factors + each * (p + 1) * (p + 1), results + each);
+        states += meshes[each].points * W;
+    }
     return failed;
 }

@@ -5,6 +5,7 @@ from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_e
 from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
+from commonlaw.likelihood.levels import AboutEstimates
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -14,6 +15,7 @@ __all__ = [
     "HUBER_THRESHOLD",
     "LONGEST_MESH",
     "NO_ERRORS",
+    "AboutEstimates",
     "ErrorModel",
     "Estimate",
     "LatentProcesses",

@@ -137,6 +137,15 @@ class Grid:
     contiguous: NDArray[np.uint8]
 
 
+def joined(parts: Sequence[Mesh]) -> Mesh:
+    """Return the mesh of several, one behind the other, as far as what happens in time goes."""
+    times, measured, inputs = (
+        np.concatenate([getattr(each, name) for each in parts]) for name in ("times", "measured", "inputs")
+    )
+    contiguous = np.concatenate([np.append(each.contiguous, False) for each in parts])[:-1]
+    return Mesh(times, measured, inputs, contiguous)
+
+
 def meshes(
     trials: Sequence[Trial], points: int = 1, most: int = LONGEST_MESH, input_between: str = "linear"
 ) -> list[Mesh]:

@@ -18,7 +18,7 @@ _NOT_POSITIVE = 2
 _MOST = 20_000
 """Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
 
-_VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
+VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
 
 
 def linearize(
@@ -26,22 +26,30 @@ def linearize(
 ) -> Linearization:
     """Return what `commonlaw.likelihood.linearization.linearize` returns, to rounding and signs of rows."""
     columns = int(free.sum()) + 1
-    sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
-    if max(sizes) * columns > _MOST or min(sizes) <= columns:
+    if not in_one_call(model, columns):
         return joined(whitened(library, model, packed, estimate, model_error, free), columns - 1)
-    free, coefficients = np.ascontiguousarray(free, dtype=np.bool_), contiguous(estimate.coefficients)
-    problems, log_determinant, result = [], 0.0, np.empty(1)
-    for mesh, own, values in zip(model.meshes, packed.meshes, estimate.states, strict=True):
-        factor, states = np.empty((columns, columns)), contiguous(values)
-        inside = (address(each) for each in (free, states, coefficients))
-        failed = library.commonlaw_linearize(
-            *(packed.model, own, *inside, model_error, _VAGUENESS, address(factor), address(result))
+    count, states = len(model.meshes), np.concatenate(estimate.states)
+    coefficients = np.repeat(estimate.coefficients[np.newaxis], count, axis=0)
+    free = np.ascontiguousarray(free, dtype=np.bool_)
+    factors, log_determinants = np.empty((count, columns, columns)), np.empty(count)
+    inside = (address(each) for each in (free, states, coefficients))
+    check(
+        library.commonlaw_linearize(
+            *(packed.model, ctypes.addressof(packed.meshes), count, *inside, model_error, VAGUENESS),
+            *(address(factors), address(log_determinants)),
         )
-        _check(failed)
-        rows = int(np.count_nonzero(mesh.contiguous)) * (model.width + model.latent.width)
-        problems.append(LeastSquaresProblem(np.asfortranarray(factor), columns - 1, rows))
-        log_determinant += float(result[0])
-    return Linearization(merge(problems), log_determinant)
+    )
+    width = model.width + model.latent.width
+    rows = [int(np.count_nonzero(mesh.contiguous)) * width for mesh in model.meshes]
+    pairs = zip(factors, rows, strict=True)
+    merged = merge(LeastSquaresProblem(np.asfortranarray(factor), columns - 1, own) for factor, own in pairs)
+    return Linearization(merged, float(log_determinants.sum()))
+
+
+def in_one_call(model: TrajectoryModel, columns: int) -> bool:
+    """Whether rows of so many columns are made and compressed by the kernel: in cache, and of full rank."""
+    sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
+    return max(sizes) * columns <= _MOST and min(sizes) > columns
 
 
 def whitened(
@@ -89,10 +97,10 @@ def _whitened(
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
-        *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
+        *(packed.model, packed.meshes[index], address(states), model_error, VAGUENESS),
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
-    _check(failed)
+    check(failed)
     whole = np.empty((len(columns), columns.shape[1] + 1), order="F")
     whole[:, :-1], whole[:, -1] = rows[:, :-1] @ mixed, rows[:, -1]
     if not mesh.contiguous.all():
@@ -100,6 +108,7 @@ def _whitened(
     return whole, float(result[0])
 
 
-def _check(failed: int) -> None:
+def check(failed: int) -> None:
+    """Raise what the kernel says went wrong, if anything did."""
     if failed:
         raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError

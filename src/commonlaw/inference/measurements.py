@@ -1,0 +1,113 @@
+"""What all measurements of a problem say of the levels of errors, whatever law they follow."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.evidence import Measured
+from commonlaw.inference.first_noise import noise_floor
+from commonlaw.likelihood import ErrorModel, Mesh
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import with_typical
+
+_PRIOR = 2.0
+"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All trials, and the meshes of all objects, one behind the other.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    meshes
+        Of all objects.
+    states
+        The states (and rates) at which noise in proportion is taken, of each mesh, shape (n, D).
+    first_noise
+        The noise of each state before any law, shape (d,).
+    order
+        Of the laws.
+    count
+        How many numbers were measured.
+    noise_is_fixed
+        Whether what a law leaves does not change the noise.
+    """
+
+    trials: Trials
+    meshes: Sequence[Mesh]
+    states: Sequence[Floats]
+    first_noise: Floats
+    order: int
+    count: int
+    noise_is_fixed: bool
+
+    def white_std(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return the white noise of all measurements, shape (points, d), if that of the states has shape (d,).
+
+        States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
+        """
+        std = errors.white_std(self._measured_states, with_typical(self._given, noise))
+        return np.where(self._still, with_typical(self._given, self.first_noise), std)
+
+    def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
+        """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
+
+        The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
+        distribution of the variance).
+        """
+        if self.noise_is_fixed:
+            return Measured(self.count)
+        inflation = self._inflation(noise, errors, std)
+        prior = _PRIOR * float(np.sum(1 / inflation))
+        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=self.least_variance(noise))
+
+    def least_variance(self, noise: Floats) -> float:
+        """Return what the variance of the noise is at least, in units of what it is: digits and steps tell no less."""
+        return float(np.max(self._floor / noise) ** 2)
+
+    def price(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
+        """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
+        price = errors.hyperparameters * float(np.log(self.count))
+        if not self.noise_is_fixed:
+            price += _PRIOR * float(np.sum(np.log(self._inflation(noise, errors, std))))
+        return price
+
+    def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
+        """Return the variance of the noise over that estimated first, of each state that was measured.
+
+        It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
+        """
+        variance = noise**2 * np.mean((std / with_typical(self._given, noise)) ** 2, axis=0)
+        if errors.correlated is not None:
+            variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
+        return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
+
+    @cached_property
+    def _measured_states(self) -> Floats:
+        return np.concatenate(self.states)[:, : len(self.first_noise)]
+
+    @cached_property
+    def _given(self) -> Floats:
+        return np.concatenate([np.broadcast_to(each.noise, each.measured.shape) for each in self.meshes])
+
+    @cached_property
+    def _still(self) -> Bools:
+        return np.concatenate([each.still for each in self.meshes])
+
+    @cached_property
+    def _freedom(self) -> int:
+        return sum(each.degrees_of_freedom(self.order) for each in self.meshes)
+
+    @cached_property
+    def _floor(self) -> Floats:
+        return noise_floor(self.trials)
+
+    @cached_property
+    def _step(self) -> float:
+        return float(np.median(np.concatenate([np.diff(trial.times) for trial in self.trials])))
