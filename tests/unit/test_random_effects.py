@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from commonlaw.hierarchy import RandomEffects, marginal_deviance, shrink
-from commonlaw.kernel import VARIABLE
 from tests.unit.estimates import measured
 
 
@@ -50,20 +49,6 @@ def test_deviances_along_one_variance_are_those_of_the_whole_marginal(parameter,
     tried = np.tile(base, (len(grid), 1))
     tried[:, parameter] = grid
     np.testing.assert_allclose(effects.deviances(base, parameter, grid), effects.marginal(tried).deviance, rtol=1e-7)
-
-
-@pytest.mark.parametrize(("objects", "parameters"), [(2, 1), (7, 2), (12, 6)])
-@pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])
-def test_what_coefficients_cost_is_the_same_compiled(monkeypatch, objects, parameters, spread):
-    _, estimates, covariances = measured(objects, spread, min(parameters, 3))
-    if parameters > 3:
-        estimates = np.tile(estimates, 2)
-        covariances = np.kron(np.eye(2), covariances) + 0.1 * np.eye(6)
-    effects, found = RandomEffects(estimates, np.linalg.inv(covariances)), []
-    for choice in ("", "numpy"):
-        monkeypatch.setenv(VARIABLE, choice)
-        found.append(marginal_deviance(effects))
-    assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])

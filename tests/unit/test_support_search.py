@@ -13,6 +13,7 @@ from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.evidence import Measured, minus_twice_log_evidence, rss_with_each
 from commonlaw.inference.prices import Prices, shifted
 from commonlaw.inference.support_search import SupportEvidence
+from commonlaw.kernel import VARIABLE
 from commonlaw.library import PolynomialLibrary, Terms, parse_term
 from commonlaw.solvers import BestSubset, StepwiseSelection
 from commonlaw.trials import Schema
@@ -164,6 +165,27 @@ def test_where_a_variable_is_counted_from_does_not_matter():
     expected = values[1e6, 1]
     assert [values[shift, 1] for shift in (1e2, -1e4)] == pytest.approx([expected] * 2, abs=0.01)
     assert [values[shift, 2] for shift in (-1e4, 1e6)] == pytest.approx([expected] * 2, abs=0.1)
+
+
+MEASURED = (Measured(77), Measured(77, 77.0, 2.0, least=0.5), Measured(77, 70.0, 2.0, outliers=9.0))
+
+
+@pytest.mark.parametrize("measured", MEASURED)
+@pytest.mark.parametrize("scatter", [0.0, 0.3, 3.0])
+@pytest.mark.parametrize(("objects", "terms"), [(1, 3), (2, 1), (7, 3), (12, 6)])
+def test_evidence_is_the_same_compiled(monkeypatch, objects, terms, scatter, measured):
+    generator = np.random.default_rng(objects + terms)
+    data = factors(rows(2.0 + scatter * generator.standard_normal((objects, terms))))
+    nothing = data.copy()
+    nothing[:, :, 0] = 0.0
+    for size in range(terms + 1):
+        indices = generator.permutation(terms)[:size]
+        for own, needed in ((data, np.inf), (data, 100.0), (nothing, np.inf)):
+            found = []
+            for choice in ("", "numpy"):
+                monkeypatch.setenv(VARIABLE, choice)
+                found.append(minus_twice_log_evidence(own, indices, measured, needed))
+            assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
 def test_alike_coefficients_cost_less_than_scattered_ones():

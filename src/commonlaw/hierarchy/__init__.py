@@ -2,10 +2,19 @@
 
 from commonlaw.hierarchy.dimensions import Dimensions
 from commonlaw.hierarchy.explain import Explained, explain
-from commonlaw.hierarchy.random_effects import WORST_CONDITION, RandomEffects, Shrinkage, marginal_deviance, shrink
+from commonlaw.hierarchy.random_effects import (
+    LIKELIEST_SWEEPS,
+    WORST_CONDITION,
+    RandomEffects,
+    Shrinkage,
+    marginal_deviance,
+    relative_variances,
+    shrink,
+)
 from commonlaw.hierarchy.relation import PropertyTable, Relation, RelationKind
 
 __all__ = [
+    "LIKELIEST_SWEEPS",
     "WORST_CONDITION",
     "Dimensions",
     "Explained",
@@ -16,5 +25,6 @@ __all__ = [
     "Shrinkage",
     "explain",
     "marginal_deviance",
+    "relative_variances",
     "shrink",
 ]

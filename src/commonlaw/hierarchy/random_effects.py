@@ -14,13 +14,12 @@ what that leaves open is added to the covariance (Morris 1983).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.hierarchy import compiled
-from commonlaw.kernel import kernel
 
 _STEP = np.sqrt(10)
 """Ratio of neighbouring variances that are tried: what is between them matters little."""
@@ -28,7 +27,7 @@ _STEP = np.sqrt(10)
 _RIDGE = 1e-12
 """By which share of itself the information on each mean is lifted, for means that the data do not tell."""
 
-_LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
+LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
 """How often each variance is chosen again, given the others, where the best is sought; and the smallest and largest
 that are tried, relative to the mean square of a coefficient."""
 
@@ -145,19 +144,14 @@ def marginal_deviance(effects: RandomEffects) -> float:
     if len(effects.estimates) == 1:
         return 0.0
     scale = np.maximum(np.mean(effects.estimates**2, axis=0), np.finfo(float).tiny)
-    relative, library = _grid(*_RELATIVE_GRID), kernel()
-    if library is not None:
-        return compiled.marginal_deviance(
-            library, effects.estimates, effects.information, scale, relative, _LIKELIEST_SWEEPS
-        )
 
     def best(tried: Floats, parameter: int) -> tuple[float, float]:
         deviance = effects.deviances(tried[0], parameter, tried[:, parameter])
         index = int(np.argmin(deviance))
         return float(tried[index, parameter]), float(deviance[index])
 
-    grids = dict(enumerate(scale[:, np.newaxis] * relative))
-    return _swept(scale, grids, best, _LIKELIEST_SWEEPS)[1][-1]
+    grids = dict(enumerate(scale[:, np.newaxis] * relative_variances()))
+    return _swept(scale, grids, best, LIKELIEST_SWEEPS)[1][-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,6 +289,14 @@ def _grid(low: float, high: float) -> Floats:
     """Return zero, and variances from low to high by half decades."""
     count = int(np.ceil(np.log(high / low) / np.log(_STEP) - 1e-9))
     return np.concatenate([[0.0], low * _STEP ** np.arange(count + 1)])
+
+
+@cache
+def relative_variances() -> Floats:
+    """Return the variances that are tried where the best is sought, relative to the mean square of a coefficient."""
+    found = _grid(*_RELATIVE_GRID)
+    found.flags.writeable = False
+    return found
 
 
 def _grids_beyond(effects: RandomEffects) -> list[Floats]:

@@ -10,12 +10,20 @@ x counted from elsewhere, height and slope scatter together. Mixtures that are o
 not depend on where variables are counted from. Both are as probable beforehand.
 """
 
+from ctypes import CDLL
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.hierarchy import WORST_CONDITION, RandomEffects, marginal_deviance
+from commonlaw.hierarchy import (
+    LIKELIEST_SWEEPS,
+    WORST_CONDITION,
+    RandomEffects,
+    marginal_deviance,
+    relative_variances,
+)
+from commonlaw.kernel import MeasuredStructure, address, kernel
 
 _NEAR = 1e-12
 """Columns whose square is less than this share outside the span of others have too few digits there."""
@@ -92,6 +100,9 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
         The triangular factor of each object's least-squares problem, which has one target and residuals of unit
         variance, shape (objects, terms + 1, terms + 1).
     """
+    library = kernel()
+    if library is not None:
+        return _compiled(library, factors, indices, measured, needed)
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
     squares, own = float(np.sum(reduced[:, size:, size] ** 2)), size * len(factors)
@@ -109,6 +120,20 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
     costs = np.where(np.isnan(costs), np.inf, costs)
     found = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
     return found if np.isfinite(found) else np.inf
+
+
+def _compiled(library: CDLL, factors: Floats, indices: Indices, measured: Measured, needed: float) -> float:
+    """Return the same by the kernel, to rounding."""
+    factors, chosen = np.ascontiguousarray(factors), np.ascontiguousarray(indices, dtype=np.int64)
+    of_measured = MeasuredStructure(measured.count, measured.freedom, measured.prior, measured.outliers, measured.least)
+    tried, result = relative_variances(), np.empty(1)
+    failed = library.commonlaw_evidence(
+        *(len(factors), factors.shape[2] - 1, address(factors), len(chosen), address(chosen)),
+        *(of_measured, needed, WORST_CONDITION, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
+    )
+    if failed:
+        raise MemoryError
+    return float(result[0])
 
 
 def noise_variance(factors: Floats, indices: Indices, measured: Measured) -> float:

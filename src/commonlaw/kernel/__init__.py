@@ -3,6 +3,7 @@
 from commonlaw.kernel.library import (
     LEAST_NORM,
     VARIABLE,
+    MeasuredStructure,
     MeshStructure,
     ModelStructure,
     ProgramStructure,
@@ -14,6 +15,7 @@ from commonlaw.kernel.library import (
 __all__ = [
     "LEAST_NORM",
     "VARIABLE",
+    "MeasuredStructure",
     "MeshStructure",
     "ModelStructure",
     "ProgramStructure",

@@ -122,4 +122,11 @@ bool eliminate(Workspace *work, const Mesh *mesh, const double *states, double m
                int64_t first);
 void follow(const Workspace *work, int64_t points, int64_t first, const double *own, double *direction);
 
+/* orthogonalization.c */
+void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride, double *triangle);
+
+/* marginal.c */
+int marginal_deviance(int64_t objects, int64_t k, const double *estimates, const double *information, const double *scale,
+                      int64_t count, const double *grid, int64_t sweeps, double *result);
+
 #endif

@@ -62,6 +62,12 @@ class Vagueness(ctypes.Structure):
     _fields_ = (("missing", ctypes.c_double), ("rate", ctypes.c_double), ("hidden", ctypes.c_double))
 
 
+class MeasuredStructure(ctypes.Structure):
+    """How surely measurements tell the scale of all noise, see `commonlaw.inference.evidence.Measured`."""
+
+    _fields_ = tuple((name, ctypes.c_double) for name in ("count", "freedom", "prior", "outliers", "least"))
+
+
 def kernel() -> ctypes.CDLL | None:
     """Return the kernel, None where NumPy is to be used.
 
@@ -131,8 +137,9 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(address, address, address, real, Vagueness),  # free, states, coefficients of each, model error
         *(address, address),  # factors, log-determinants
     )
-    library.commonlaw_marginal_deviance.argtypes = (
-        *(number, number, address, address),  # objects, coefficients, estimates, information
-        *(address, number, address, number, address),  # scale, variances tried, relative ones, sweeps, result
+    library.commonlaw_evidence.argtypes = (
+        *(number, number, address, number, address),  # objects, terms, factors, the support's terms
+        *(MeasuredStructure, real, real),  # measured, needed, worst condition
+        *(number, address, number, address),  # relative variances, sweeps, result
     )
     return library

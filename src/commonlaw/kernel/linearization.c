@@ -235,27 +235,6 @@ EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double
     return done ? DONE : NOT_POSITIVE;
 }
 
-/* Turn rows, `stride` numbers apart, into orthonormal columns and their upper triangle, by the modified way of Gram and
-   Schmidt (Bjorck 1967): the triangle is as good as that of reflections. */
-static void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride, double *triangle) {
-    for (int64_t k = 0; k < columns; ++k) {
-        double *restrict shares = triangle + k * columns, square = 0;
-        for (int64_t b = 0; b < columns; ++b) shares[b] = 0;
-        for (int64_t i = 0; i < count; ++i) square += rows[i * stride + k] * rows[i * stride + k];
-        const double norm = sqrt(square), scale = norm > 0 ? 1 / norm : 0;
-        for (int64_t i = 0; i < count; ++i) {
-            double *restrict row = rows + i * stride;
-            row[k] *= scale;
-            for (int64_t b = k + 1; b < columns; ++b) shares[b] += row[k] * row[b];
-        }
-        for (int64_t i = 0; i < count; ++i) {
-            double *restrict row = rows + i * stride;
-            for (int64_t b = k + 1; b < columns; ++b) row[b] -= row[k] * shares[b];
-        }
-        shares[k] = norm;
-    }
-}
-
 /* Fill rows with the columns of the free coefficients and the target about the estimate; false if not finite. */
 static bool fill_rows(const double *border, const double *defects, const double *own, int64_t count, int64_t p,
                       double *rows) {

@@ -234,9 +234,8 @@ static bool sweep(Effects *e, const double *scale, const double *grid, int64_t c
 
 /* Minus twice the log marginal likelihood of estimates (objects x k) with information (objects x k x k) at the best means
    and variances; these are tried relative to a scale of each coefficient. */
-EXPORTED int commonlaw_marginal_deviance(int64_t objects, int64_t k, const double *estimates, const double *information,
-                                         const double *scale, int64_t count, const double *grid, int64_t sweeps,
-                                         double *result) {
+int marginal_deviance(int64_t objects, int64_t k, const double *estimates, const double *information, const double *scale,
+                      int64_t count, const double *grid, int64_t sweeps, double *result) {
     const int64_t blocks = (objects + LANES - 1) / LANES, square = k * k, sums = k * (k + 1) / 2 + k + 1;
     const int64_t size = LANES * (blocks * (square + 2 * k + 2) + 2 * square + sums) + 3 * square + 4 * k;
     double *memory = malloc(sizeof(double) * (size_t)(size + 1));
