@@ -74,7 +74,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     table: str
     columns: Columns = Columns()
-    order: Literal[1, 2] = 1
+    order: Literal[1, 2, "auto"] = 1
     library: str = "poly:3"
     hold_out: HoldOut = HoldOut()
     known: Mapping[str, float] = {}

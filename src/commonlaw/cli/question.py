@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,17 +15,28 @@ from commonlaw.cli.paths import ReadLaw, is_law_file
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
     from commonlaw.discovery.known_physics import Base
+    from commonlaw.discovery.orders import Order
     from commonlaw.law import Law
     from commonlaw.trials import Trials
 
 _law = partial(option, "Law")
 
+
+class _Order(click.IntRange):
+    """The order of a law, or the word that leaves it to the measurements."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if value == "auto" else super().convert(value, param, ctx)
+
+
 _OPTIONS = (
     _law(
         "--order",
-        type=click.IntRange(0, 2),
+        type=_Order(0, 2),
+        metavar="ORDER",
         default=1,
-        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...",
+        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; auto for 1 or 2, whichever the "
+        "measurements make more probable.",
     ),
     _law(
         "--library",
@@ -64,7 +75,7 @@ _OPTIONS = (
 class Question:
     """What these options say."""
 
-    order: int
+    order: "Order"
     library: str | None
     known: tuple[str, ...]
     universal: tuple[str, ...]

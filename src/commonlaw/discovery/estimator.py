@@ -15,11 +15,12 @@ from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
+from commonlaw.discovery.orders import Order, orders_by_rates
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_carried
-from commonlaw.law import Law
+from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
 from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
@@ -46,7 +47,8 @@ class LawDiscovery:
     ----------
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
-        ``x[k+1] = f(x[k])``.
+        ``x[k+1] = f(x[k])``. ``"auto"``: 1 or 2, whichever has the law of larger evidence; `Law.history` says by how
+        much. Where columns are measured rates of all the others it is 2.
     library
         Candidate terms, or their text such as ``"poly:3"``. Default: polynomials of degree 3.
     method
@@ -85,7 +87,7 @@ class LawDiscovery:
 
     def __init__(
         self,
-        order: int = 1,
+        order: Order = 1,
         library: AbstractLibrary | str | None = None,
         method: AbstractMethod | None = None,
         known: Base | None = None,
@@ -126,31 +128,34 @@ class LawDiscovery:
         return self
 
     def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
+        (order, *others), told = self._orders(trials)
         rates: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
-            trials, rates = without_measured_rates(trials, self.order)
+            trials, rates = without_measured_rates(trials, order)
         library, known = self._library(), self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
             if isinstance(known, Law) and known.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
-            library, known = with_base(library, known, self.order, trials)
-        structure = ModelStructure(self.order, library, known, self.universal)
-        method, instead = (self.method, ()) if self.method else _default(trials, structure)
+            library, known = with_base(library, known, order, trials)
+        structures = [ModelStructure(each, library, known, self.universal) for each in (order, *others)]
+        method, instead = (self.method, ()) if self.method else _default(trials, structures[0])
         copies: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
         with one_blas_thread():
-            law = method.find(trials, structure, progress)
+            law = _law_of_some_order(method, trials, structures, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = Domain(), (*law.outcomes, *rates, *copies, *instead)
         if isinstance(trials, Trials):
             domain, outcomes = Domain.of(trials, law.rates), with_outcomes_of_zero(outcomes, law, trials)
-            outcomes = (*outcomes, *outcomes_of_stand_ins(trials, self.order, library))
-        law = replace(law, provenance=replace(law.provenance, calls=made, domain=domain, outcomes=outcomes))
+            outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
+        history = (*told, *law.history)
+        provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)
+        law = replace(law, provenance=provenance)
         if isinstance(trials, Trials):
             provenance = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
             law = replace(law, provenance=provenance)
@@ -214,6 +219,16 @@ class LawDiscovery:
             raise CommonlawError("no law was found yet: call fit first")
         return self.law_
 
+    def _orders(self, trials: Trials | TrialStream) -> tuple[tuple[int, ...], tuple[Step, ...]]:
+        """Return the orders of the laws that are sought, and what is to be said of them already."""
+        if self.order != "auto":
+            return (self.order,), ()
+        if isinstance(trials, TrialStream):
+            raise CommonlawError('of a stream the order is not found: give order=1 or order=2 in place of "auto"')
+        if self.known is not None and not isinstance(self.known, Mapping):
+            raise CommonlawError('known physics is of one order: give it, order=1 or order=2, in place of "auto"')
+        return orders_by_rates(trials)
+
     def _library(self) -> AbstractLibrary:
         if self.library is None:
             return PolynomialLibrary(3)
@@ -224,6 +239,24 @@ _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
 _CHANGE_NOTHING = ("progress", "cache")
 """Parameters that change nothing in a law."""
+
+
+def _law_of_some_order(
+    method: AbstractMethod,
+    trials: Trials | TrialStream,
+    structures: Sequence[ModelStructure],
+    progress: ProgressCallback,
+) -> Law:
+    """Return the law that a method finds; of the order of largest evidence, if there are several."""
+    if len(structures) == 1:
+        return method.find(trials, structures[0], progress)
+    if not isinstance(method, TrajectoryLikelihood):
+        raise CommonlawError(
+            f'order="auto" does not go with {type(method).__name__}, which has no evidence to choose by: give order=1 '
+            "or order=2, or use method=TrajectoryLikelihood()"
+        )
+    assert isinstance(trials, Trials)
+    return method.find_order(trials, structures, progress)
 
 
 def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:

@@ -49,7 +49,7 @@ class ModelStructure:
         if self.order not in (0, 1, 2):
             raise CommonlawError(
                 f"order {self.order!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law "
-                "in discrete time (x[k+1] = ...)"
+                'in discrete time (x[k+1] = ...), or "auto" for 1 or 2'
             )
 
     def terms(self, schema: Schema) -> Terms:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from commonlaw.array_types import Bools
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.orders import with_order_said
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
@@ -23,10 +24,12 @@ from commonlaw.inference import (
     LawSearch,
     as_followed,
     choose_errors,
+    evidence_of_order,
     finish,
     known_noise,
     missed_terms,
     promising_terms,
+    resolved,
     search_supports,
 )
 from commonlaw.integration import BETWEEN
@@ -132,9 +135,44 @@ class TrajectoryLikelihood(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
         with threads(self.n_jobs):
-            return self._law(trials, structure, progress)
+            return self._finished(trials, self._found(trials, structure, progress), progress)
 
-    def _law(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
+    def find_order(self, trials: Trials, structures: Sequence[ModelStructure], progress: ProgressCallback) -> Law:
+        """Return the law of largest evidence among those of several orders, each as probable beforehand.
+
+        An order of which no law can be found is left out.
+
+        Parameters
+        ----------
+        trials
+            What was measured.
+        structures
+            What is sought, one for each order.
+        progress
+            Takes the text of each step.
+
+        Raises
+        ------
+        CommonlawError
+            If no law of any order can be found: what `find` says of the last.
+        """
+        found, refused = list[_Found](), list[CommonlawError]()
+        with threads(self.n_jobs):
+            for i, structure in enumerate(structures):
+                progress(f"seeking laws of order {structure.order}")
+                show = part(progress, CHOSEN * i / len(structures), CHOSEN * (i + 1) / len(structures))
+                try:
+                    refuse_what_does_not_fit(self, trials, structure.order)
+                    found.append(self._found(trials, structure, show))
+                except CommonlawError as error:
+                    refused.append(error)
+            if not found:
+                raise refused[-1]
+            best, *others = sorted(found, key=lambda each: each.evidence)
+            law = self._finished(trials, best, progress)
+        return with_order_said(law, {each.order: each.evidence - best.evidence for each in others}, refused)
+
+    def _found(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> "_Found":
         screened = _Screened.of(with_logarithms(trials, self.positive), structure)
 
         def by_derivatives(found: LawSearch) -> Bools | None:
@@ -158,15 +196,19 @@ class TrajectoryLikelihood(AbstractMethod):
             if more is None:
                 break
             screened = more
+        return _Found(screened, resolved(found, progress), steps)
+
+    def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
         law = finish(
-            found,
+            found.search,
             covariance=self.covariance,
-            universal=screened.structure.universal_coefficients(trials.schema),
+            universal=found.screened.structure.universal_coefficients(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=part(progress, CHOSEN, 1.0),
         )
-        return replace(law, provenance=replace(law.provenance, history=(*screened.steps, *steps, *law.history)))
+        steps = (*found.screened.steps, *found.steps, *law.history)
+        return replace(law, provenance=replace(law.provenance, history=steps))
 
     def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""
@@ -232,6 +274,25 @@ class _Screened:
         """Return the same with terms that were left out and improve a law; None if there are none."""
         missed = missed_terms(found, self.terms)
         return replace(self, kept=self.kept | missed) if missed.any() else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What is chosen: the terms that were kept, the law among them, and what to say of the way there."""
+
+    screened: _Screened
+    search: LawSearch
+    steps: Sequence[Step]
+
+    @property
+    def order(self) -> int:
+        """Of the law."""
+        return self.search.template.order
+
+    @cached_property
+    def evidence(self) -> float:
+        """Minus twice its logarithm, comparable between orders."""
+        return evidence_of_order(self.search.problem, self.search.state)
 
 
 def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:

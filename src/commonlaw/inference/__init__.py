@@ -14,9 +14,11 @@ from commonlaw.inference.law_search import (
     LawSearch,
     choose_errors,
     finish,
+    resolved,
     search_supports,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
+from commonlaw.inference.orders import evidence_of_order
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
@@ -41,6 +43,7 @@ __all__ = [
     "candidates_in_turn",
     "choose_errors",
     "compare",
+    "evidence_of_order",
     "finish",
     "fit_supports",
     "known_noise",
@@ -50,6 +53,7 @@ __all__ = [
     "prepare",
     "promising_terms",
     "refine",
+    "resolved",
     "search_supports",
     "with_constants_found",
 ]

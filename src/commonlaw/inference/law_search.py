@@ -216,6 +216,18 @@ def with_error_models(
     return replace(found, problem=problem, state=state.with_alternatives(alike))
 
 
+def resolved(found: LawSearch, progress: ProgressCallback) -> LawSearch:
+    """Return a search on a mesh that is fine enough, its terms chosen again there."""
+
+    def again(problem: SearchProblem, state: SearchState) -> SearchState:
+        progress("choosing terms again on a finer mesh")
+        assert found.solver is not None  # Terms that are given are not chosen again
+        return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
+
+    problem, state = to_scale(*until_resolved(found.problem, found.state, again))
+    return replace(found, problem=problem, state=state)
+
+
 def finish(
     found: LawSearch,
     *,
@@ -230,7 +242,7 @@ def finish(
     Parameters
     ----------
     found
-        By `search_supports` and `choose_errors`.
+        By `search_supports`, `choose_errors` and `resolved`.
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal
@@ -242,14 +254,7 @@ def finish(
     progress
         Takes what is being done.
     """
-
-    def again(problem: SearchProblem, state: SearchState) -> SearchState:
-        progress("choosing terms again on a finer mesh")
-        assert found.solver is not None  # Terms that are given are not chosen again
-        return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
-
-    template = found.template
-    problem, state = to_scale(*until_resolved(found.problem, found.state, again))
+    template, problem, state = found.template, found.problem, found.state
     progress("judging terms and coefficients")
     compared = [
         [replace(each, support=each.support | given) for each in listed]

@@ -6,7 +6,7 @@ from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.levels import AboutEstimates
-from commonlaw.likelihood.linearization import Linearization
+from commonlaw.likelihood.linearization import Linearization, variance_of_rates
 from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel
@@ -32,6 +32,7 @@ __all__ = [
     "linearize_each",
     "meshes",
     "threads_pay",
+    "variance_of_rates",
     "whitened",
     "without_states",
 ]

@@ -163,11 +163,20 @@ def _measured(
 
 def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Floats:
     """Return the variance of states and latent processes that were not measured, shape (D + w,)."""
-    scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
-    noise = model.observation.noise * scale
-    rates = RATE * noise[: model.width - model.equations] / mesh.typical_step
     hidden = np.zeros(0) if latent is None else HIDDEN * latent.std
-    return np.concatenate([MISSING * noise, rates, hidden]) ** 2
+    return np.concatenate([(MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh), hidden**2])
+
+
+def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
+    """Return the variance of the rates of measured states, about which nothing is said by it, shape (D - d,)."""
+    noise = _typical_noise(model, mesh)[: model.width - model.equations]
+    return np.asarray((RATE * noise / mesh.typical_step) ** 2)
+
+
+def _typical_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
+    """Return the standard deviation of measurements, the root mean square of all of each state, shape (d,)."""
+    scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
+    return np.asarray(model.observation.noise * scale)
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:

@@ -7,12 +7,12 @@ const LIBRARIES = [
   ["poly:3", "products of up to three variables, like x, x², x² y (usual)"],
   ["poly:2", "products of up to two variables, like x, x², x y"],
   ["poly:1", "the variables themselves, like x, y"],
-  ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", 2],
+  ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", "2"],
   ["poly:1 + fourier:1", "the variables, and sines and cosines of them"],
 ];
 
 export function showLibraries() {
-  const order = Number($("order").value), one = state.preview.roles.states.length === 1;
+  const order = $("order").value, one = state.preview.roles.states.length === 1;
   const fitting = LIBRARIES.filter(([, , only]) => !only || (only === order && one));
   $("library").replaceChildren(...fitting.map(([value, text]) => element("option", text, { value })));
 }
@@ -32,9 +32,9 @@ function known() {
 }
 
 function question(law = null) {
-  const kind = $("hold_out").value;
+  const kind = $("hold_out").value, order = $("order").value;
   return {
-    table: state.table, columns: state.columns, order: Number($("order").value), library: $("own_library").value.trim() || $("library").value,
+    table: state.table, columns: state.columns, order: order === "auto" ? order : Number(order), library: $("own_library").value.trim() || $("library").value,
     hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, law,
   };
 }

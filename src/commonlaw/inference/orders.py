@@ -1,0 +1,28 @@
+"""The evidence for laws of different orders, from the same measurements."""
+
+import numpy as np
+
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState
+from commonlaw.likelihood import variance_of_rates
+
+
+def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
+    """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
+
+    The evidence of a search is the density of all that was measured after the start of each segment, with any start
+    being as likely: so of a law of first order. Of one of second order rates at starts are to be found besides. While
+    one order is sought their distribution is one that says next to nothing, and narrows as meshes get coarser. Here it
+    is the normal distribution about zero as wide as rates are in all trials (root mean square of smoothed rates).
+    """
+    value, states = state.value, len(problem.noise)
+    if problem.models[0].order == 1:
+        return value
+    rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
+    variances = np.nanmean(rates**2, axis=0)
+    for model, estimate in zip(problem.models, state.estimates, strict=True):
+        for mesh, found, _ in model.parts(estimate):
+            first = np.append(True, ~mesh.contiguous)
+            starts = found[first, states : model.width]
+            value += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return value

@@ -1,0 +1,160 @@
+"""The order of a law is found: by measured rates, or by the evidence for laws of both orders."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.stats import multivariate_normal
+
+import commonlaw as cl
+from commonlaw.discovery import orders
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.inference import evidence_of_order, prepare
+from commonlaw.inference.search import fit_with
+from commonlaw.library import parse_library
+
+discover = partial(cl.discover, order="auto", cache=False)
+
+
+def simulated(rates, numbers, starts, times, noise, seed=0, columns=1):
+    """Trials of one object for each set of numbers, from each start, of the first so many states."""
+    generator, states, owners = np.random.default_rng(seed), [], []
+    for i, own in enumerate(numbers):
+        for start in starts:
+            found = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=own, rtol=1e-9, atol=1e-11)
+            states.append(found.y[:columns].T)
+            owners.append(f"object {i}")
+    scale = noise * np.mean([each.std(axis=0) for each in states], axis=0)
+    measured = [each + scale * generator.standard_normal(each.shape) for each in states]
+    return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x", "y"][:columns])
+
+
+relaxations = partial(
+    simulated,
+    lambda _, x, k, a: k * (a - x),
+    [(1.1, 2.0), (0.7, 2.9)],
+    [(-1.0,), (6.0,)],
+    np.linspace(0, 5, 60),
+)
+populations = partial(
+    simulated,
+    lambda _, z, a, b: [z[0] * (a - z[1]), z[1] * (b * z[0] - 1)],
+    [(1.0, 0.8), (1.4, 1.1)],
+    [(0.8, 1.2), (2.0, 0.6)],
+    np.linspace(0, 10, 100),
+    columns=2,
+)
+swings = partial(
+    simulated,
+    lambda _, z, k, c: [z[1], -k * np.sin(z[0]) - c * z[1]],
+    [(2.0, 0.1)],
+    [(1.2, 0.0), (2.2, 0.3)],
+    np.linspace(0, 8, 80),
+)
+CASES = {
+    "relaxation": (relaxations, 1, "poly:3", ("x' = a + b x",)),
+    "predator and prey": (populations, 1, "poly:2", ("x' = a x + b x y", "y' = c y + d x y")),
+    "pendulum": (swings, 2, "poly:1 + terms:sin(x)", ("x'' = a v + b sin(x)",)),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("name", CASES)
+def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
+    simulate, order, library, equations = CASES[name]
+    law = discover(simulate(noise), library=library)
+    assert law.order == order
+    assert law.structure() == equations
+    step = law.history[0]
+    assert (step.stage, step.choice) == ("order", str(order))
+    assert step.reason.startswith("2 log B is ")
+    assert step.reason.endswith(f"against the best law of order {3 - order}")
+    assert float(step.reason.split()[4]) > 10
+
+
+@pytest.mark.parametrize("noise", [0.01, *(pytest.param(level, marks=pytest.mark.slow) for level in (0.0, 0.05))])
+def test_falling_balls_accelerate(noise):
+    law = discover(cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=2, noise=noise), library="poly:2")
+    assert law.order == 2
+    assert law.structure() == ("x'' = a + b v",)
+    assert cl.Law.from_json(law.to_json()).history[0] == law.history[0]
+
+
+def test_a_state_beside_its_rate_needs_no_second_search(monkeypatch):
+    monkeypatch.delattr(cl.TrajectoryLikelihood, "find_order")
+    law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
+    assert law.structure() == ("x'' = a y + b sin(x)",)
+    assert (law.history[0].choice, law.history[0].reason) == ("2", "y is the rate of x")
+
+
+def test_with_the_rates_of_some_states_the_columns_make_a_law_of_first_order():
+    both = swings(0.001, columns=2)
+    other = [np.exp(-each.times)[:, np.newaxis] for each in both]
+    states = [np.column_stack([each.states, own]) for each, own in zip(both, other, strict=True)]
+    trials = cl.Trials.from_arrays([each.times for each in both], states, names=["x", "y", "z"])
+    found, (step,) = orders.orders_by_rates(trials)
+    assert found == (1,)
+    assert step.reason == "y is the rate of x; of z no rate was measured"
+
+
+@pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"positive": ["x"]}, 1)])
+def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
+    method = cl.TrajectoryLikelihood(positive=settings.pop("positive", ()))
+    times = np.linspace(0, 4, 60)
+    measured = 2 + 3 * np.exp(-times) * (1 + 0.01 * np.random.default_rng(0).standard_normal(60))
+    law = discover(
+        cl.Trials.from_arrays(times, measured, names=["x"]), method=method, **{"library": "poly:1"} | settings
+    )
+    assert law.order == order
+    assert law.history[0].reason.startswith("of the other none was found: ")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"library": "terms:1,w"}, "'w'"),
+        ({"known": "x'' = -9.8"}, "known physics is of one order: give it"),
+        ({"method": cl.WeakRegression()}, "does not go with WeakRegression, which has no evidence"),
+        ({"order": "first"}, "order 'first' is not supported"),
+    ],
+)
+def test_what_an_order_cannot_be_found_with_is_refused(settings, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        discover(cl.datasets.linear_drag(drag=(-0.1,), trials=1), **settings)
+
+
+def test_laws_of_both_orders_that_are_about_as_probable_are_said():
+    law = cl.fit("x' = a", relaxations(0.05))
+    (said,) = orders.with_order_said(law, {2: 4.2}, ()).outcomes[len(law.outcomes) :]
+    assert "of order 1, and one of order 2 (2 log B is 4.2) explains the trials about as well" in said.text
+    assert orders.with_order_said(law, {2: 6.5}, ()).outcomes == law.outcomes
+
+
+@pytest.mark.parametrize("points", [1, 2])
+def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(points):
+    """Of laws without free coefficients it is known: starts anywhere, rates at starts as wide as smoothed rates."""
+    generator, times, noise = np.random.default_rng(0), np.linspace(0, 2, 20), 0.05
+    measured = [v * times - 0.15 * times**2 + noise * generator.standard_normal(20) for v in (1.0, -0.5, 2.0)]
+    trials = cl.Trials.from_arrays([times] * 3, measured, names=["x"])
+    found = {}
+    for order, value in {1: 0.7, 2: -0.3}.items():
+        structure = ModelStructure(order, parse_library("terms:1"), {"1": value})
+        terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
+        problem = prepare(trials, terms, known, noise=np.array([noise]), huber_threshold=np.inf)
+        while problem.points < points:
+            problem = problem.finer()
+        found[order] = evidence_of_order(problem, fit_with(problem, problem.allowed, 0.0))
+    rates = np.concatenate([each[:, 1] for own in problem.smoothed for each in own])
+
+    def log_density(mean, covariance):
+        """Of what is measured after each start, given this, as any start is as likely."""
+        wide = covariance + noise**2 * (np.eye(20) + 1e6)
+        return sum(
+            multivariate_normal.logpdf(each, mean, wide) - multivariate_normal.logpdf(each[0], mean[0], wide[0, 0])
+            for each in measured
+        )
+
+    first = log_density(0.7 * times, 0.0)
+    second = log_density(-0.15 * times**2, np.mean(rates**2) * np.outer(times, times))
+    assert found[1] - found[2] == pytest.approx(2 * (second - first), abs=0.2)
