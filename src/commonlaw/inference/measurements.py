@@ -52,7 +52,7 @@ class Measurements:
 
         States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
         """
-        std = errors.white_std(self._measured_states, with_typical(self._given, noise))
+        std = errors.white_std(self._usual_states, with_typical(self._given, noise))
         return np.where(self._still, with_typical(self._given, self.first_noise), std)
 
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
@@ -89,7 +89,12 @@ class Measurements:
         return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
 
     @cached_property
-    def _measured_states(self) -> Floats:
+    def measured(self) -> Floats:
+        """States as measured at all points, shape (points, d); NaN where they were not."""
+        return np.concatenate([each.measured for each in self.meshes])
+
+    @cached_property
+    def _usual_states(self) -> Floats:
         return np.concatenate(self.states)[:, : len(self.first_noise)]
 
     @cached_property

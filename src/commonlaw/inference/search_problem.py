@@ -161,10 +161,10 @@ class SearchProblem:
             self.trials, meshes, states, self.first_noise, self.models[0].order, sum(self.measured), self.noise_is_fixed
         )
 
-    @property
+    @cached_property
     def counted(self) -> Measured:
         """How many numbers were measured, and how surely they tell the scale of the noise."""
-        return self.measurements.counted(self.noise, self.errors, self._white_std)
+        return self.measurements.counted(self.noise, self.errors, self.white_std)
 
     @property
     def least_variance(self) -> float:
@@ -186,16 +186,18 @@ class SearchProblem:
                 found.append(shifted(terms, j) & ~given)
         return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))))
 
+    @cached_property
     def price_of_errors(self) -> float:
-        """Return what the levels of errors cost, see `Measurements.price`."""
-        return self.measurements.price(self.noise, self.errors, self._white_std)
+        """What the levels of errors cost, see `Measurements.price`."""
+        return self.measurements.price(self.noise, self.errors, self.white_std)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement at the state where it is, shape (n, d)."""
         return mesh.scale * self.noise
 
-    @property
-    def _white_std(self) -> Floats:
+    @cached_property
+    def white_std(self) -> Floats:
+        """The same of all meshes, one behind the other, shape (points, d)."""
         return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
 
     def _by_mesh(self, values: Floats) -> list[Floats]:

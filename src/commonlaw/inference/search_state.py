@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
-from commonlaw.likelihood import Estimate, Linearization, TrajectoryModel, fit_each, linearize_each
+from commonlaw.likelihood import Estimate, Linearization, fit_each, linearize_each
 from commonlaw.solvers import AbstractSolver
 
 NO_ERROR = 0.0
@@ -118,10 +118,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     linear = linearize_each(problem.models, estimates, model_error)
     known = np.nan_to_num(problem.known)
     problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
-    extra = offset(problem, linear, model_error)
-    counted = problem.counted.with_outliers(
-        *np.sum([_of_outliers(*pair) for pair in zip(problem.models, estimates, strict=True)], axis=0)
-    )
+    extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(*_outliers(problem, estimates))
     return SupportEvidence(problems, problem.allowed, counted, problem.prices, problem.most_terms, extra)
 
 
@@ -130,7 +127,7 @@ def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error:
 
     A model error is one more number to be found, at the price of any (BIC).
     """
-    price = price_of_model_error(model_error, sum(problem.measured)) + problem.price_of_errors()
+    price = price_of_model_error(model_error, sum(problem.measured)) + problem.price_of_errors
     return sum(each.log_determinant for each in linear) + price
 
 
@@ -139,13 +136,12 @@ def price_of_model_error(model_error: float, count: int) -> float:
     return float(np.log(count)) if model_error > FINAL[0] else 0.0
 
 
-def _of_outliers(model: TrajectoryModel, estimate: Estimate) -> tuple[float, int]:
+def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, int]:
     """Return what outliers add to the sum of squares, and how many there are."""
-    sizes, bound = [], model.observation.huber_threshold
-    for mesh, states, _ in model.parts(estimate):
-        own = np.abs(model.residuals(mesh, states) / (model.observation.noise * mesh.scale))
-        sizes.append(own[own > bound])
-    far = np.concatenate(sizes)
+    model, states = problem.models[0], np.concatenate([own for each in estimates for own in each.states])
+    residuals = problem.measurements.measured - states @ model.observed.T
+    sizes, bound = np.abs(residuals / problem.white_std), model.observation.huber_threshold
+    far = sizes[sizes > bound]
     return float(bound * far.sum()) if len(far) else 0.0, len(far)
 
 

@@ -171,33 +171,49 @@ static void descend(Fit *fit, const double *model_errors, int64_t levels, Rules 
     out[1] = reached.objective;
 }
 
-/* Fit states (N x W, of all meshes) and the free coefficients (d x K) in place; `out` is deviance and objective. */
-EXPORTED int commonlaw_fit(const Model *model, const Mesh *meshes, int64_t count, const uint8_t *free_ones,
-                           const double *model_errors, int64_t levels, int64_t steps, double gain, double shortest,
-                           LeastNorm least_norm, double *states, double *coefficients, double *out) {
-    Fit fit = {.meshes = meshes, .count = count, .least_norm = least_norm, .states = states,
-               .coefficients = coefficients};
+/* Fit states (N x W, of all meshes) and the free coefficients (d x K) of one object in place. */
+static int fit_object(Fit *fit, const Model *model, const uint8_t *free_ones, const double *model_errors,
+                      int64_t levels, Rules rules, double *out) {
     void *memory = NULL, *own = NULL;
     int64_t longest = 0;
-    for (int64_t m = 0; m < count; ++m) {
-        fit.points += meshes[m].points;
-        if (meshes[m].points > longest) longest = meshes[m].points;
+    for (int64_t m = 0; m < fit->count; ++m) {
+        fit->points += fit->meshes[m].points;
+        if (fit->meshes[m].points > longest) longest = fit->meshes[m].points;
     }
-    const bool open = open_workspace(&fit.work, model, free_ones, coefficients, longest, fit.points, &memory);
-    const size_t size = (size_t)(fit.points * fit.work.W), p = (size_t)fit.work.p;
+    const bool open = open_workspace(&fit->work, model, free_ones, fit->coefficients, longest, fit->points, &memory);
+    const size_t size = (size_t)(fit->points * fit->work.W), p = (size_t)fit->work.p;
     const size_t all = (size_t)(model->equations * model->program.terms);
     if (open) own = malloc(sizeof(double) * (2 * size + all + 2 * p + 2 * p * p + 1));
     if (own) {
-        fit.moved = own;
-        fit.direction = fit.moved + size;
-        fit.changed = fit.direction + size;
-        fit.own = fit.changed + all;
-        fit.right = fit.own + p;
-        fit.scaled = fit.right + p;
-        fit.triangle = fit.scaled + p * p;
-        descend(&fit, model_errors, levels, (Rules){gain, shortest, steps}, out);
+        fit->moved = own;
+        fit->direction = fit->moved + size;
+        fit->changed = fit->direction + size;
+        fit->own = fit->changed + all;
+        fit->right = fit->own + p;
+        fit->scaled = fit->right + p;
+        fit->triangle = fit->scaled + p * p;
+        descend(fit, model_errors, levels, rules, out);
     }
     free(own);
     free(memory);
     return own ? DONE : NO_MEMORY;
+}
+
+/* Fit states and the free coefficients of several objects in place, each with meshes of its own, as many as counts say;
+   everything of one object stands behind that of another. `out` is deviance and objective of each. */
+EXPORTED int commonlaw_fit(const Model *const *models, int64_t objects, const Mesh *meshes, const int64_t *counts,
+                           const uint8_t *free_ones, const double *model_errors, int64_t levels, int64_t steps,
+                           double gain, double shortest, LeastNorm least_norm, double *states, double *coefficients,
+                           double *out) {
+    int failed = DONE;
+    for (int64_t o = 0; o < objects && !failed; ++o) {
+        Fit fit = {.meshes = meshes, .count = counts[o], .least_norm = least_norm, .states = states,
+                   .coefficients = coefficients};
+        failed = fit_object(&fit, models[o], free_ones, model_errors, levels, (Rules){gain, shortest, steps}, out);
+        meshes += counts[o];
+        states += fit.points * fit.work.W;
+        coefficients += models[o]->equations * models[o]->program.terms;
+        out += 2;
+    }
+    return failed;
 }

@@ -118,7 +118,7 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
     """Return the library with the types of its functions' arguments."""
     number, address, real = _NUMBER, _ADDRESS, ctypes.c_double
     library.commonlaw_fit.argtypes = (
-        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure), number),  # model, meshes, how many
+        *(address, number, address, address),  # models, how many, meshes, how many of each
         *(address, address, number, number, real, real, LEAST_NORM),  # free, errors, levels, steps, gain, shortest
         *(address, address, address),  # states, coefficients, deviance and objective
     )
@@ -133,7 +133,7 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(address, number, address),  # rows, columns, log-determinant
     )
     library.commonlaw_linearize.argtypes = (
-        *(ctypes.POINTER(ModelStructure), address, number),  # model, meshes, how many
+        *(address, address, number),  # models, meshes, how many
         *(address, address, address, real, Vagueness),  # free, states, coefficients of each, model error
         *(address, address),  # factors, log-determinants
     )

@@ -294,19 +294,22 @@ static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_o
     return failed;
 }
 
-/* Linearise the likelihood of several meshes, each with coefficients of its own: the factors of their rows, each
-   (p + 1) x (p + 1), and the log-determinants. States of all meshes stand one behind the other. */
-EXPORTED int commonlaw_linearize(const Model *model, const Mesh *meshes, int64_t count, const uint8_t *free_ones,
-                                 const double *states, const double *coefficients, double model_error,
-                                 Vagueness beyond, double *factors, double *results) {
-    const int64_t W = model->equations * model->order + model->latent, all = model->equations * model->program.terms;
-    int64_t p = 0;
-    for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
+/* Linearise the likelihood of several meshes, each with a model and coefficients of its own: the factors of their rows,
+   each (p + 1) x (p + 1), and the log-determinants. States of all meshes stand one behind the other. */
+EXPORTED int commonlaw_linearize(const Model *const *models, const Mesh *meshes, int64_t count,
+                                 const uint8_t *free_ones, const double *states, const double *coefficients,
+                                 double model_error, Vagueness beyond, double *factors, double *results) {
     int failed = DONE;
     for (int64_t each = 0; each < count && !failed; ++each) {
-        failed = linearize(model, meshes + each, free_ones, states, coefficients + each * all, model_error, beyond, p,
-                           factors + each * (p + 1) * (p + 1), results + each);
-        states += meshes[each].points * W;
+        const Model *model = models[each];
+        const int64_t all = model->equations * model->program.terms;
+        int64_t p = 0;
+        for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
+        failed = linearize(model, meshes + each, free_ones, states, coefficients, model_error, beyond, p, factors,
+                           results + each);
+        states += meshes[each].points * (model->equations * model->order + model->latent);
+        coefficients += all;
+        factors += (p + 1) * (p + 1);
     }
     return failed;
 }

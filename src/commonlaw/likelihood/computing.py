@@ -1,8 +1,7 @@
 """Fits and linearisations: by the compiled kernel where there is one and it can, otherwise with NumPy."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from ctypes import CDLL
-from typing import TypeVar
 
 import numpy as np
 
@@ -18,11 +17,12 @@ from commonlaw.parallel import in_parallel
 _MANY = 50_000
 """Numbers in the rows of all terms from which threads pay: a linearisation then takes them some milliseconds."""
 
-T = TypeVar("T")
+_STEPS = 12
+"""Gauss-Newton steps at one model error at most."""
 
 
 def fit(
-    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
+    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = _STEPS
 ) -> Estimate:
     """Return the estimate of largest likelihood, by Gauss-Newton steps, one model error after the other.
 
@@ -39,11 +39,7 @@ def fit(
     steps
         At most so many for each model error.
     """
-    compiled = _compiled(model)
-    if compiled is None:
-        return fitting.fit(model, start, support, model_errors, steps)
-    library, structures = compiled
-    return fits.fit(library, model, structures, start, support, model_errors, steps)
+    return _fit_each([model], [start], support, model_errors, steps)[0]
 
 
 def linearize(
@@ -67,26 +63,25 @@ def linearize(
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    compiled = _compiled(model)
-    if compiled is None:
-        return linearization.linearize(model, estimate, model_error, columns)
-    free = np.ones(estimate.coefficients.shape, dtype=np.bool_) if columns is None else columns
-    library, structures = compiled
-    return rows.linearize(library, model, structures, estimate, model_error, free)
+    return _linearize_each([model], [estimate], model_error, columns)[0]
 
 
 def fit_each(
     models: Sequence[TrajectoryModel], starts: Sequence[Estimate], support: Bools, model_errors: Sequence[float]
 ) -> tuple[Estimate, ...]:
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
-    return tuple(_each(lambda model, start: fit(model, start, support, model_errors), models, starts))
+    if threads_pay(models):
+        return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors), models, starts))
+    return tuple(_fit_each(models, starts, support, model_errors, _STEPS))
 
 
 def linearize_each(
     models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float
 ) -> list[Linearization]:
     """Return the likelihood of each of several objects about its estimate, see `linearize`."""
-    return _each(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
+    if threads_pay(models):
+        return in_parallel(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
+    return _linearize_each(models, estimates, model_error, None)
 
 
 def whitened(
@@ -101,18 +96,11 @@ def whitened(
     NotPositiveError
         If numbers are not finite, or too far apart.
     """
-    compiled = _compiled(model)
+    compiled = _compiled([model])
     if compiled is None:
         return linearization.whitened(model, estimate, model_error, columns)
-    free = np.ones_like(estimate.coefficients, dtype=np.bool_) if columns is None else columns
-    library, structures = compiled
-    return rows.whitened(library, model, structures, estimate, model_error, free)
-
-
-def _each(
-    function: Callable[[TrajectoryModel, Estimate], T], models: Sequence[TrajectoryModel], estimates: Sequence[Estimate]
-) -> list[T]:
-    return in_parallel(function, models, estimates, pays=threads_pay(models))
+    library, (structures,) = compiled
+    return rows.whitened(library, model, structures, estimate, model_error, _free(estimate, columns))
 
 
 def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
@@ -121,8 +109,40 @@ def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
     return points * models[0].equations * len(models[0].terms) > _MANY
 
 
-def _compiled(model: TrajectoryModel) -> tuple[CDLL, Packed] | None:
-    """Return the kernel and the structures of a model that it takes; None where NumPy is to be used."""
+def _fit_each(
+    models: Sequence[TrajectoryModel],
+    starts: Sequence[Estimate],
+    support: Bools,
+    model_errors: Sequence[float],
+    steps: int,
+) -> list[Estimate]:
+    compiled = _compiled(models)
+    if compiled is not None:
+        library, structures = compiled
+        return fits.fit_each(library, models, structures, starts, support, model_errors, steps)
+    pairs = zip(models, starts, strict=True)
+    return [fitting.fit(model, start, support, model_errors, steps) for model, start in pairs]
+
+
+def _linearize_each(
+    models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float, columns: Bools | None
+) -> list[Linearization]:
+    compiled = _compiled(models)
+    if compiled is not None:
+        library, structures = compiled
+        return rows.linearize_each(library, models, structures, estimates, model_error, _free(estimates[0], columns))
+    pairs = zip(models, estimates, strict=True)
+    return [linearization.linearize(model, estimate, model_error, columns) for model, estimate in pairs]
+
+
+def _free(estimate: Estimate, columns: Bools | None) -> Bools:
+    return np.ones(estimate.coefficients.shape, dtype=np.bool_) if columns is None else columns
+
+
+def _compiled(models: Sequence[TrajectoryModel]) -> tuple[CDLL, list[Packed]] | None:
+    """Return the kernel and the structures of models that it takes; None where NumPy is to be used."""
     library = kernel()
-    structures = None if library is None else packed(model)
-    return None if library is None or structures is None else (library, structures)
+    if library is None:
+        return None
+    structures = [each for model in models if (each := packed(model)) is not None]
+    return (library, structures) if len(structures) == len(models) else None

@@ -2,47 +2,51 @@
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.kernel import LEAST_NORM, address
-from commonlaw.likelihood.compiled.packing import Packed
+from commonlaw.likelihood.compiled.packing import Packed, addresses
 from commonlaw.likelihood.fitting import GAIN, SHORTEST, Estimate, TrajectoryModel, least_norm
 
 
-def fit(
+def fit_each(
     library: ctypes.CDLL,
-    model: TrajectoryModel,
-    packed: Packed,
-    start: Estimate,
+    models: Sequence[TrajectoryModel],
+    structures: Sequence[Packed],
+    starts: Sequence[Estimate],
     support: Bools,
     model_errors: Sequence[float],
     steps: int,
-) -> Estimate:
-    """Return what `commonlaw.likelihood.fitting.fit` returns, to rounding."""
+) -> list[Estimate]:
+    """Return what `commonlaw.likelihood.fitting.fit` returns of each object, to rounding."""
     if not len(model_errors):
-        return start
-    lengths = [len(each) for each in model.meshes]
-    width = model.width + model.latent.width
-    states = np.array(start.states[0], dtype=np.float64) if len(lengths) == 1 else np.concatenate(start.states)
-    if states.shape != (sum(lengths), width) or start.coefficients.shape != (model.equations, len(model.terms)):
+        return list(starts)
+    shapes = [(sum(map(len, model.meshes)), model.width + model.latent.width) for model in models]
+    states = [np.concatenate(start.states, dtype=np.float64) for start in starts]
+    of_law = (models[0].equations, len(models[0].terms))
+    if [each.shape for each in states] != shapes or any(start.coefficients.shape != of_law for start in starts):
         raise ValueError("states or coefficients do not have the shapes of the model")
-    coefficients = np.array(start.coefficients, dtype=np.float64, order="C")
-    free, errors, reached = np.ascontiguousarray(support, dtype=np.bool_), np.array(model_errors, float), np.empty(2)
+    whole, coefficients = np.concatenate(states), np.array([start.coefficients for start in starts], dtype=np.float64)
+    counts = np.array([len(model.meshes) for model in models], dtype=np.int64)
+    own, meshes = addresses(structures), np.concatenate([each.words for each in structures])
+    free, errors = np.ascontiguousarray(support, dtype=np.bool_), np.array(model_errors, float)
+    reached = np.empty((len(models), 2))
     failed = library.commonlaw_fit(
-        *(packed.model, packed.meshes, len(lengths)),
+        *(address(own), len(models), address(meshes), address(counts)),
         *(address(free), address(errors), len(errors), steps, GAIN, SHORTEST, _LEAST_NORM),
-        *(address(states), address(coefficients), address(reached)),
+        *(address(whole), address(coefficients), address(reached)),
     )
     if failed:
         raise MemoryError
-    parts = (states,) if len(lengths) == 1 else tuple(np.split(states, np.cumsum(lengths)[:-1]))
-    return replace(
-        start, states=parts, coefficients=coefficients, deviance=float(reached[0]), objective=float(reached[1])
-    )
+    lengths = [len(mesh) for model in models for mesh in model.meshes]
+    parts = iter(np.split(whole, np.cumsum(lengths)[:-1]))
+    return [
+        Estimate(tuple(next(parts) for _ in model.meshes), found, *of_fit)
+        for model, found, of_fit in zip(models, coefficients, reached.tolist(), strict=True)
+    ]
 
 
 def _least_norm(count: int, matrix: Any, right: Any, solution: Any) -> int:

@@ -1,10 +1,13 @@
 """Models and meshes as the kernel takes them: contiguous arrays and their addresses, made once for each."""
 
+from collections.abc import Sequence
+from ctypes import addressof
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.kernel import MeshStructure, ModelStructure, ProgramStructure, address
@@ -16,11 +19,24 @@ from commonlaw.likelihood.mesh import Grid, Mesh
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A model's structures; `kept` are the arrays that they point into."""
+    """A model's structures; `kept` are the arrays that they point into.
+
+    The meshes are also there as numbers of eight bytes, shape (meshes, fields), see `FIELDS`.
+    """
 
     model: ModelStructure
     meshes: Any
+    words: NDArray[np.uint64]
     kept: tuple[object, ...]
+
+
+FIELDS = {name: getattr(MeshStructure, name).offset // 8 for name, *_ in MeshStructure._fields_}
+
+
+def addresses(structures: Sequence[Packed], counts: Sequence[int] | None = None) -> NDArray[np.uint64]:
+    """Return where models are, each as often as counts say."""
+    found = np.array([addressof(each.model) for each in structures], dtype=np.uint64)
+    return found if counts is None else np.repeat(found, counts)
 
 
 _MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary()
@@ -61,7 +77,10 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
         _program(program),
     )
     kept = (unit, std, logarithmic, inside, program, meshes)
-    return Packed(structure, (MeshStructure * len(meshes))(*(own for own, _ in meshes)), kept)
+    structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
+    return Packed(
+        structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept
+    )
 
 
 _PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()

@@ -1,14 +1,16 @@
 """Linearisations by the kernel."""
 
 import ctypes
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
-from commonlaw.likelihood.compiled.packing import Packed, contiguous
+from commonlaw.likelihood.compiled.packing import Packed, addresses, contiguous
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined, orthogonalized
 from commonlaw.likelihood.normal_equations import NotPositiveError
@@ -18,32 +20,74 @@ _NOT_POSITIVE = 2
 _MOST = 20_000
 """Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
 
-VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
+_VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
 
 
-def linearize(
-    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
-) -> Linearization:
-    """Return what `commonlaw.likelihood.linearization.linearize` returns, to rounding and signs of rows."""
+def linearize_each(
+    library: ctypes.CDLL,
+    models: Sequence[TrajectoryModel],
+    structures: Sequence[Packed],
+    estimates: Sequence[Estimate],
+    model_error: float,
+    free: Bools,
+) -> list[Linearization]:
+    """Return what `commonlaw.likelihood.linearization.linearize` returns of each, to rounding and signs of rows."""
     columns = int(free.sum()) + 1
-    if not in_one_call(model, columns):
-        return joined(whitened(library, model, packed, estimate, model_error, free), columns - 1)
-    count, states = len(model.meshes), np.concatenate(estimate.states)
-    coefficients = np.repeat(estimate.coefficients[np.newaxis], count, axis=0)
-    free = np.ascontiguousarray(free, dtype=np.bool_)
-    factors, log_determinants = np.empty((count, columns, columns)), np.empty(count)
-    inside = (address(each) for each in (free, states, coefficients))
-    check(
-        library.commonlaw_linearize(
-            *(packed.model, ctypes.addressof(packed.meshes), count, *inside, model_error, VAGUENESS),
-            *(address(factors), address(log_determinants)),
-        )
-    )
-    width = model.width + model.latent.width
+    large = [not in_one_call(model, columns) for model in models]
+    if any(large):
+        return [
+            joined(whitened(library, model, own, estimate, model_error, free), columns - 1)
+            if alone
+            else linearize_each(library, [model], [own], [estimate], model_error, free)[0]
+            for model, own, estimate, alone in zip(models, structures, estimates, large, strict=True)
+        ]
+    counts = [len(model.meshes) for model in models]
+    where, meshes = addresses(structures, counts), np.concatenate([each.words for each in structures])
+    states = np.concatenate([values for estimate in estimates for values in estimate.states])
+    coefficients = np.repeat([each.coefficients for each in estimates], counts, axis=0)
+    factors, log_determinants = triangles(library, where, meshes, free, states, coefficients, model_error)
+    cuts = np.cumsum(counts)[:-1]
+    parts = zip(models, np.split(factors, cuts), np.split(log_determinants, cuts), strict=True)
+    return [Linearization(_merged(model, triangle), float(logs.sum())) for model, triangle, logs in parts]
+
+
+def _merged(model: TrajectoryModel, factors: Floats) -> LeastSquaresProblem:
+    """Return the problem of one object from the factors of its meshes, each (columns + 1) x (columns + 1)."""
+    width, terms = model.width + model.latent.width, factors.shape[1] - 1
     rows = [int(np.count_nonzero(mesh.contiguous)) * width for mesh in model.meshes]
     pairs = zip(factors, rows, strict=True)
-    merged = merge(LeastSquaresProblem(np.asfortranarray(factor), columns - 1, own) for factor, own in pairs)
-    return Linearization(merged, float(log_determinants.sum()))
+    return merge(LeastSquaresProblem(np.asfortranarray(factor), terms, count) for factor, count in pairs)
+
+
+def triangles(
+    library: ctypes.CDLL,
+    models: NDArray[np.uint64],
+    meshes: NDArray[np.uint64],
+    free: Bools,
+    states: Floats,
+    coefficients: Floats,
+    model_error: float,
+) -> tuple[Floats, Floats]:
+    """Return the triangular factor of the rows of each mesh, and the log-determinants, shape (meshes,).
+
+    Models are addresses, one for each mesh, and meshes as in `Packed`; states are of all points, shape (points, D + w),
+    and coefficients of each mesh, shape (meshes, equations, terms).
+
+    Raises
+    ------
+    NotPositiveError
+        If numbers are not finite, or too far apart.
+    """
+    size = int(free.sum()) + 1
+    factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
+    free = np.ascontiguousarray(free, dtype=np.bool_)
+    inside = (address(each) for each in (free, states, coefficients))
+    failed = library.commonlaw_linearize(
+        *(address(models), address(meshes), len(meshes), *inside, model_error, _VAGUENESS),
+        *(address(factors), address(log_determinants)),
+    )
+    _check(failed)
+    return factors, log_determinants
 
 
 def in_one_call(model: TrajectoryModel, columns: int) -> bool:
@@ -97,10 +141,10 @@ def _whitened(
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
-        *(packed.model, packed.meshes[index], address(states), model_error, VAGUENESS),
+        *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
-    check(failed)
+    _check(failed)
     whole = np.empty((len(columns), columns.shape[1] + 1), order="F")
     whole[:, :-1], whole[:, -1] = rows[:, :-1] @ mixed, rows[:, -1]
     if not mesh.contiguous.all():
@@ -108,7 +152,6 @@ def _whitened(
     return whole, float(result[0])
 
 
-def check(failed: int) -> None:
-    """Raise what the kernel says went wrong, if anything did."""
+def _check(failed: int) -> None:
     if failed:
         raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.kernel import MeshStructure, ModelStructure, address
-from commonlaw.likelihood.compiled.packing import contiguous, packed
-from commonlaw.likelihood.compiled.rows import VAGUENESS, check, in_one_call
+from commonlaw.kernel import ModelStructure, address
+from commonlaw.likelihood.compiled.packing import FIELDS, contiguous, packed
+from commonlaw.likelihood.compiled.rows import in_one_call, triangles
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.mesh import Mesh, joined
@@ -20,12 +20,12 @@ from commonlaw.likelihood.mesh import Mesh, joined
 class Together:
     """Objects of one mesh each, and the estimates about which they are linearised.
 
-    All points of one object stand behind those of another: on the `mesh` of all, and in `states`. The structures of
-    their own meshes begin there with the points of these indices, `first`; `kept` are the arrays that they point into.
+    All points of one object stand behind those of another: on the `mesh` of all, and in `states`. Those of these
+    indices are the `first` of their own meshes, which `words` tell as in `Packed`; `kept` is what these point into.
     """
 
     model: ModelStructure
-    meshes: NDArray[np.void]
+    words: NDArray[np.uint64]
     mesh: Mesh
     first: Indices
     states: Floats
@@ -37,7 +37,7 @@ class Together:
         self, library: ctypes.CDLL, std: Floats, latent: LatentProcesses, model_error: float
     ) -> tuple[Floats, float]:
         """Return the factor of each object's rows, and the sum of log-determinants, see `AboutEstimates`."""
-        meshes, model = self.meshes.copy(), ModelStructure.from_buffer_copy(self.model)
+        meshes, model = self.words.copy(), ModelStructure.from_buffer_copy(self.model)
         arrays, std = {}, contiguous(std)
         if latent.width:
             steps = latent.along(self.mesh)
@@ -45,16 +45,10 @@ class Together:
             model.latent_std = address(deviations := contiguous(steps.std))
             assert len(deviations) == model.latent
         for name, array in {"std": std, **arrays}.items():
-            meshes[name] = address(array) + array.strides[0] * self.first
-        size = int(self.free.sum()) + 1
-        factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
-        inside = (address(each) for each in (self.free, self.states, self.coefficients))
-        check(
-            library.commonlaw_linearize(
-                *(model, address(meshes), len(meshes), *inside, model_error, VAGUENESS),
-                *(address(factors), address(log_determinants)),
-            )
-        )
+            meshes[:, FIELDS[name]] = address(array) + array.strides[0] * self.first
+        own = np.full(len(meshes), ctypes.addressof(model), dtype=np.uint64)
+        inside = (self.free, self.states, self.coefficients)
+        factors, log_determinants = triangles(library, own, meshes, *inside, model_error)
         return factors, float(log_determinants.sum())
 
 
@@ -70,10 +64,9 @@ def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], f
         return None
     mesh = joined([model.meshes[0] for model in models])
     lengths = np.array([len(model.meshes[0]) for model in models])
-    meshes = np.concatenate([np.frombuffer(each.meshes, dtype=np.dtype(MeshStructure)) for each in structures])
     return Together(
         structures[0].model,
-        meshes,
+        np.concatenate([each.words for each in structures]),
         mesh,
         np.cumsum(lengths) - lengths,
         np.concatenate([each.states[0] for each in estimates]),
