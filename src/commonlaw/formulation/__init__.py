@@ -9,6 +9,7 @@ from commonlaw.formulation.compress import (
     refuse_vanishing_states,
 )
 from commonlaw.formulation.discrete import DiscreteForm
+from commonlaw.formulation.explained import explained
 from commonlaw.formulation.irls import reweight
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, column_scales, leave_one_out, merge
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
@@ -28,6 +29,7 @@ __all__ = [
     "compress",
     "differentiation_bias",
     "effective_share",
+    "explained",
     "law_variables",
     "leave_one_out",
     "merge",

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
+from commonlaw.formulation import explained
 from commonlaw.hierarchy import (
     LIKELIEST_SWEEPS,
     WORST_CONDITION,
@@ -171,11 +172,5 @@ def rss_with_each(factors: Floats, indices: Indices) -> Floats:
     Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
     zero, a lower bound.
     """
-    basis, _ = np.linalg.qr(factors[:, :, indices])
-    rest = factors - np.matmul(basis, np.matmul(basis.transpose(0, 2, 1), factors))
-    before, after = np.sum(factors**2, axis=1), np.sum(rest**2, axis=1)
-    inner = np.einsum("opt,op->ot", rest, rest[..., -1])
-    inner[:, -1] = 0.0
-    clear = after > _NEAR * before
-    left = after[:, -1:] - np.divide(inner**2, after, out=np.zeros_like(inner), where=clear)
-    return np.asarray(np.sum(np.where(clear, left, 0.0), axis=0))
+    found = explained(factors, indices, _NEAR, bound=True)
+    return np.append(np.maximum(found[-1] - found[:-1], 0.0), found[-1])

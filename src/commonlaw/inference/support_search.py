@@ -5,6 +5,7 @@ The least-squares problems have the terms of one equation after the other as col
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -74,14 +75,12 @@ class SupportEvidence:
 
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
-        factors = np.array([problem.factor for problem in self.problems])
-        evidence = self.offset + minus_twice_log_evidence(factors, np.flatnonzero(supports), self.measured)
+        evidence = self.offset + minus_twice_log_evidence(self._factors, np.flatnonzero(supports), self.measured)
         return evidence + sum(self.prices.of(each) for each in supports)
 
     def noise_variance(self, supports: Bools) -> float:
         """Return the variance of the noise that supports of all equations leave, in units of that which there is."""
-        factors = np.array([problem.factor for problem in self.problems])
-        return noise_variance(factors, np.flatnonzero(supports), self.measured)
+        return noise_variance(self._factors, np.flatnonzero(supports), self.measured)
 
     def path(self, supports: Bools, equation: int, solver: AbstractSolver) -> list[Bools]:
         """Return the supports that a solver lists for one equation, each of shape (terms,), the others' being given."""
@@ -100,7 +99,7 @@ class SupportEvidence:
         """
         found = []
         for j, chosen in enumerate(supports):
-            equation = self._equation(supports, j)
+            equation = self._equation(supports, j, self._alone(supports, j))
             near = [
                 chosen,
                 *(each for _, each in equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))),
@@ -128,8 +127,8 @@ class SupportEvidence:
 
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""
-        evidence, allowed = self._equation(supports, equation), self.allowed[equation]
-        listed = _path(self._alone(supports, equation), allowed, solver)
+        allowed, alone = self.allowed[equation], self._alone(supports, equation)
+        evidence, listed = self._equation(supports, equation, alone), _path(alone, allowed, solver)
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
@@ -141,11 +140,11 @@ class SupportEvidence:
                 return best
             best = better
 
-    def _equation(self, supports: Bools, equation: int) -> "_EquationEvidence":
-        """Return the evidence for one equation, the others' terms being given."""
+    def _equation(self, supports: Bools, equation: int, alone: Sequence[LeastSquaresProblem]) -> "_EquationEvidence":
+        """Return the evidence for one equation, by its problems, the others' terms being given."""
         others = int(np.delete(supports, equation, axis=0).sum())
         measured = self.measured.without(others * len(self.problems))
-        return _EquationEvidence.of(self._alone(supports, equation), measured, self.prices)
+        return _EquationEvidence.of(alone, measured, self.prices)
 
     def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
         """Return the problems of one equation, with what the terms of the others explain taken out."""
@@ -153,13 +152,15 @@ class SupportEvidence:
         mine = np.arange(equation * terms, (equation + 1) * terms)
         others = np.setdiff1d(np.flatnonzero(supports), mine)
         columns = [*others, *mine, supports.size]
-        found = []
-        for problem in self.problems:
-            factor = np.asarray(np.linalg.qr(problem.factor[:, columns], mode="r"))
-            found.append(
-                LeastSquaresProblem(np.asfortranarray(factor[len(others) :, len(others) :]), terms, problem.rows)
-            )
-        return found
+        factors = np.asarray(np.linalg.qr(self._factors[:, :, columns], mode="r"))[:, len(others) :, len(others) :]
+        return [
+            LeastSquaresProblem(np.asfortranarray(factor), terms, problem.rows)
+            for factor, problem in zip(factors, self.problems, strict=True)
+        ]
+
+    @cached_property
+    def _factors(self) -> Floats:
+        return np.array([problem.factor for problem in self.problems])
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,17 +63,20 @@ class BestSubset(AbstractSolver):
         check_shared(self.shared)
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
-        choose = self._search_small if values is None else self._search
+        choose = self._search_small if values is None else self._search_all
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
 
     def _search_small(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
         """Search for numbers of terms up to `largest`, and eliminate terms for larger ones."""
-        order = backward_order(problem)
-        greedy = {size: Subset(order[:size], size == problem.size) for size in sizes if size > self.largest}
-        return greedy | self._search(problem, [size for size in sizes if size <= self.largest])
+        stays = backward_order(problem)
+        greedy = {size: Subset(stays[:size], size == problem.size) for size in sizes if size > self.largest}
+        return greedy | self._search(problem, [size for size in sizes if size <= self.largest], stays)
 
-    def _search(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
-        stays, enters = backward_order(problem), forward_order(problem, max(sizes))
+    def _search_all(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
+        return self._search(problem, sizes, backward_order(problem))
+
+    def _search(self, problem: StandardizedProblem, sizes: Sequence[int], stays: Indices) -> dict[int, Subset]:
+        enters = forward_order(problem, max(sizes))
         nodes = int(np.ceil(self.nodes * min(1.0, (_MANY / max(problem.size, 1)) ** 3)))
         return {size: _Search(problem, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
 
@@ -129,8 +132,7 @@ class _Search:
     def _swaps(self) -> Iterator[Indices]:
         """Yield supports in which one term of the best is replaced by the one that then explains most."""
         for stay in (np.delete(self.best, index) for index in range(self.size)):
-            directions = self.problem.entering(stay)
-            yield np.append(stay, directions.indices[np.argmax(directions.error_reductions)])
+            yield np.append(stay, self.problem.best_entering(stay))
 
     def _branch(self, node: _Node) -> list[_Node]:
         """Decide on the term whose leaving would cost most, or close the node."""

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.formulation import LeastSquaresProblem, explained
 
 _RIDGE = 1e-11
 """Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""
@@ -67,16 +68,9 @@ class StandardizedProblem:
         """The size of what the ridge and rounding add to a sum of squared residuals."""
         return float(_RIDGE**2 * np.sum(self.right**2))
 
-    def entering(self, inside: Sequence[int] | Indices = ()) -> "Directions":
-        """Return what each of the other terms explains when it enters beside those inside."""
-        others = np.delete(np.arange(self.size), np.asarray(inside, dtype=np.intp))
-        basis, _ = np.linalg.qr(self.columns[:, :, np.asarray(inside, dtype=np.intp)])
-        across = basis.transpose(0, 2, 1)
-        vectors = self.columns[:, :, others]
-        vectors = vectors - np.matmul(basis, np.matmul(across, vectors))
-        left = self.right[..., np.newaxis]
-        left = left - np.matmul(basis, np.matmul(across, left))
-        return Directions.of(vectors.transpose(0, 2, 1), left[..., 0], others)
+    def entering(self) -> "Directions":
+        """Return what each term explains when it enters alone."""
+        return Directions.of(self.columns.transpose(0, 2, 1), self.right, np.arange(self.size))
 
     def leaving(self) -> "Directions":
         """Return what each term's leaving of the full equation costs.
@@ -88,9 +82,20 @@ class StandardizedProblem:
 
     def residual(self, indices: Sequence[int] | Indices) -> float:
         """Return the sum over objects of scaled squared residuals of least squares on these of the allowed terms."""
-        chosen = np.concatenate([self.columns[:, :, indices], self.right[:, :, np.newaxis]], axis=2)
-        triangle = np.asarray(np.linalg.qr(chosen, mode="r"))
-        return self.rest + float(np.sum(triangle[:, len(indices) :, -1] ** 2))
+        return self.rest + float(self._explained(indices)[-1])
+
+    def best_entering(self, inside: Sequence[int] | Indices) -> int:
+        """Return which of the other terms explains most when it enters beside those inside."""
+        found = self._explained(inside)[:-1]
+        found[np.asarray(inside, dtype=np.intp)] = -np.inf
+        return int(np.argmax(found))
+
+    def _explained(self, inside: Sequence[int] | Indices) -> Floats:
+        return explained(self._rows, np.asarray(inside, dtype=np.intp), _NOTHING**2)
+
+    @cached_property
+    def _rows(self) -> Floats:
+        return np.concatenate([self.columns, self.right[..., np.newaxis]], axis=2)
 
 
 @dataclass(frozen=True, eq=False)
