@@ -7,6 +7,7 @@ rooms by name when they are called, and do nothing else:
 simulate, predict, score      `commonlaw.forecast`
 adapt                         `commonlaw.inference`
 residuals, discrepancy        `commonlaw.discrepancy`
+simplify                      `commonlaw.law.simplifying`
 verdict                       `commonlaw.verdict`
 report                        `commonlaw.report`
 ============================  =======================
@@ -22,6 +23,7 @@ from commonlaw.integration import Event, Trajectory, VectorField
 from commonlaw.law.averages import AbstractAverages
 from commonlaw.law.forecast import Forecast
 from commonlaw.law.page import Page
+from commonlaw.law.simplification import Simplification
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Trials
 
@@ -349,3 +351,35 @@ class AbstractDelegates(AbstractAverages):
         """
         page: Page = resolve_name("commonlaw.report:law_page")(self, trials, learned)
         return page
+
+    def simplify(self, tolerance: float = 2.0) -> Simplification[Self]:
+        """Return the law in its simplest form: numbers that are nearly zero, one, a ratio, or each other replaced.
+
+        A number is replaced by zero, by a ratio of small whole numbers, or by another number of the law or its
+        opposite, where that is shorter to write than its digits that are known (minimum description length; Rissanen
+        1983): 0.667 ± 0.001 becomes 2/3, and 0.67 ± 0.05 stays. The numbers that remain follow by the covariance.
+        Numbers with units become zero or each other, as what else they are depends on units. Equations are in the
+        shortest form among equivalent ones. What several objects have is replaced for all of them, and what `explain`
+        said of them does not enter.
+
+        Parameters
+        ----------
+        tolerance
+            Standard errors that the mean over objects may be off. All replacements together may be as improbable, of
+            the mean and of all objects, by chi-square tests. With two, one in twenty numbers that are simple stays.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know how accurate its coefficients are, objects have terms of their own, or SymPy is
+            not installed.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.2), noise=0.001)
+        >>> print(cl.fit("x'' = -g - c v + b v^2", drops).simplify().equations[0])
+        x'' = -(c*v + g)
+        """
+        found: Simplification[Self] = resolve_name("commonlaw.law.simplifying:simplified")(self, tolerance)
+        return found

@@ -1,0 +1,98 @@
+"""A law in its simplest form, as it is shown: what was replaced, and whether the measurements bear it."""
+
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from commonlaw.array_types import Floats
+from commonlaw.law.numbers import with_error
+from commonlaw.law.text import coefficient_table
+from commonlaw.trials import Trials
+
+LawType = TypeVar("LawType")
+
+
+class Replacement(NamedTuple):
+    """A number of a law that is replaced.
+
+    Parameters
+    ----------
+    letter
+        That stands for it in `Law.structure`.
+    estimate, error
+        Its mean over objects, and the standard error of that.
+    form
+        What takes its place: a number, or another letter.
+    off
+        Standard errors between them.
+    """
+
+    letter: str
+    estimate: float
+    error: float
+    form: str
+    off: float
+
+    def __str__(self) -> str:
+        number = with_error(self.estimate, self.error)
+        return f"{self.letter} = {number} by {self.form}, {self.off:.1f} standard errors off"
+
+
+@dataclass(frozen=True, eq=False)
+class Simplification(Generic[LawType]):
+    """A law in its simplest form, what was replaced for that, and whether the measurements bear it.
+
+    Parameters
+    ----------
+    equations
+        The shortest form that was found of each, with letters for the numbers that remain.
+    replaced
+        Every number that is not found any more.
+    chi_square, degrees_of_freedom
+        Of all replacements of all objects together: the squared distance of the law's estimates from the nearest that
+        obey them, in units of their covariance.
+    objects, letters
+        Of the law, and for the numbers that remain.
+    values, errors
+        What the letters stand for, given what was replaced, and their standard errors, shape (objects, letters).
+    """
+
+    equations: tuple[str, ...]
+    replaced: tuple[Replacement, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    objects: tuple[str, ...]
+    letters: tuple[str, ...]
+    values: Floats
+    errors: Floats
+
+    @property
+    def p_value(self) -> float:
+        """How probable it is that estimates are as far from the replacements or farther, if these are true."""
+        return p_value(self.chi_square, self.degrees_of_freedom)
+
+    def fit(self, trials: Trials, **settings: Any) -> LawType:
+        """Return the law of this form, fitted to trials again, see `commonlaw.fit`.
+
+        Raises
+        ------
+        CommonlawError
+            If no number is left to be found, or the trials cannot be used.
+        """
+        law: LawType = resolve_name("commonlaw.discovery:fit")(self.equations, trials, **settings)
+        return law
+
+    def __str__(self) -> str:
+        said = [f"replaced: {each}" for each in self.replaced] or ["nothing could be replaced"]
+        if self.replaced:
+            freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
+            said += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
+        table = coefficient_table(self.objects, self.letters, self.values, self.errors) if self.letters else []
+        return "\n".join([*self.equations, "", *said, *([""] if table else []), *table])
+
+
+def p_value(chi_square: float, degrees_of_freedom: int) -> float:
+    """Return the probability of a chi-square at least so large."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(degrees_of_freedom, chi_square)) if degrees_of_freedom else 1.0

@@ -1,0 +1,251 @@
+"""The way to the simplest form of a law: numbers become whole, ratios of small whole numbers, or each other."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
+from commonlaw.law.from_text import read_equations
+from commonlaw.law.law import Law
+from commonlaw.law.simplification import Replacement, Simplification, p_value
+from commonlaw.library.naming import quoted
+
+if TYPE_CHECKING:
+    import sympy
+
+_LARGEST_DENOMINATOR = 12
+
+_BIT = 2 * np.log(2)
+"""What a bit is worth in squared standard errors."""
+
+
+def simplified(law: Law, tolerance: float) -> Simplification[Law]:
+    """Return the simplest form of a law, see `Law.simplify`."""
+    if not tolerance > 0:
+        raise CommonlawError(f"the tolerance is {tolerance}: give standard errors, above zero")
+    if not law.shared:
+        raise CommonlawError("the objects of this law have terms of their own: simplify that of one, law.select([...])")
+    start = _Estimates.of(law)
+    found, constraints = start, list[_Constraint]()
+    while True:
+        free = [each for each in _candidates(law, found, constraints) if each.gain(found, tolerance) > 0]
+        borne = [each for each in free if start.bear([*constraints, each], tolerance)]
+        if not borne:
+            break
+        best = max(borne, key=lambda each: each.gain(found, tolerance))
+        constraints.append(best)
+        found = start.given(constraints)
+    chi_square, degrees = start.chi_square(constraints)
+    gone = {each.letter for each in constraints}
+    left = [i for i, name in enumerate(law.letters) if name not in gone]
+    return Simplification(
+        equations=_shortest(law, constraints),
+        replaced=tuple(each.replacement(law.letters, start) for each in constraints),
+        chi_square=chi_square,
+        degrees_of_freedom=degrees,
+        objects=law.objects,
+        letters=tuple(law.letters[i] for i in left),
+        values=found.values[:-1, left],
+        errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
+    )
+
+
+@dataclass(frozen=True)
+class _Constraint:
+    """What a letter is replaced by: a number, or a number times another letter.
+
+    The bits are what it takes to write that down.
+    """
+
+    letter: str
+    index: int
+    number: Fraction
+    other: int | None
+    bits: float
+
+    def row(self, letters: int) -> tuple[Floats, float]:
+        """Return what is constrained, a sum of letters with these factors, and to which number."""
+        row = np.zeros(letters)
+        row[self.index] = 1.0
+        if self.other is None:
+            return row, float(self.number)
+        row[self.other] = -float(self.number)
+        return row, 0.0
+
+    def off(self, estimates: "_Estimates") -> float:
+        """Return how many standard errors the mean over objects is off."""
+        row, number = self.row(estimates.values.shape[1])
+        return float(abs(row @ estimates.values[-1] - number) / estimates.error(row))
+
+    def gain(self, estimates: "_Estimates", tolerance: float) -> float:
+        """Return how many bits shorter the law gets: digits of a number that are known, less what replaces them."""
+        row, _ = self.row(estimates.values.shape[1])
+        error, off = estimates.error(row), self.off(estimates)
+        if not error > 0 or off > tolerance:
+            return -np.inf
+        if self.number == 0:
+            return float((tolerance**2 - off**2) / _BIT)
+        return float(np.log2(abs(estimates.values[-1, self.index]) / error) - self.bits - off**2 / _BIT)
+
+    def form(self, letters: Sequence[str]) -> str:
+        """Return it as text."""
+        if self.other is None:
+            return str(self.number)
+        return f"{'-' if self.number < 0 else ''}{letters[self.other]}"
+
+    def replacement(self, letters: Sequence[str], estimates: "_Estimates") -> Replacement:
+        """Return what to say of it."""
+        mean, error = float(estimates.values[-1, self.index]), estimates.error(np.eye(len(letters))[self.index])
+        return Replacement(self.letter, mean, error, self.form(letters), float(self.off(estimates)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimates:
+    """What letters stand for, of each object by its own trials and last their mean over objects.
+
+    Values have the shape (objects + 1, letters), covariances (objects + 1, letters, letters).
+    """
+
+    values: Floats
+    covariances: Floats
+
+    @classmethod
+    def of(cls, law: Law) -> "_Estimates":
+        own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
+        mean = law.average()
+        coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
+        coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
+        covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
+        indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(law.support).tolist())}
+        slopes = np.zeros((len(coefficients), len(law.letters), len(indices)))
+        values = np.zeros(slopes.shape[:2])
+        for i, each in enumerate(law.named_coefficients):
+            values[:, i] = each.of(coefficients)
+            slopes[:, i, [indices[part.equation, part.term] for part in each.parts]] = each.gradient(coefficients)
+        return cls(values, slopes @ covariances @ slopes.transpose(0, 2, 1))
+
+    def error(self, row: Floats) -> float:
+        """Return the standard error of a sum of letters with these factors, of the mean over objects."""
+        return float(np.sqrt(max(row @ self.covariances[-1] @ row, 0.0)))
+
+    def _distances(self, constraints: Sequence[_Constraint]) -> tuple[Floats, Floats, Floats]:
+        rows, numbers = zip(*(each.row(self.values.shape[1]) for each in constraints), strict=True)
+        left = self.values @ np.array(rows).T - np.array(numbers)
+        shared = self.covariances @ np.array(rows).T
+        inverse = np.linalg.pinv(np.array(rows) @ shared, rcond=1e-12, hermitian=True)
+        return left, shared, inverse
+
+    def chi_square(self, constraints: Sequence[_Constraint]) -> tuple[float, int]:
+        """Return the squared distance of all objects from constraints, and how many numbers these take away."""
+        if not constraints:
+            return 0.0, 0
+        left, _, inverse = self._distances(constraints)
+        return float(np.einsum("oi,oij,oj->o", left, inverse, left)[:-1].sum()), len(left[:-1]) * len(constraints)
+
+    def bear(self, constraints: Sequence[_Constraint], tolerance: float) -> bool:
+        """Whether all objects together, and their mean, are as near as a normal number is to so many errors."""
+        left, _, inverse = self._distances(constraints)
+        squares = np.einsum("oi,oij,oj->o", left, inverse, left)
+        least = p_value(tolerance**2, 1)
+        of_objects = p_value(float(squares[:-1].sum()), len(constraints) * (len(squares) - 1))
+        return min(of_objects, p_value(float(squares[-1]), len(constraints))) >= least
+
+    def given(self, constraints: Sequence[_Constraint]) -> "_Estimates":
+        """Return the estimates of largest likelihood under constraints, with their covariance."""
+        left, shared, inverse = self._distances(constraints)
+        values = self.values - np.einsum("oli,oij,oj->ol", shared, inverse, left)
+        covariances = self.covariances - shared @ inverse @ shared.transpose(0, 2, 1)
+        errors = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
+        small = np.diagonal(covariances, axis1=1, axis2=2) < (1e-6 * errors) ** 2  # Zero, but for rounding
+        covariances = np.where(small[:, :, np.newaxis] | small[:, np.newaxis], 0.0, covariances)
+        return replace(self, values=values, covariances=covariances)
+
+
+def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
+    """Yield what each letter that is left could be replaced by."""
+    taken = {each.index for each in constraints} | {each.other for each in constraints}
+    gone, units = {each.index for each in constraints}, law.letter_units()
+    for i, letter in enumerate(law.letters):
+        if i in taken:
+            continue
+        if all(power > 0 for power in _powers(law, letter)):
+            yield _Constraint(letter, i, Fraction(0), None, 0.0)
+        if units[i] in (None, ""):
+            yield from _ratios(letter, i, float(found.values[-1, i]))
+        for k in range(len(law.letters)):
+            if k != i and k not in gone and units[k] == units[i]:
+                yield from (_Constraint(letter, i, Fraction(sign), k, 1 + np.log2(len(units))) for sign in (1, -1))
+
+
+def _powers(law: Law, letter: str) -> list[int]:
+    """Return the powers with which a letter stands before terms; none for a constant inside of them."""
+    found = [power for each in law.named_products for name, power in each.coefficients if name == letter]
+    return [0] if letter in law.terms.variables.constants else found
+
+
+def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
+    """Yield the ratios of small whole numbers near a value, and what it takes to write them.
+
+    A whole number takes twice its digits and one more bit, which says where they end (Elias 1975, the gamma code).
+    """
+    near = {Fraction(round(value * each), each) for each in range(1, _LARGEST_DENOMINATOR + 1)} - {Fraction(0)}
+    for each in near:
+        bits = 2 + 2 * (np.log2(abs(each.numerator)) + np.log2(each.denominator))
+        yield _Constraint(letter, index, each, None, float(bits))
+
+
+def _shortest(law: Law, constraints: Sequence[_Constraint]) -> tuple[str, ...]:
+    """Return each equation in the equivalent form of fewest operations if `commonlaw.fit` reads it, else as a sum."""
+    sympy = optional_import("sympy", "the simplest form of a law", "symbolic")
+    forms = (sympy.factor, sympy.factor_terms, sympy.together, sympy.collect_const, sympy.simplify)
+    plain, short = list[str](), list[str]()
+    for left, right in zip(law.left_hand_sides, _right_hand_sides(law, constraints, sympy), strict=True):
+        found = [
+            (each.count_ops(), f"{left} = {_written(sympy.sstr(each, order=order))}")
+            for each in (form(right) for form in (sympy.expand, *forms))
+            for order in ("lex", "rev-lex")
+        ]
+        plain.append(found[0][1])
+        short.append(min((operations, len(text), text) for operations, text in found)[2])
+    try:
+        read_equations(short, law.schema)
+    except CommonlawError:
+        return tuple(plain)
+    return tuple(short)
+
+
+def _right_hand_sides(law: Law, constraints: Sequence[_Constraint], sympy: Any) -> "list[sympy.Expr]":
+    """Return what the equations give, with symbols for letters but those that are replaced."""
+    letters = {name: sympy.Symbol(quoted(name), real=True) for name in (*law.terms.variables.names, *law.letters)}
+    columns = [letters[name] for name in law.terms.variables.names]
+    products = {(each.equation, each.term): each for each in law.named_products}
+    found = []
+    for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
+        product = products.get((j, k))
+        factors = [letters[name] ** power for name, power in product.coefficients] if product else []
+        number = product.factor if product else float(law.coefficients[0, j, k])
+        found.append((j, sympy.Mul(_exact(number, sympy), *factors, law.terms.terms[k].sympy(columns))))
+    sums = [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.states))]
+    for each in constraints:
+        number = sympy.Rational(each.number.numerator, each.number.denominator)
+        new = number if each.other is None else number * letters[law.letters[each.other]]
+        sums = [own.subs(letters[each.letter], new) for own in sums]
+    return sums
+
+
+def _exact(number: float, sympy: Any) -> "sympy.Expr":
+    """Return a number as a ratio of whole numbers where it is one of small ones."""
+    near = Fraction(number).limit_denominator(1000)
+    return sympy.Rational(near.numerator, near.denominator) if float(near) == number else sympy.Float(number)
+
+
+def _written(text: str) -> str:
+    """Return what SymPy writes in the words of equations."""
+    for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan(")):
+        text = text.replace(theirs, ours)
+    return text

@@ -1,0 +1,155 @@
+"""The simplest form of a law: which numbers are replaced, what follows for the others, and how it is written."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import chi2
+
+import commonlaw as cl
+from commonlaw.law.uncertainty import Uncertainty
+
+
+def law_of(equations, values, errors, correlation=0.0, **names):
+    """A law with these estimates, numbers or one for each object, and standard errors that depend on each other."""
+    law = cl.Law.from_text(equations, values, **names)
+    covariance = np.outer(errors, errors) * (np.eye(len(errors)) * (1 - correlation) + correlation)
+    covariances = np.tile(covariance, (len(law.objects), 1, 1))
+    return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.full(len(law.states), 0.1)))
+
+
+def replaced(law, **settings):
+    return {each.letter: each.form for each in law.simplify(**settings).replaced}
+
+
+def test_numbers_that_are_known_well_become_ratios_that_are_shorter_to_write():
+    law = law_of("x' = a + b x + c x^2", {"a": 0.6668, "b": -1.0004, "c": 1.3719}, [2e-4, 5e-4, 1e-3])
+    found = law.simplify()
+    assert {each.letter: each.form for each in found.replaced} == {"a": "2/3", "b": "-1"}
+    assert found.equations == ("x' = 2/3 - x + c*x^2",)
+    assert found.letters == ("c",)
+    offs = {each.letter: each.off for each in found.replaced}
+    assert offs == pytest.approx({"a": (0.6668 - 2 / 3) / 2e-4, "b": 0.8})
+    assert found.chi_square == pytest.approx(offs["a"] ** 2 + offs["b"] ** 2)
+    assert found.p_value == pytest.approx(chi2.sf(found.chi_square, 2))
+    assert "replaced: b = -1.00040 ± 0.00050 by -1, 0.8 standard errors off" in str(found).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "form"),
+    [
+        (0.67, 0.05, None),
+        (1.02, 0.02, "1"),
+        (1.05, 0.02, None),
+        (0.1, 0.3, "0"),
+        (2.5004, 4e-4, "5/2"),
+        (0.3, 0.1, None),
+    ],
+)
+def test_what_is_not_known_well_or_is_far_off_stays(value, error, form):
+    law = law_of("x' = a x + b x^3", {"a": value, "b": 0.73912}, [error, 1e-5])
+    assert replaced(law).get("a") == form
+
+
+def test_a_wider_tolerance_replaces_more():
+    law = law_of("x' = a x + b x^3", {"a": 1.0025, "b": 0.73912}, [1e-3, 1e-5])
+    assert (replaced(law), replaced(law, tolerance=3)) == ({}, {"a": "1"})
+
+
+def test_the_numbers_that_remain_follow_as_by_least_squares_under_the_constraints():
+    values, errors = {"a": 0.6670, "b": -0.9995, "c": 1.3719}, [3e-4, 5e-4, 1e-3]
+    law = law_of("x' = a + b x + c x^2", values, errors, correlation=0.7)
+    found = law.simplify()
+    assert found.letters == ("c",)
+    weights = np.linalg.inv(law.covariance[0])
+
+    def distance(c):
+        left = np.array([2 / 3, -1.0, c[0]]) - [*values.values()]
+        return left @ weights @ left
+
+    best = minimize(distance, [1.37], tol=1e-12)
+    assert found.values == pytest.approx(best.x.reshape(1, 1), abs=1e-6)
+    assert found.errors == pytest.approx(1 / np.sqrt(weights[2, 2]), abs=1e-9)
+    assert found.chi_square == pytest.approx(best.fun, rel=1e-4)
+
+
+def test_equal_and_opposite_numbers_get_one_letter():
+    law = law_of(
+        "s' = a s i; i' = b s i + c i", {"a": -0.4372, "b": 0.4375, "c": -0.1393}, [4e-4, 4e-4, 3e-4], correlation=-0.2
+    )
+    found = law.simplify()
+    assert [(each.letter, each.form) for each in found.replaced] in ([("a", "-b")], [("b", "-a")])
+    assert len(found.letters) == 2
+
+
+def test_numbers_with_units_become_each_other_and_no_ratios():
+    units = {"t": "s", "x": "m", "y": "m"}
+    law = law_of("x' = a x; y' = b x + c y", {"a": 1.0001, "b": 0.99995, "c": 0.5}, [1e-4, 1e-4, 1e-4], units=units)
+    assert list(replaced(law).values()) in (["a"], ["b"])
+
+
+def test_numbers_of_several_objects_are_replaced_if_all_of_them_are_near():
+    near, far = {"p": 1.001, "q": 0.9995, "r": 0.9993}, {"p": 1.006, "q": 0.997, "r": 0.997}
+    other = {"p": 0.3171, "q": 0.4618, "r": 0.1234}
+    for values, expected in ((near, {"a": "1"}), (far, {})):
+        law = law_of("x' = a - b x", {"a": values, "b": other}, [1e-3, 1e-4])
+        assert np.mean([*values.values()]) == pytest.approx(1, abs=1e-3)
+        assert replaced(law) == expected
+    assert law.simplify().values.shape == (3, 2)
+
+
+def test_all_replacements_together_may_be_as_improbable_as_one():
+    names = "abcdfg"
+    values = {name: 1 + 1.9e-4 * (-1) ** i for i, name in enumerate(names)}
+    law = law_of("x' = " + " + ".join(f"{name} x^{i + 1}" for i, name in enumerate(names)), values, [1e-4] * 6)
+    found = law.simplify()
+    assert 0 < len(found.replaced) < 6
+    assert found.p_value >= chi2.sf(4, 1)
+
+
+def test_numbers_without_meaning_are_seldom_replaced():
+    generator, count = np.random.default_rng(0), 300
+    law = law_of("x' = a x + b x^3", {"a": 1.0, "b": 0.739124}, [1e-3, 1e-7])
+    found = sum(
+        "a" in replaced(replace(law, coefficients=np.array([[[value, 0.739124]]])))
+        for value in generator.uniform(0.5, 2, count)
+    )
+    assert found < 0.1 * count
+
+
+def test_an_exponent_becomes_whole_and_the_form_shorter():
+    law = law_of("x'' = -g + k*abs(v)^p", {"g": 9.7812, "k": 0.19371, "p": 2.003}, [1e-3, 1e-4, 2e-3])
+    found = law.simplify()
+    assert found.equations == ("x'' = k*v^2 - g",)
+    assert found.letters == ("g", "k")
+
+
+def test_a_number_in_two_terms_is_replaced_in_both():
+    law = law_of("T' = -k (T - a)", {"k": 0.2502, "a": 21.3713}, [3e-4, 1e-2])
+    (equation,) = law.simplify().equations
+    assert equation == "T' = (a - T)/4"
+
+
+def test_the_form_is_fitted_again_to_what_follows_by_covariance():
+    times, generator = np.linspace(0, 8, 100), np.random.default_rng(0)
+    heat = [air + 60 * np.exp(-times / 4) + 0.01 * generator.standard_normal(100) for air in (21.37, 18.52)]
+    trials = cl.Trials.from_arrays([times] * 2, heat, object=["cup", "mug"], names=["T"])
+    found = cl.fit("T' = a + b T", trials).simplify()
+    assert found.equations == ("T' = a - T/4",)
+    law = found.fit(trials)
+    assert law.structure() == found.equations
+    assert abs(law.letter_values()[0] - found.values).max() < 0.2 * found.errors.max()
+    np.testing.assert_allclose(law.letter_values()[1], found.errors, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("law", "tolerance", "message"),
+    [
+        (cl.Law.from_text("x' = a x", {"a": 1.0}), 2.0, "does not know how accurate"),
+        (law_of("x' = a x", {"a": 1.0}, [0.1]), 0.0, "the tolerance is 0.0: give standard errors, above zero"),
+    ],
+)
+def test_what_cannot_be_simplified_is_refused(law, tolerance, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        law.simplify(tolerance)
