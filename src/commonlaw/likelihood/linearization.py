@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.likelihood.collocation import Jacobians, jacobians
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.latent import LatentSteps
@@ -29,6 +29,9 @@ HIDDEN = 1000.0
 RATE = 3.0
 """Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
 it."""
+
+_ALIKE = 1e-6
+"""Reciprocal condition of columns of unit norm, above which their products keep four digits of what they differ in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +121,23 @@ def orthogonalized(library: Floats, free: Bools) -> tuple[Floats, Floats]:
         return np.linalg.qr(library)
     basis, mixed, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
     for own in map(slice, ends - counts, ends):
-        basis[:, own], mixed[own, own] = np.linalg.qr(library[:, own])
+        basis[:, own], mixed[own, own] = _orthogonal(library[:, own])
     return basis, mixed
+
+
+def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
+    """Return columns that are orthogonal, and their upper triangle.
+
+    By the triangle of their products where digits are left of what columns differ in, which takes a third of the time.
+    """
+    from scipy.linalg import blas, lapack
+
+    norms = column_scales(columns)
+    factor, failed = lapack.dpotrf(columns.T @ columns / np.outer(norms, norms))
+    if failed or not lapack.dtrcon(factor)[0] > _ALIKE:
+        return np.linalg.qr(columns)
+    factor = np.asarray(factor * norms)
+    return blas.dtrsm(1.0, factor, np.asfortranarray(columns.T), trans_a=1).T, factor
 
 
 def _measured(

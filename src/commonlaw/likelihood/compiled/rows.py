@@ -12,7 +12,7 @@ from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
 from commonlaw.likelihood.compiled.packing import Packed, addresses, contiguous
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
-from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, joined, orthogonalized
+from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, orthogonalized
 from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _NOT_POSITIVE = 2
@@ -36,7 +36,7 @@ def linearize_each(
     large = [not in_one_call(model, columns) for model in models]
     if any(large):
         return [
-            joined(whitened(library, model, own, estimate, model_error, free), columns - 1)
+            _linearize_by_parts(library, model, own, estimate, model_error, free)
             if alone
             else linearize_each(library, [model], [own], [estimate], model_error, free)[0]
             for model, own, estimate, alone in zip(models, structures, estimates, large, strict=True)
@@ -100,7 +100,25 @@ def whitened(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
 ) -> list[tuple[Floats, float]]:
     """Return what `commonlaw.likelihood.linearization.whitened` returns, to rounding."""
-    return [_whitened(library, model, packed, index, estimate, model_error, free) for index in range(len(model.meshes))]
+    found = []
+    for index in range(len(model.meshes)):
+        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        found.append((np.column_stack([rows[:, :-1] @ mixed, rows[:, -1]]), log_determinant))
+    return found
+
+
+def _linearize_by_parts(
+    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
+) -> Linearization:
+    """Return the linearisation of one object of which LAPACK compresses the rows."""
+    problems, total = [], 0.0
+    for index in range(len(model.meshes)):
+        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        factor = LeastSquaresProblem.of(rows[:, :-1], rows[:, -1:]).factor
+        few = LeastSquaresProblem.of(factor[:, :-1] @ mixed, factor[:, -1:])
+        problems.append(LeastSquaresProblem(few.factor, few.terms, len(rows)))
+        total += log_determinant
+    return Linearization(merge(problems), total)
 
 
 def jacobians(
@@ -129,7 +147,8 @@ def _whitened(
     estimate: Estimate,
     model_error: float,
     free: Bools,
-) -> tuple[Floats, float]:
+) -> tuple[Floats, Floats, float]:
+    """Return rows [mixtures of columns | target] of one mesh, what makes columns of these, and the log-determinant."""
     mesh = model.meshes[index]
     linear = jacobians(library, model, packed, index, estimate, free)
     columns = linear.coefficients.reshape(linear.defects.size, -1)
@@ -145,11 +164,9 @@ def _whitened(
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
     _check(failed)
-    whole = np.empty((len(columns), columns.shape[1] + 1), order="F")
-    whole[:, :-1], whole[:, -1] = rows[:, :-1] @ mixed, rows[:, -1]
     if not mesh.contiguous.all():
-        whole = np.asfortranarray(whole[np.repeat(mesh.contiguous, linear.defects.shape[1])])
-    return whole, float(result[0])
+        rows = rows[np.repeat(mesh.contiguous, linear.defects.shape[1])]
+    return rows, mixed, float(result[0])
 
 
 def _check(failed: int) -> None:
