@@ -1,6 +1,5 @@
 """What else a law could be: the supports that the measurements leave plausible, fitted, with their probabilities."""
 
-from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 
@@ -9,9 +8,8 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import SearchState, evidence_of, fit_neighbour, neighbours
+from commonlaw.inference.search_state import SearchState, evidence_of, fit_neighbours, neighbours
 from commonlaw.law import Law, PlausibleLaw, Provenance
-from commonlaw.likelihood import NotPositiveError
 
 LEAST = 0.01
 """Probability below which a law is not carried along: what it says would not move an interval of 95 % by much."""
@@ -47,10 +45,7 @@ def weighted(problem: SearchProblem, chosen: SearchState) -> list[tuple[float, S
 
     By their evidence, under the errors of the chosen state, which counts as no less probable than any other.
     """
-    fitted = [chosen]
-    for supports in _near(problem, chosen):
-        with suppress(NotPositiveError):
-            fitted.append(fit_neighbour(problem, chosen, supports))
+    fitted = [chosen, *fit_neighbours(problem, chosen, _near(problem, chosen))]
     (value,) = evidence_of(problem, chosen, [chosen.supports])
     above = np.array([0.0, *(max(0.0, each.value - value) for each in fitted[1:])])
     shares = np.exp(-above / 2) / np.exp(-above / 2).sum()

@@ -12,9 +12,9 @@ from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.search_state import SearchState, evidence_about
 from commonlaw.law import Law
-from commonlaw.likelihood import ErrorModel, Estimate, linearize, whitened
+from commonlaw.likelihood import ErrorModel, Estimate, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
@@ -95,6 +95,7 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
     coefficients = np.array([each.coefficients for each in state.estimates])
     support = np.any(coefficients != 0, axis=0)
     found = np.zeros((len(state.estimates), support.sum(), support.sum()))
+    problems = evidence_about(problem, state).problems if kind == "likelihood" else ()
     for o, (model, estimate) in enumerate(zip(problem.models, state.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
@@ -102,7 +103,7 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
             trials = [rows for rows, _ in whitened(model, estimate, state.fitted_model_error)]
             covariance = bootstrapped(trials, inner, seed)
         else:
-            rows = linearize(model, estimate, state.fitted_model_error).problem
+            rows = problems[o]
             covariance = _inverse(rows.restrict(inner.tolist()).factor[:, :-1])
             if (held := held_like_others(problem, o) & free).any():
                 factor, scatter = rows.restrict(inner.tolist()).factor[:, :-1], scatter_of_others(problem, state)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import FINAL, SearchState
-from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize
+from commonlaw.inference.search_state import FINAL, SearchState, evidence_about
+from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 FINEST = 8
 """Points for each sampling step; laws that need more are not resolved by their samples."""
@@ -64,8 +64,9 @@ def _change(
 def _moved(problem: SearchProblem, state: SearchState, fine: Sequence[Estimate]) -> float:
     """Return the sum of squared changes of coefficients on a finer mesh, relative to how surely they are known."""
     total = 0.0
-    for model, known, one, other in zip(problem.models, problem.known, state.estimates, fine, strict=True):
+    problems = evidence_about(problem, state).problems
+    for own, known, one, other in zip(problems, problem.known, state.estimates, fine, strict=True):
         free = state.supports & np.isnan(known)
-        rows = linearize(model, one, state.fitted_model_error, free).problem.factor[:, :-1]
-        total += float(np.sum((rows @ (other.coefficients - one.coefficients)[free]) ** 2))
+        change = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
+        total += float(np.sum(change**2))
     return total

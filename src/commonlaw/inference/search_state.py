@@ -1,6 +1,7 @@
 """What a search goes from and to: supports with the estimates of all objects, and the evidence for others about it."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
-from commonlaw.likelihood import Estimate, Linearization, fit_each, linearize_each
+from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit_each, linearize_each
 from commonlaw.solvers import AbstractSolver
 
 NO_ERROR = 0.0
@@ -31,7 +32,8 @@ class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
-    log-evidence, but for a constant. 2 log B is kept with all supports that were fitted under the same errors.
+    log-evidence, but for a constant. 2 log B is kept with all supports that were fitted under the same errors, and the
+    evidence for others where it was found with the state.
     """
 
     supports: Bools
@@ -39,6 +41,7 @@ class SearchState:
     model_error: float
     value: float
     fitted: tuple[tuple[float, Bools], ...] = ()
+    linearized: "Linearized | None" = None
 
     def with_alternatives(self, others: Sequence["SearchState"]) -> "SearchState":
         """Return the state with the evidence of others, which were fitted under the same errors, against its own."""
@@ -54,6 +57,15 @@ class SearchState:
     def fitted_model_error(self) -> float:
         """The model error at which the estimates were fitted."""
         return errors_to_fit(self.model_error)[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearized:
+    """The evidence for supports of a problem by the likelihood linearised about estimates."""
+
+    problem: SearchProblem
+    estimates: Sequence[Estimate]
+    evidence: SupportEvidence
 
 
 def errors_to_fit(model_error: float) -> tuple[float, ...]:
@@ -110,6 +122,9 @@ def evidence_of(problem: SearchProblem, state: SearchState, listed: Sequence[Boo
 
 def evidence_about(problem: SearchProblem, state: SearchState) -> SupportEvidence:
     """Return the evidence by the likelihood linearised about a state, at the model error that it was fitted with."""
+    known = state.linearized
+    if known is not None and known.problem is problem and known.estimates is state.estimates:
+        return known.evidence
     return linearized_evidence(problem, state.estimates, state.fitted_model_error)
 
 
@@ -145,17 +160,19 @@ def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[fl
     return float(bound * far.sum()) if len(far) else 0.0, len(far)
 
 
-def fit_neighbour(problem: SearchProblem, state: SearchState, supports: Bools) -> SearchState:
+def fit_neighbours(problem: SearchProblem, state: SearchState, listed: Sequence[Bools]) -> list[SearchState]:
     """Return other supports fitted under the errors of a state, from the coefficients that are linear about it.
 
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed.
+    What cannot be computed is left out.
     """
-    evidence = linearized_evidence(problem, state.estimates, state.model_error)
-    start = restricted(problem, evidence, state.estimates, supports)
-    return fitted(problem, start, supports, state.model_error)[0]
+    found = list[SearchState]()
+    with suppress(NotPositiveError):
+        evidence = linearized_evidence(problem, state.estimates, state.model_error)
+        for supports in listed:
+            with suppress(NotPositiveError):
+                start = restricted(problem, evidence, state.estimates, supports)
+                found.append(fitted(problem, start, supports, state.model_error)[0])
+    return found
 
 
 def fitted(
@@ -165,7 +182,8 @@ def fitted(
     model_errors = errors_to_fit(model_error)
     done = fit_each(problem.models, estimates, supports, model_errors)
     evidence = linearized_evidence(problem, done, model_errors[-1])
-    return SearchState(supports, done, model_error, evidence.value(supports)), evidence
+    known = Linearized(problem, done, evidence)
+    return SearchState(supports, done, model_error, evidence.value(supports), linearized=known), evidence
 
 
 def restricted(
