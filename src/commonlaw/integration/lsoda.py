@@ -212,8 +212,7 @@ class _Track:
 
 
 def _runaway(states: Floats, size: float) -> str | None:
-    if not np.all(np.isfinite(states)):
-        return "a state is not finite"
-    if np.max(np.abs(states)) > FAR * size:
-        return f"a state reached {np.max(np.abs(states)):.3g}"
-    return None
+    largest = np.abs(states).max()
+    if largest <= FAR * size:
+        return None
+    return f"a state reached {largest:.3g}" if np.isfinite(largest) else "a state is not finite"
