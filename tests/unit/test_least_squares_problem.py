@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, leave_one_out, merge
+from commonlaw.formulation import LeastSquaresProblem, least_squares_of_each, leave_one_out, merge
 from commonlaw.library import PolynomialLibrary, Variables
 
 
@@ -128,3 +128,17 @@ def test_badly_scaled_polynomials_of_raw_states_agree_with_least_squares_on_all_
         np.ones(len(terms), dtype=bool), 0
     )
     np.testing.assert_allclose(found, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize("support", [[False] * 4, [True, False, True, False], [True] * 4])
+def test_several_problems_are_solved_as_one_by_one(support, alike):
+    generator = np.random.default_rng(0)
+    problems = []
+    for _ in range(3):
+        library = generator.standard_normal((20, 4)) * 10.0 ** np.arange(-4, 4, 2)
+        library[:, 2] = library[:, 0] if alike else library[:, 2]
+        problems.append(LeastSquaresProblem.of(library, generator.standard_normal((20, 2))))
+    found = least_squares_of_each(problems, np.array(support), 1)
+    expected = [each.least_squares(np.array(support), 1) for each in problems]
+    np.testing.assert_allclose(found, expected, rtol=1e-11)

@@ -11,7 +11,13 @@ from commonlaw.formulation.compress import (
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.explained import explained
 from commonlaw.formulation.irls import reweight
-from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, column_scales, leave_one_out, merge
+from commonlaw.formulation.least_squares_problem import (
+    LeastSquaresProblem,
+    column_scales,
+    least_squares_of_each,
+    leave_one_out,
+    merge,
+)
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
 from commonlaw.formulation.variables import law_variables, plain_rates
@@ -31,6 +37,7 @@ __all__ = [
     "effective_share",
     "explained",
     "law_variables",
+    "least_squares_of_each",
     "leave_one_out",
     "merge",
     "plain_rates",

@@ -171,6 +171,23 @@ class LeastSquaresProblem:
         return self.factor[:, : self.terms][:, support] / scales, scales
 
 
+def least_squares_of_each(problems: Sequence[LeastSquaresProblem], support: Bools, target: int) -> Floats:
+    """Return the coefficients of several problems on one support, see `least_squares`, shape (problems, terms)."""
+    columns = np.append(np.flatnonzero(support), problems[0].terms + target)
+    if len(problems) > 1 and len(columns) > 1:
+        rows = np.array([problem.factor[:, columns] for problem in problems])
+        norms = np.linalg.norm(rows[:, :, :-1], axis=1)
+        scales = np.where(norms > 0, norms, 1.0)
+        rows[:, :, :-1] /= scales[:, np.newaxis]
+        reduced = np.asarray(np.linalg.qr(rows, mode="r"))[:, : len(columns) - 1]
+        triangles = reduced[:, :, :-1]
+        if np.all(np.linalg.cond(triangles, 1) * _SINGULAR < 1):
+            found = np.zeros((len(problems), len(support)))
+            found[:, support] = np.linalg.solve(triangles, reduced[:, :, -1:])[..., 0] / scales
+            return found
+    return np.array([problem.least_squares(support, target) for problem in problems])
+
+
 def column_scales(columns: Floats) -> Floats:
     """Return what columns, shape (n, k), are divided by to have unit norm, shape (k,): 1 where all values are zero."""
     norms = np.linalg.norm(columns, axis=0)

@@ -132,7 +132,8 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     """Return the evidence by the likelihood linearised about estimates, comparable between model errors."""
     linear = linearize_each(problem.models, estimates, model_error)
     known = np.nan_to_num(problem.known)
-    problems = [each.problem.subtract(own.reshape(1, -1)) for each, own in zip(linear, known, strict=True)]
+    pairs = zip(linear, known, strict=True)
+    problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
     extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(*_outliers(problem, estimates))
     return SupportEvidence(problems, problem.allowed, counted, problem.prices, problem.most_terms, extra)
 

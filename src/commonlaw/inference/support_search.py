@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.formulation import LeastSquaresProblem, least_squares_of_each
 from commonlaw.inference.evidence import (
     Measured,
     cost_of_coefficients,
@@ -122,8 +122,8 @@ class SupportEvidence:
         """
         fixed = np.zeros((len(self.problems), *supports.shape)) if held is None else held
         pairs = zip(self.problems, fixed, strict=True)
-        found = [each.subtract(own.reshape(1, -1)).least_squares(supports.ravel(), 0) for each, own in pairs]
-        return np.array(found).reshape(fixed.shape) + fixed
+        left = [each.subtract(own.reshape(1, -1)) if own.any() else each for each, own in pairs]
+        return least_squares_of_each(left, supports.ravel(), 0).reshape(fixed.shape) + fixed
 
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
         """Return the support of one equation, the others' being given."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.formulation import LeastSquaresProblem, least_squares_of_each
 
 Problems = Sequence[LeastSquaresProblem]
 """The least-squares problem of each object, all of the same library."""
@@ -69,5 +69,7 @@ Candidates = tuple[Candidate, ...]
 
 def least_squares(problems: Problems, target: int, support: Bools) -> Floats:
     """Return the least-squares coefficients of one equation on a support; both have shape (objects, terms)."""
+    if (support == support[0]).all():
+        return least_squares_of_each(problems, support[0], target)
     rows = zip(problems, support, strict=True)
     return np.array([problem.least_squares(terms, target) for problem, terms in rows])
