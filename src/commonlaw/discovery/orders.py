@@ -1,14 +1,18 @@
 """The order of a law where none is given: told by measured rates, or by the evidence for laws of each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 from commonlaw.discovery.measured_rates import measured_rates
+from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, Step
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Trials
 from commonlaw.trials.measured_rates import rates_in_words
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 Order = int | Literal["auto"]
 """Of a law: 1, 2, or 0 in discrete time; ``"auto"`` for the one of 1 and 2 that the measurements tell."""
@@ -30,6 +34,25 @@ def orders_by_rates(trials: Trials) -> tuple[tuple[int, ...], tuple[Step, ...]]:
     why = rates_in_words(rates) + (f"; of {', '.join(lacking)} no rate was measured" if lacking else "")
     order = 1 if lacking else 2
     return (order,), (Step("order", str(order), why),)
+
+
+def of_each_order(find: Callable[[Given], Found], given: Sequence[Given]) -> tuple[list[Found], list[CommonlawError]]:
+    """Return what is found for each order, and why nothing is found for others.
+
+    Raises
+    ------
+    CommonlawError
+        If nothing is found for any: the last reason.
+    """
+    found, refused = list[Found](), list[CommonlawError]()
+    for each in given:
+        try:
+            found.append(find(each))
+        except CommonlawError as error:
+            refused.append(error)
+    if not found:
+        raise refused[-1]
+    return found, refused
 
 
 def with_order_said(law: Law, others: Mapping[int, float], refused: Sequence[Exception]) -> Law:

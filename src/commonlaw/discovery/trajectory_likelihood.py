@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.discovery.orders import with_order_said
+from commonlaw.discovery.orders import of_each_order, with_order_said
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
@@ -23,6 +23,8 @@ from commonlaw.inference import (
     ErrorKind,
     LawSearch,
     as_followed,
+    begin_search,
+    beyond_white_noise,
     choose_errors,
     evidence_of_order,
     finish,
@@ -135,12 +137,14 @@ class TrajectoryLikelihood(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure.order)
         assert isinstance(trials, Trials)
         with threads(self.n_jobs):
-            return self._finished(trials, self._found(trials, structure, progress), progress)
+            begun = self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
+            return self._finished(trials, self._with_errors(trials, begun, progress), progress)
 
     def find_order(self, trials: Trials, structures: Sequence[ModelStructure], progress: ProgressCallback) -> Law:
         """Return the law of largest evidence among those of several orders, each as probable beforehand.
 
-        An order of which no law can be found is left out.
+        All have white noise, if that explains what the best of them leaves; else each has the errors of its own largest
+        evidence. An order of which no law can be found is left out.
 
         Parameters
         ----------
@@ -156,47 +160,46 @@ class TrajectoryLikelihood(AbstractMethod):
         CommonlawError
             If no law of any order can be found: what `find` says of the last.
         """
-        found, refused = list[_Found](), list[CommonlawError]()
+
+        def begun(structure: ModelStructure) -> _Found:
+            progress(f"seeking laws of order {structure.order}")
+            refuse_what_does_not_fit(self, trials, structure.order)
+            return self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
+
         with threads(self.n_jobs):
-            for i, structure in enumerate(structures):
-                progress(f"seeking laws of order {structure.order}")
-                show = part(progress, CHOSEN * i / len(structures), CHOSEN * (i + 1) / len(structures))
-                try:
-                    refuse_what_does_not_fit(self, trials, structure.order)
-                    found.append(self._found(trials, structure, show))
-                except CommonlawError as error:
-                    refused.append(error)
-            if not found:
-                raise refused[-1]
+            found, refused = of_each_order(begun, structures)
+            best = min(found, key=lambda each: each.evidence)
+            if self.errors != "auto" or beyond_white_noise(best.search.problem, best.search.state):
+                found, failed = of_each_order(lambda each: self._with_errors(trials, each, progress), found)
+                refused += failed
+            else:
+                found = [replace(each, search=resolved(each.search, progress)) for each in found]
             best, *others = sorted(found, key=lambda each: each.evidence)
             law = self._finished(trials, best, progress)
         return with_order_said(law, {each.order: each.evidence - best.evidence for each in others}, refused)
 
-    def _found(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> "_Found":
-        screened = _Screened.of(with_logarithms(trials, self.positive), structure)
+    def _begun(self, trials: Trials, screened: "_Screened", progress: ProgressCallback) -> "_Found":
+        """Search among terms that were kept, with the interpolation of inputs that is chosen."""
+        followed = as_followed(trials, self.positive, self.input_between)
+        search, steps = begin_search(
+            partial(self._search, screened),
+            followed,
+            input_between=self.input_between,
+            errors=self.errors,
+            progress=progress,
+        )
+        return _Found(screened, search, steps)
 
-        def by_derivatives(found: LawSearch) -> Bools | None:
-            with suppress(CommonlawError):
-                sought = screened.among(found).structure
-                return DerivativeRegression().find(trials.without_noise(), sought, progress).support
-            return None
-
+    def _with_errors(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> "_Found":
+        """Choose errors, and search again where terms that were left out improve the law under these."""
         while True:
-            found, steps = choose_errors(
-                partial(self._search, screened),
-                as_followed(trials, self.positive, self.input_between),
-                input_between=self.input_between,
-                errors=self.errors,
-                propose=by_derivatives,
-                progress=progress,
-            )
-            screened = screened.among(found)
-            # Terms that were left out may improve the law under other errors, too
-            more = screened.with_missed(found) if found.problem.errors != NO_ERRORS else None
+            propose = partial(_by_derivatives, trials, found.screened, progress)
+            search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
+            screened = found.screened.among(search)
+            more = screened.with_missed(search) if search.problem.errors != NO_ERRORS else None
             if more is None:
-                break
-            screened = more
-        return _Found(screened, resolved(found, progress), steps)
+                return _Found(screened, resolved(search, progress), found.steps)
+            found = self._begun(trials, more, progress)
 
     def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
         law = finish(
@@ -293,6 +296,14 @@ class _Found:
     def evidence(self) -> float:
         """Minus twice its logarithm, comparable between orders."""
         return evidence_of_order(self.search.problem, self.search.state)
+
+
+def _by_derivatives(trials: Trials, screened: _Screened, progress: ProgressCallback, found: LawSearch) -> Bools | None:
+    """Return the support that regression on derivatives finds among the same terms, None if it finds none."""
+    with suppress(CommonlawError):
+        sought = screened.among(found).structure
+        return DerivativeRegression().find(trials.without_noise(), sought, progress).support
+    return None
 
 
 def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:

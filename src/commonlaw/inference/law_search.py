@@ -146,16 +146,15 @@ def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
     return reason
 
 
-def choose_errors(
+def begin_search(
     begin: Callable[[Trials, ProgressCallback], LawSearch],
     trials: Trials,
     *,
     input_between: str,
     errors: ErrorKind | Literal["auto"],
-    propose: Callable[[LawSearch], Bools | None],
     progress: ProgressCallback,
 ) -> tuple[LawSearch, list[Step]]:
-    """Return a search with the interpolation of inputs and the errors that are chosen, and what to say of the first.
+    """Return a search with the interpolation of inputs that is chosen, and what to say of that.
 
     Parameters
     ----------
@@ -165,6 +164,39 @@ def choose_errors(
         What was measured, as the law follows it.
     input_between
         The interpolation of inputs between samples, ``"auto"`` for the one of largest evidence.
+    errors
+        Those that `choose_errors` will be asked for.
+    progress
+        Takes what is being done.
+
+    Raises
+    ------
+    CommonlawError
+        If the likelihood cannot be computed, or errors do not go with the trials.
+    """
+    error_kinds(errors, trials.schema)
+    found, steps = begin(trials, part(progress, 0.0, _SEARCH)), list[Step]()
+    if input_between == "auto" and trials.schema.inputs:
+        progress("comparing interpolations of inputs between samples")
+        steps = [best_interpolation(found.problem, found.state)]
+        if steps[0].choice != trials.schema.input_between:
+            found = begin(with_interpolation(trials, steps[0].choice), progress)
+    return found, steps
+
+
+def choose_errors(
+    found: LawSearch,
+    *,
+    errors: ErrorKind | Literal["auto"],
+    propose: Callable[[LawSearch], Bools | None],
+    progress: ProgressCallback,
+) -> LawSearch:
+    """Return a search with the errors that are chosen.
+
+    Parameters
+    ----------
+    found
+        By `begin_search`.
     errors
         Those beside white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
         measurements.
@@ -176,20 +208,14 @@ def choose_errors(
     Raises
     ------
     CommonlawError
-        If the likelihood cannot be computed, or errors do not go with the trials.
+        If the likelihood cannot be computed.
     """
-    kinds, steps = error_kinds(errors, trials.schema), list[Step]()
-    found = begin(trials, part(progress, 0.0, _SEARCH))
-    if input_between == "auto" and trials.schema.inputs:
-        progress("comparing interpolations of inputs between samples")
-        steps = [best_interpolation(found.problem, found.state)]
-        if steps[0].choice != trials.schema.input_between:
-            found = begin(with_interpolation(trials, steps[0].choice), progress)
     reason = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
+        kinds = error_kinds(errors, found.problem.trials.schema)
         found = with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
-    return found, steps
+    return found
 
 
 def with_error_models(
@@ -242,7 +268,7 @@ def finish(
     Parameters
     ----------
     found
-        By `search_supports`, `choose_errors` and `resolved`.
+        By `begin_search`, `choose_errors` and `resolved`.
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal

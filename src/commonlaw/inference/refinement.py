@@ -8,7 +8,7 @@ from commonlaw.errors import check_choice
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.law_search import choose_errors, fit_terms
+from commonlaw.inference.law_search import begin_search, choose_errors, fit_terms
 from commonlaw.inference.provenance import (
     fit_steps,
     noise_step,
@@ -109,14 +109,14 @@ def refine(
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
     with threads(n_jobs):
-        found, steps = choose_errors(
+        found, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
             input_between=setup.input_between,
             errors=errors,
-            propose=lambda _: None,
             progress=progress,
         )
+        found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
         problem, state = to_scale(found.problem, found.state)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
