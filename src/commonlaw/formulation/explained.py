@@ -37,13 +37,10 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
 
 
 def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, bound: bool) -> Floats:
-    objects, rows, columns = factors.shape
-    factors, found = np.ascontiguousarray(factors), np.empty(columns)
-    others = np.ones(columns, dtype=np.bool_)
-    others[inside] = False
-    order = np.concatenate([inside, np.flatnonzero(others)]).astype(np.int64)
+    factors, found = np.ascontiguousarray(factors), np.empty(factors.shape[2])
+    chosen = np.ascontiguousarray(inside, dtype=np.int64)
     failed = library.commonlaw_explained(
-        *(objects, rows, columns, address(factors), len(inside), address(order), near, bound, address(found))
+        *factors.shape, address(factors), len(chosen), address(chosen), near, bound, address(found)
     )
     if failed:
         raise MemoryError

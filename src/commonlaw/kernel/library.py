@@ -139,7 +139,7 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
     )
     library.commonlaw_explained.argtypes = (
         *(number, number, number, address),  # objects, rows, columns, factors
-        *(number, address, real, number, address),  # how many inside, order of columns, near, bound, result
+        *(number, address, real, number, address),  # how many inside, which, near, bound, result
     )
     library.commonlaw_evidence.argtypes = (
         *(number, number, address, number, address),  # objects, terms, factors, the support's terms

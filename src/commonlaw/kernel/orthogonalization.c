@@ -32,14 +32,20 @@ void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride,
 }
 
 /* Fill what each column of several objects' factors (objects x rows x columns, the last one the target) explains of the
-   squares that the first columns of an order leave, and last these squares themselves. Of columns that have less than a share
-   `near` of their squares left it is nothing, or all if that is `bound`. */
-EXPORTED int commonlaw_explained(int64_t objects, int64_t rows, int64_t columns, const double *factors, int64_t inside,
-                                 const int64_t *order, double near, int64_t bound, double *out) {
-    double *work = malloc(sizeof(double) * (size_t)(rows * columns + inside * columns + 3 * columns + 1));
+   squares that the columns inside leave, and last these squares themselves. Of columns that have less than a share `near` of
+   their squares left it is nothing, or all if that is `bound`. */
+EXPORTED int commonlaw_explained(int64_t objects, int64_t rows, int64_t columns, const double *factors, int64_t count,
+                                 const int64_t *inside, double near, int64_t bound, double *out) {
+    const size_t numbers = (size_t)(rows * columns + count * columns + 3 * columns);
+    double *work = malloc(sizeof(double) * numbers + sizeof(int64_t) * (size_t)columns);
     if (!work) return NO_MEMORY;
-    double *triangle = work + rows * columns, *before = triangle + inside * columns, *after = before + columns;
+    double *triangle = work + rows * columns, *before = triangle + count * columns, *after = before + columns;
     double *inner = after + columns;
+    int64_t *order = (int64_t *)(inner + columns);
+    for (int64_t b = 0; b < columns; ++b) out[b] = 0;
+    for (int64_t k = 0; k < count; ++k) order[k] = inside[k], out[inside[k]] = 1;
+    for (int64_t b = 0, next = count; b < columns; ++b)
+        if (out[b] == 0) order[next++] = b;
     for (int64_t b = 0; b < columns; ++b) out[b] = 0;
     for (int64_t o = 0; o < objects; ++o, factors += rows * columns) {
         for (int64_t b = 0; b < columns; ++b) before[b] = after[b] = inner[b] = 0;
@@ -49,18 +55,18 @@ EXPORTED int commonlaw_explained(int64_t objects, int64_t rows, int64_t columns,
                 work[i * columns + b] = value;
                 before[b] += value * value;
             }
-        sweep(work, rows, inside, columns, columns, triangle);
+        sweep(work, rows, count, columns, columns, triangle);
         for (int64_t i = 0; i < rows; ++i) {
             const double *row = work + i * columns, target = row[columns - 1];
-            for (int64_t b = inside; b < columns; ++b) {
+            for (int64_t b = count; b < columns; ++b) {
                 after[b] += row[b] * row[b];
                 inner[b] += row[b] * target;
             }
         }
         const double left = after[columns - 1];
-        for (int64_t b = inside; b + 1 < columns; ++b)
+        for (int64_t b = count; b + 1 < columns; ++b)
             out[order[b]] += after[b] > near * before[b] ? inner[b] * inner[b] / after[b] : bound ? left : 0;
-        for (int64_t b = 0; bound && b < inside; ++b) out[order[b]] += left;
+        for (int64_t b = 0; bound && b < count; ++b) out[order[b]] += left;
         out[columns - 1] += left;
     }
     free(work);

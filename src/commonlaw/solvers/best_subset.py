@@ -107,7 +107,7 @@ class _Search:
 
     def run(self, nodes: int) -> Subset:
         """Search depth first, through at most so many nodes."""
-        root = _Node(self.best[:0], self.problem.entering(), self.problem.leaving(), self.problem.rest)
+        root = _Node(self.best[:0], self.problem.entering, self.problem.leaving, self.problem.rest)
         waiting = [root]
         for _ in range(nodes):
             if not waiting:

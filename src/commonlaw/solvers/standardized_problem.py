@@ -68,12 +68,14 @@ class StandardizedProblem:
         """The size of what the ridge and rounding add to a sum of squared residuals."""
         return float(_RIDGE**2 * np.sum(self.right**2))
 
+    @cached_property
     def entering(self) -> "Directions":
-        """Return what each term explains when it enters alone."""
+        """What each term explains when it enters alone."""
         return Directions.of(self.columns.transpose(0, 2, 1), self.right, np.arange(self.size))
 
+    @cached_property
     def leaving(self) -> "Directions":
-        """Return what each term's leaving of the full equation costs.
+        """What each term's leaving of the full equation costs.
 
         The columns are ``Q R``. Leaving out the terms D adds to the squared residuals the squared projection of
         ``Q' target`` onto the span of those rows of ``R^-1``: terms leave by the same steps by which they enter.

@@ -64,7 +64,7 @@ class StepwiseSelection(AbstractSolver):
 
 def forward_order(problem: StandardizedProblem, terms: int) -> Indices:
     """Return the indices of the first terms that enter, in their order."""
-    directions, order = problem.entering(), np.zeros(0, dtype=np.intp)
+    directions, order = problem.entering, np.zeros(0, dtype=np.intp)
     while len(order) < terms:
         index = int(np.argmax(directions.error_reductions))
         order = np.append(order, directions.indices[index])
@@ -74,7 +74,7 @@ def forward_order(problem: StandardizedProblem, terms: int) -> Indices:
 
 def backward_order(problem: StandardizedProblem, least: int = 0) -> Indices:
     """Return the indices of all terms, those that stay longest first, as found on the way down to `least` terms."""
-    directions, gone = problem.leaving(), np.zeros(0, dtype=np.intp)
+    directions, gone = problem.leaving, np.zeros(0, dtype=np.intp)
     while len(directions.indices) > least:
         index = int(np.argmin(directions.error_reductions))
         gone = np.append(directions.indices[index], gone)
