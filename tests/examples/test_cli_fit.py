@@ -85,11 +85,11 @@ def test_evidence_is_compared_with_that_of_another_law(run):
         "fit", "T' = a T + b light", "cups.csv", *ROLES, "--against", "linear.json", "--save", "light.json"
     )
     assert "Evidence from the same measurements" in out
-    code, out, err = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "light.json")
+    code, out, _ = run("fit", "T' = a T", "cups.csv", *ROLES, "--against", "light.json")
     assert "Evidence from the same measurements" in out
-    code, out, err = run("fit", "T'' = a T", "cups.csv", *ROLES, "--against", "light.json")
+    code, out, _ = run("fit", "T'' = a T", "cups.csv", *ROLES, "--against", "light.json")
     assert code == 0
-    assert "Note: the laws were not compared: laws of different orders" in err
+    assert "Evidence from the same measurements" in out
 
 
 def test_known_noise_and_history_are_taken_as_by_discover(run):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,14 @@ def test_the_same_law_is_as_probable_however_it_was_found(decays):
     np.testing.assert_allclose(found["2 log B"], 0, atol=1e-3)
 
 
-def test_laws_of_different_orders_are_refused(decays):
-    laws = {text: cl.fit(text, decays) for text in ("x' = -k x", "x'' = -k x")}
-    with pytest.raises(CommonlawError, match="laws of different orders"):
-        cl.compare(laws, decays)
+def test_laws_of_different_measurements_are_refused(decays):
+    pair = cl.Law.from_text("x' = y; y' = -k x", {"k": 1.0})
+    with pytest.raises(cl.CommonlawError, match="laws of x and of x, y explain different measurements"):
+        cl.compare([cl.fit("x' = -k x", decays), pair], decays)
+
+
+def test_laws_of_different_orders_are_compared(decays):
+    laws = {text: cl.fit(text, decays) for text in ("x' = -k x", "x'' = -k v", "x'' = -k x")}
+    found = cl.compare(laws, decays).set_index("law")["2 log B"]
+    assert list(found.index) == ["x' = -k x", "x'' = -k v", "x'' = -k x"]
+    assert 6 < found["x'' = -k v"] < found["x'' = -k x"]  # Of second order, rates at starts are found besides

@@ -1,6 +1,6 @@
 """Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -11,6 +11,7 @@ from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
 from commonlaw.inference.law_search import LawSearch, beyond_white_noise, fit_terms, with_error_models
+from commonlaw.inference.orders import evidence_of_order
 from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_state import ANY_ERROR
@@ -43,7 +44,7 @@ def compare(
     Parameters
     ----------
     laws
-        By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of one order, and of the
+        By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of order 1 or 2, and of the
         trials' objects. They need not use all inputs of the trials.
     trials
         What was measured.
@@ -60,7 +61,7 @@ def compare(
     Raises
     ------
     CommonlawError
-        If the laws are of different orders or on different scales, or `refine` would not take one of them.
+        If the laws are of different states or on different scales, or `refine` would not take one of them.
 
     Examples
     --------
@@ -78,8 +79,12 @@ def compare(
     others = [name for name, law in laws.items() if not isinstance(law, Law)]
     if others or not laws:
         raise CommonlawError("give the laws to compare, each a Law, by names: {'with drag': law, 'without': other}")
-    if len({law.order for law in laws.values()}) > 1:
-        raise CommonlawError("laws of different orders say nothing of the same quantity: compare laws of one order")
+    states = dict.fromkeys(", ".join(sorted(law.states)) for law in laws.values())
+    if len(states) > 1:
+        raise CommonlawError(
+            f"laws of {' and of '.join(states)} explain different measurements: compare laws of the same"
+        )
+    value = _value_of({law.order for law in laws.values()})
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
     _check_one_unit(same, trials)
@@ -87,19 +92,19 @@ def compare(
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
         finest = max(each.problem.points for each in fitted)
         found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
-        best = min(found, key=lambda each: each.state.value)
+        best = min(found, key=value)
         if errors != "auto" or beyond_white_noise(best.problem, best.state):
             kinds = error_kinds(errors, trials.schema)
             found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
-    states = [each.state for each in found]
     of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
-    above = np.array([state.value for state in states]) - min(state.value for state in states)
+    values = np.array([value(each) for each in found])
+    above = values - values.min()
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
             "law": list(laws),
             "equations": ["; ".join(law.structure()) for law in laws.values()],
-            "coefficients": [int(state.supports.sum()) for state in states],
+            "coefficients": [int(each.state.supports.sum()) for each in found],
             "errors": [WORDS[kind] for kind in of_kinds],
             "model error": [kind in OF_LAWS for kind in of_kinds],
             "2 log B": above,
@@ -107,6 +112,13 @@ def compare(
         }
     )
     return frame.sort_values("2 log B", ignore_index=True)
+
+
+def _value_of(orders: Set[int]) -> Callable[[LawSearch], float]:
+    """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
+    if len(orders) == 1:
+        return lambda found: found.state.value
+    return lambda found: evidence_of_order(found.problem, found.state)
 
 
 def written_alike(law: Law, schema: Schema) -> Law:
