@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
-from benchmarks import choice, cost, coverage, cramer_rao, discovery, discrepancy, small_problems, universal
+from benchmarks import choice, cost, coverage, cramer_rao, discovery, discrepancy, orders, small_problems, universal
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.variational import cramer_rao as bounds_of, solve
@@ -237,3 +237,8 @@ def test_stated_probabilities_stand_beside_the_share_that_is_right():
     cells = [each.strip() for each in choice.by_kind(scores)[2].split("|")]
     assert cells[1:4] == ["one object", "4", "0.25"]
     assert cells[7:12] == ["0", "1", "0.667 of 6", "0.167 of 6", "0.500 of 2"]
+
+
+def test_orders_are_counted_where_they_are_the_true_ones(capsys):
+    orders.main(["--only", "relaxation", "--noise", "0.01", "--seeds", "1"])
+    assert re.search(r"\| relaxation \| 1 \| 1 % \| 1 of 1 \| 2 log B is \d", capsys.readouterr().out)

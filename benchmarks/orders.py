@@ -1,0 +1,87 @@
+"""Whether the order of a law is found: grouped experiments, and relaxations, without and with noise."""
+
+import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+import commonlaw as cl
+from benchmarks.families import FAMILIES, experiment
+from benchmarks.machine import machine
+
+OBJECTS, TRIALS = 3, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print how often the true order is found, by how much evidence, and what it costs."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.orders", description=__doc__)
+    parser.add_argument("--only", nargs="+", default=tuple(SYSTEMS), choices=tuple(SYSTEMS), metavar="NAME")
+    parser.add_argument(
+        "--noise", nargs="+", type=float, default=(0.0, 0.01, 0.05), metavar="LEVEL", help="1 %% is 0.01"
+    )
+    parser.add_argument("--seeds", type=int, default=2, help="of the noise (default: %(default)s)")
+    chosen = parser.parse_args(arguments)
+    print(f"{machine()}\n\n| system | order | noise | right | why, of the first | CPU s |\n|---|---|---|---|---|---|")
+    for name in chosen.only:
+        for level in chosen.noise:
+            begun = time.process_time()
+            laws = [found(name, level, seed) for seed in range(chosen.seeds if level else 1)]
+            right = f"{sum(law.order == SYSTEMS[name] for law in laws)} of {len(laws)}"
+            took = (time.process_time() - begun) / len(laws)
+            why = laws[0].history[0].reason
+            print(f"| {name} | {SYSTEMS[name]} | {100 * level:g} % | {right} | {why} | {took:.1f} |", flush=True)
+
+
+def found(name: str, level: float, seed: int) -> cl.Law:
+    """Return the law that is found with no order given."""
+    library = FAMILIES[name.partition(",")[0]].library if name != "relaxation" else "poly:3"
+    return cl.discover(_MADE[name](level, seed), order="auto", library=library, cache=False)
+
+
+def relaxations(level: float, seed: int) -> cl.Trials:
+    """Return trials of objects that go to values of their own, each at its rate."""
+    generator, times = np.random.default_rng(seed), np.linspace(0, 5, 60)
+    states, owners = [], []
+    for i in range(OBJECTS):
+        rate, rest = generator.uniform([0.6, 1.0], [1.4, 3.0])
+        for start in generator.uniform(-1, 6, TRIALS):
+            states.append(rest + (start - rest) * np.exp(-rate * times))
+            owners.append(f"object {i + 1}")
+    noise = level * np.mean([each.std() for each in states])
+    measured = [each + noise * generator.standard_normal(each.shape) for each in states]
+    return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x"])
+
+
+def _of_family(name: str, level: float, seed: int) -> cl.Trials:
+    return experiment(name, OBJECTS, TRIALS).measured(level, seed)
+
+
+def _angles(level: float, seed: int) -> cl.Trials:
+    """Return swings of which the angle alone is measured."""
+    both = _of_family("pendulum", level, seed)
+    times, states = [each.times for each in both], [each.states[:, 0] for each in both]
+    return cl.Trials.from_arrays(times, states, object=[each.object for each in both], names=["x"])
+
+
+_MADE: Mapping[str, Callable[[float, int], cl.Trials]] = {
+    "relaxation": relaxations,
+    "pendulum, angles alone": _angles,
+    **{name: partial(_of_family, name) for name in FAMILIES},
+}
+
+SYSTEMS: Mapping[str, int] = {
+    "relaxation": 1,
+    "pendulum, angles alone": 2,
+    "pendulum": 2,
+    "heights of balls": 2,
+    "Lotka-Volterra": 1,
+    "Van der Pol": 2,
+    "Brusselator": 1,
+    "Lorenz": 1,
+}
+"""The true orders; of the pendulum and Van der Pol's oscillator rates are measured too."""
+
+if __name__ == "__main__":
+    main()
