@@ -83,6 +83,13 @@ def test_equal_and_opposite_numbers_get_one_letter():
     assert len(found.letters) == 2
 
 
+def test_numbers_that_are_each_other_may_be_a_ratio_too():
+    law = law_of("x' = a x + b y; y' = c x", {"a": -10.0001, "b": 9.99995, "c": 0.4321}, [2e-4, 2e-4, 1e-3])
+    found = law.simplify()
+    assert found.equations[0] in ("x' = 10*(y - x)", "x' = 10*(-x + y)", "x' = -10*(x - y)")
+    assert found.degrees_of_freedom == 2
+
+
 def test_numbers_with_units_become_each_other_and_no_ratios():
     units = {"t": "s", "x": "m", "y": "m"}
     law = law_of("x' = a x; y' = b x + c y", {"a": 1.0001, "b": 0.99995, "c": 0.5}, [1e-4, 1e-4, 1e-4], units=units)

@@ -168,10 +168,9 @@ class _Estimates:
 
 def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
     """Yield what each letter that is left could be replaced by."""
-    taken = {each.index for each in constraints} | {each.other for each in constraints}
     gone, units = {each.index for each in constraints}, law.letter_units()
     for i, letter in enumerate(law.letters):
-        if i in taken:
+        if i in gone:
             continue
         if all(power > 0 for power in _powers(law, letter)):
             yield _Constraint(letter, i, Fraction(0), None, 0.0)
