@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,8 +22,20 @@ GOAL = 10.0
 ONE_THREAD = cl.TrajectoryLikelihood(n_jobs=1)
 
 
-def short(method: cl.TrajectoryLikelihood = ONE_THREAD) -> cl.Law:
-    """Find the law of twelve objects with nine samples each, far apart, of a growth that is disturbed as it goes."""
+class Problem(NamedTuple):
+    """Trials, and what is said of their law."""
+
+    trials: cl.Trials
+    order: int
+    library: str | None = None
+
+    def law(self, method: cl.TrajectoryLikelihood = ONE_THREAD) -> cl.Law:
+        """Find the law."""
+        return cl.discover(self.trials, order=self.order, library=self.library, method=method)
+
+
+def short() -> Problem:
+    """Return twelve objects with nine samples each, far apart, of a growth that is disturbed as it goes."""
     generator, times = np.random.default_rng(0), np.array([0, 0.25, 0.57, 1.12, 2.02, 3.82, 5.1, 7.03, 9.05])
     states = []
     for rate in np.linspace(0.5, 1.2, 12):
@@ -37,23 +50,23 @@ def short(method: cl.TrajectoryLikelihood = ONE_THREAD) -> cl.Law:
         states.append(np.array(found)[:, np.newaxis] + 0.03 * generator.standard_normal((9, 1)))
     names = [f"object {i + 1}" for i in range(12)]
     trials = cl.Trials.from_arrays([times] * 12, states, object=names, names=("x",))
-    return cl.discover(trials, library="poly:3", method=method)
+    return Problem(trials, 1, "poly:3")
 
 
-def drops(method: cl.TrajectoryLikelihood = ONE_THREAD, *, objects: int, samples: int = 49) -> cl.Law:
-    """Find the law of simulated drops of some objects, two of each in 3.3 s."""
+def drops(objects: int, samples: int = 49) -> Problem:
+    """Return simulated drops of some objects, two of each in 3.3 s."""
     drag = tuple(np.linspace(-0.7, -0.1, objects).tolist())
     trials = cl.datasets.load("linear-drag", drag=drag, samples=samples, rate=samples * 15 / 49, noise=0.05, seed=1)
-    return cl.discover(trials, order=2, method=method)
+    return Problem(trials, 2)
 
 
-def lorenz(method: cl.TrajectoryLikelihood = ONE_THREAD, *, samples: int) -> cl.Law:
-    """Find Lorenz' law among twenty terms an equation, in two runs."""
+def lorenz(samples: int) -> Problem:
+    """Return two runs of Lorenz' system, with twenty terms an equation."""
     trials = cl.datasets.load("lorenz", samples=samples // 2, noise=0.1, seed=1)
-    return cl.discover(trials, library="poly:3", method=method)
+    return Problem(trials, 1, "poly:3")
 
 
-CASES: dict[str, Callable[..., cl.Law]] = {
+CASES: dict[str, Callable[[], Problem]] = {
     "5 drops": partial(drops, objects=5),
     "40 drops": partial(drops, objects=40),
     "160 drops of 150 samples": partial(drops, objects=160, samples=150),
@@ -108,12 +121,12 @@ def _line(known: Experiment, level: float, repeats: int) -> str:
 
 def _beside_numpy(name: str) -> str:
     """Return the line of one case, in which the kernel and NumPy take the same data; the first run is not timed."""
-    drops(objects=5)
-    laws, times = {}, {}
+    drops(5).law()
+    problem, laws, times = CASES[name](), {}, {}
     for kernel in ("compiled", "numpy"):
         os.environ["COMMONLAW_KERNEL"] = kernel
         start = time.process_time()
-        laws[kernel] = CASES[name]()
+        laws[kernel] = problem.law()
         times[kernel] = time.process_time() - start
     del os.environ["COMMONLAW_KERNEL"]
     compiled, plain = laws["compiled"], laws["numpy"]
@@ -128,12 +141,12 @@ def _beside_numpy(name: str) -> str:
 
 def _two_threads(name: str, repeats: int) -> str:
     """Return the line of one case, in which one thread and two take turns; the quickest of each counts."""
-    laws, times = dict[int, str](), dict[int, float]()
+    problem, laws, times = CASES[name](), dict[int, str](), dict[int, float]()
     began, before = time.perf_counter(), _busy() - time.process_time()
     for _ in range(repeats):
         for count in (1, 2):
             start = time.perf_counter()
-            laws[count] = CASES[name](cl.TrajectoryLikelihood(n_jobs=count)).to_json()
+            laws[count] = problem.law(cl.TrajectoryLikelihood(n_jobs=count)).to_json()
             times[count] = min(time.perf_counter() - start, times.get(count, np.inf))
     others = (_busy() - time.process_time() - before) / (time.perf_counter() - began)
     same = "yes" if laws[1] == laws[2] else "no"
