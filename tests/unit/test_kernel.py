@@ -299,7 +299,7 @@ def test_without_a_kernel_numpy_computes_unless_it_is_demanded(monkeypatch):
 
 
 def test_a_library_of_other_structures_is_not_used(monkeypatch):
-    monkeypatch.setattr(kernels, "MeshStructure", kernels.ProgramStructure)
+    monkeypatch.setattr(kernels, "_STRUCTURES", kernels._STRUCTURES[::-1])
     assert kernels._loaded.__wrapped__() is None
 
 

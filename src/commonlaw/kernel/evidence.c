@@ -6,11 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* How surely measurements tell the scale of all noise, see evidence.py. */
-typedef struct {
-    double count, freedom, prior, outliers, least;
-} Measured;
-
 static double of_noise(Measured measured, double squares) {
     return fmax(squares - measured.outliers, 0) + measured.prior;
 }

@@ -60,6 +60,11 @@ typedef struct {
     const double *latent_start, *latent_end, *anchors; /* n - 1 x w x w twice, n x w */
 } Mesh;
 
+/* How surely measurements tell the scale of all noise, see evidence.py. */
+typedef struct {
+    double count, freedom, prior, outliers, least;
+} Measured;
+
 /* Fills the solution of least norm of a symmetric system of p rows; returns whether there is one. */
 typedef int (*LeastNorm)(int64_t p, const double *matrix, const double *right, double *solution);
 

@@ -68,6 +68,9 @@ class MeasuredStructure(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("count", "freedom", "prior", "outliers", "least"))
 
 
+_STRUCTURES = (ProgramStructure, ModelStructure, MeshStructure, MeasuredStructure)
+
+
 def kernel() -> ctypes.CDLL | None:
     """Return the kernel, None where NumPy is to be used.
 
@@ -104,11 +107,11 @@ def _loaded() -> ctypes.CDLL | None:
             continue
         try:
             library = ctypes.CDLL(str(path))
-            sizes = (ctypes.c_int64 * 3)()
+            sizes = (ctypes.c_int64 * len(_STRUCTURES))()
             library.commonlaw_sizes(sizes)
         except (OSError, AttributeError):  # Made for another platform, or by another version
             continue
-        if list(sizes) == [ctypes.sizeof(each) for each in (ProgramStructure, ModelStructure, MeshStructure)]:
+        if list(sizes) == [ctypes.sizeof(each) for each in _STRUCTURES]:
             library.commonlaw_sources.restype = ctypes.c_char_p
             return _declared(library)
     return None

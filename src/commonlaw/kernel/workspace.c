@@ -126,4 +126,5 @@ EXPORTED void commonlaw_sizes(int64_t *out) {
     out[0] = sizeof(Program);
     out[1] = sizeof(Model);
     out[2] = sizeof(Mesh);
+    out[3] = sizeof(Measured);
 }
