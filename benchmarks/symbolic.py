@@ -34,6 +34,9 @@ _TRIM = 3
 _STEP, _RANK = 1e-5, 1e-6
 """Relative change of numbers for derivatives, and what of these is zero: numbers of which only a product matters."""
 
+_MATTERS = 1e-3
+"""Share of what a formula gives that a number has to be worth to count."""
+
 Model = tuple[Callable[[Floats], Floats], list[int]]
 """Of an object: rates at points [time, states ...], and how many numbers each equation has."""
 
@@ -62,15 +65,15 @@ class Formula:
         return np.broadcast_to(np.asarray(found, dtype=float), len(variables))
 
     def count(self, variables: Floats) -> int:
-        """Return how many of its numbers points tell apart: the rank of derivatives by their logarithms."""
-        slopes = []
+        """Return how many of its numbers matter and are told apart: the rank of derivatives by their logarithms."""
+        slopes = [np.zeros(len(variables))]
         for i, number in enumerate(self.numbers):
             ends = [self.values(variables, _replaced(self.numbers, i, number * (1 + s * _STEP))) for s in (1, -1)]
             slopes.append((ends[0] - ends[1]) / (2 * _STEP))
-        if not slopes:
-            return 0
-        matrix = np.column_stack(slopes)
-        return int(np.linalg.matrix_rank(matrix[np.isfinite(matrix).all(axis=1)], tol=_RANK * abs(matrix).max()))
+        matrix = np.column_stack([*slopes, self.values(variables)])
+        *sizes, whole = np.sqrt(np.mean(matrix[np.isfinite(matrix).all(axis=1)] ** 2, axis=0))
+        kept = matrix[np.isfinite(matrix).all(axis=1)][:, np.append(np.array(sizes) > _MATTERS * whole, False)]
+        return int(np.linalg.matrix_rank(kept, tol=_RANK * abs(kept).max())) if kept.size else 0
 
 
 def _replaced(numbers: Floats, index: int, value: float) -> Floats:

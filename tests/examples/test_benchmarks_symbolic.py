@@ -42,6 +42,7 @@ def test_a_formula_is_what_operon_writes():
         ("(0.0 + (1.0 * ((-1.2 * X1) / (0.8 + (1.0 * X1)))))", 2),  # A factor of everything is no number of its own
         ("(0.3 + (2.0 * (0.5 * X1)))", 2),
         ("X1", 0),
+        ("(0.000001 + (2.0 * X1))", 1),  # Nor is what hardly matters
         ("((1.5 * X1) ^ 0.7)", 2),
         ("((0.1 * cos((0.9 * X1))) + (0.2 * X1))", 3),
     ],
