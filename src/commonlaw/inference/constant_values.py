@@ -6,6 +6,7 @@ frequencies that samples tell apart and p around the circle, and exponents from 
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from commonlaw.array_types import Floats
 from commonlaw.library import Terms
 from commonlaw.library.grammar import NUMPY, columns_in, compiled, constant
 
-_NEAR = 10.0 ** np.arange(-2.0, 2.1, 0.5)
-"""About a size that is known from what stands beside a constant."""
+_NEAR = {1: 10.0 ** np.arange(-1.5, 1.51, 0.125), 2: 10.0 ** np.arange(-1.5, 1.51, 0.25)}
+_NEAR_OF_MORE = 10.0 ** np.arange(-2.0, 2.1, 0.5)
+"""About a size that is known from what stands beside a constant: finer steps for one or two constants."""
 
 _ANY = 10.0 ** np.arange(-6.0, 6.1)
 """About a size that nothing tells."""
@@ -23,10 +25,11 @@ _EXPONENTS = np.array([-3.0, -2.0, -1.5, -1.0, -0.5, 0.25, 0.5, 0.75, 1.25, 1.5,
 
 _PHASES = np.arange(0.5, 8.0) * np.pi / 4
 
-_PER_CYCLE = 4
-"""Frequencies for each cycle that there may be in the range of a variable, so that some phase is right all along it."""
+_PER_CYCLE, _PER_CYCLE_ALONE = 4, 16
+"""Frequencies for each cycle that there may be in the range of a variable, so that some phase is right all along it, or
+the only one where no phase is sought."""
 
-_MOST_FREQUENCIES = 300
+_MOST_FREQUENCIES = 1000
 _MOST = 3000
 """Combinations that are tried; of more, as many are drawn."""
 
@@ -44,9 +47,11 @@ def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Float
         Those of the constants.
     """
     found: dict[int, Floats] = {}
+    near = _NEAR.get(len(columns), _NEAR_OF_MORE)
+    steps = _Steps(near, _PER_CYCLE_ALONE if len(columns) == 1 else _PER_CYCLE)
     names = [f"v{i}" for i in range(len(terms.variables.names))]
     for term in terms.terms:
-        _look(ast.parse(term.expression(names), mode="eval").body, None, values, found)
+        _look(ast.parse(term.expression(names), mode="eval").body, None, values, steps, found)
     banks = [found.get(column, _both_signs(_ANY)) for column in columns]
     counts = [len(each) for each in banks]
     chosen = np.arange(int(np.prod(counts, dtype=float)))
@@ -55,30 +60,39 @@ def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Float
     return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
 
 
-def _look(tree: ast.expr, size: float | None, values: Floats, found: dict[int, Floats], angle: bool = False) -> None:
+class _Steps(NamedTuple):
+    """How finely values are tried: about a size that is known, and of frequencies for each cycle."""
+
+    near: Floats
+    per_cycle: int
+
+
+def _look(
+    tree: ast.expr, size: float | None, values: Floats, steps: _Steps, found: dict[int, Floats], angle: bool = False
+) -> None:
     """Note values for the constants in a tree that is about so large, or the angle of a sine."""
     inside = {each for each in columns_in(ast.unparse(tree)) if each >= values.shape[1]}
     if not inside <= found.keys():
         match tree:
             case ast.Name(id=name):
-                found[int(name[1:])] = _PHASES if angle else _both_signs(_ANY if size is None else size * _NEAR)
+                found[int(name[1:])] = _PHASES if angle else _both_signs(_ANY if size is None else size * steps.near)
             case ast.UnaryOp(operand=operand):
-                _look(operand, size, values, found, angle)
+                _look(operand, size, values, steps, found, angle)
             case ast.Call(func=ast.Name(id=name), args=[argument]):
-                _look(argument, 1.0, values, found, angle=name in ("sin", "cos", "tan"))
+                _look(argument, 1.0, values, steps, found, angle=name in ("sin", "cos", "tan"))
             case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
                 number = constant(exponent)
                 root = None if size is None or not number else size ** (1 / number)
-                _look(base, root, values, found)
+                _look(base, root, values, steps, found)
                 if isinstance(exponent, ast.Name):
                     found.setdefault(int(exponent.id[1:]), _EXPONENTS)
-                _look(exponent, 1.0, values, found)
+                _look(exponent, 1.0, values, steps, found)
             case ast.BinOp(op=op, left=left, right=right):
                 for own, other, first in ((right, left, False), (left, right, True)):
                     other_size = _size(other, values)
                     if angle and isinstance(op, ast.Mult) and isinstance(own, ast.Name) and other_size is not None:
-                        found.setdefault(int(own.id[1:]), _frequencies(other, values))
-                    _look(own, _SIZES[type(op)](size, other_size, first), values, found, angle)
+                        found.setdefault(int(own.id[1:]), _frequencies(other, values, steps.per_cycle))
+                    _look(own, _SIZES[type(op)](size, other_size, first), values, steps, found, angle)
 
 
 def _of_sum(size: float | None, other: float | None, _: bool) -> float | None:
@@ -118,11 +132,11 @@ def _along(code: str, values: Floats) -> Floats:
         return np.asarray(compiled(code)(values.T, NUMPY) + np.zeros(len(values)))
 
 
-def _frequencies(tree: ast.expr, values: Floats) -> Floats:
+def _frequencies(tree: ast.expr, values: Floats, per_cycle: int) -> Floats:
     """Return the frequencies that an angle may have of what is multiplied with them."""
     along = _along(ast.unparse(tree), values)
-    count = min(_PER_CYCLE * len(np.unique(along)), _MOST_FREQUENCIES)
-    return np.asarray(2 * np.pi / (_PER_CYCLE * np.ptp(along)) * np.arange(1, count + 1))
+    count = min(per_cycle * len(np.unique(along)) // 2, _MOST_FREQUENCIES)
+    return np.asarray(2 * np.pi / (per_cycle * np.ptp(along)) * np.arange(1, count + 1))
 
 
 def _both_signs(sizes: Floats) -> Floats:

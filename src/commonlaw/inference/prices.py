@@ -35,11 +35,14 @@ class Prices:
         counted from elsewhere, shape (terms, terms).
     zero
         Of a law that says where such a zero is: it is right by chance, and a number that is fitted would cost as much.
+    besides
+        Terms that were to choose from and are not among these.
     """
 
     terms: Floats
     shifted: Sequence[Bools] = ()
     zero: float = 0.0
+    besides: int = 0
 
     def of(self, support: Bools) -> float:
         """Return the price of a support, shape (terms,).
@@ -47,7 +50,7 @@ class Prices:
         Terms are in it with a probability that is not known, of which one of a library is expected: it has the beta
         distribution of the parameters 1 and the number of terms (Castillo, Schmidt-Hieber and van der Vaart 2015).
         """
-        count, size = len(support), int(support.sum())
+        count, size = len(support) + self.besides, int(support.sum())
         likely = _betaln(1 + size, 2 * count - size) - _betaln(1, count)
         zeros = sum(bool((each[support] & ~support).any()) for each in self.shifted)
         return -2 * likely + float(self.terms[support].sum()) + zeros * self.zero

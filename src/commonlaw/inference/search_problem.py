@@ -44,6 +44,7 @@ class SearchProblem:
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
     `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
     fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
+    So many terms were to choose from `besides`, which the price of supports counts.
     """
 
     trials: Trials
@@ -60,6 +61,7 @@ class SearchProblem:
     errors: ErrorModel = NO_ERRORS
     samples: str = ""
     as_good: tuple[Floats, ...] = ()
+    besides: int = 0
 
     @property
     def allowed(self) -> Bools:
@@ -184,7 +186,7 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 found.append(shifted(terms, j) & ~given)
-        return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))))
+        return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))), self.besides)
 
     @cached_property
     def price_of_errors(self) -> float:

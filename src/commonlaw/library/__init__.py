@@ -1,7 +1,7 @@
 """Candidate terms of a law, and the families that list them."""
 
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from operator import add, mul
 
 from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
@@ -10,11 +10,13 @@ from commonlaw.library.expression import Expression
 from commonlaw.library.families import (
     ConstantLibrary,
     ExpressionLibrary,
+    FamilyLibrary,
     FourierLibrary,
     PolynomialLibrary,
     RationalLibrary,
 )
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.parametric import FAMILIES, ParametricTerm, parametric_term
 from commonlaw.library.parse import parse_term, parse_terms
 from commonlaw.library.product import Product
 from commonlaw.library.term import AbstractTerm
@@ -25,14 +27,17 @@ from commonlaw.library.units_of_constants import units_of_constants
 from commonlaw.spec import parse_spec
 
 __all__ = [
+    "FAMILIES",
     "AbstractLibrary",
     "AbstractTerm",
     "Constant",
     "ConstantLibrary",
     "Expression",
     "ExpressionLibrary",
+    "FamilyLibrary",
     "FourierLibrary",
     "Monomial",
+    "ParametricTerm",
     "PolynomialLibrary",
     "Product",
     "ProductLibrary",
@@ -43,6 +48,7 @@ __all__ = [
     "Terms",
     "Trigonometric",
     "Variables",
+    "parametric_term",
     "parse_library",
     "parse_term",
     "parse_terms",
@@ -77,6 +83,7 @@ def parse_library(text: str) -> AbstractLibrary:
         "rational": RationalLibrary,
         "terms": _listed,
         "constant": ConstantLibrary,
+        **{name: partial(FamilyLibrary, name) for name in FAMILIES},
     }
     sums = [[parse_spec("library", each.strip(), makers) for each in part.split(" * ")] for part in text.split(" + ")]
     return reduce(add, (reduce(mul, factors) for factors in sums))

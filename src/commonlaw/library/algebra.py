@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from commonlaw.errors import CommonlawError
+from commonlaw.library.parametric import ParametricTerm, parametric_term
 from commonlaw.library.product import multiply
 from commonlaw.library.terms import Terms, Variables
 
@@ -28,7 +29,11 @@ class AbstractLibrary(ABC):
 
     @abstractmethod
     def bind(self, variables: Variables) -> Terms:
-        """Return the family's terms over these variables."""
+        """Return the family's terms over these variables, but for those with constants inside that are to be found."""
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        """Return the family's terms that are offered besides: with constants inside that are to be found."""
+        return ()
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
@@ -56,6 +61,9 @@ class SumLibrary(AbstractLibrary):
         left, right = self.left.bind(variables), self.right.bind(variables)
         return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
 
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
+
 
 @dataclass(frozen=True)
 class ProductLibrary(AbstractLibrary):
@@ -69,6 +77,16 @@ class ProductLibrary(AbstractLibrary):
         check_count("a product of libraries", len(left) * len(right))
         products = (multiply((a, b), size) for a in left.terms for b in right.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        names = variables.names
+        texts = [
+            f"({term.expression(names)})*({other.expression(variables)})"
+            for plain, others in ((self.left, self.right), (self.right, self.left))
+            for other in others.parametric(variables)
+            for term in plain.bind(variables).terms
+        ]
+        return tuple(dict.fromkeys(parametric_term(each, variables) for each in texts))
 
 
 @dataclass(frozen=True)

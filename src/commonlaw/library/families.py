@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.algebra import AbstractLibrary, check_count
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.parametric import FAMILIES, ParametricTerm, constants_in, parametric_term, terms_of_family
 from commonlaw.library.parse import parse_term
 from commonlaw.library.product import multiply, multiply_powers
 from commonlaw.library.terms import Terms, Variables
@@ -158,10 +159,12 @@ class RationalLibrary(AbstractLibrary):
 class ExpressionLibrary(AbstractLibrary):
     """The terms that are written, in that order.
 
+    Names inside that are no variables are constants, which are found with the law: K in ``"s/(K + s)"``.
+
     Parameters
     ----------
     *expressions
-        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``.
+        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``, ``"s/(K + s)"``.
 
     Raises
     ------
@@ -182,7 +185,51 @@ class ExpressionLibrary(AbstractLibrary):
         object.__setattr__(self, "expressions", expressions)
 
     def bind(self, variables: Variables) -> Terms:
-        return Terms(variables, tuple(dict.fromkeys(parse_term(each, variables) for each in self.expressions)))
+        plain = (parse_term(each, variables) for each in self.expressions if not constants_in(each, variables))
+        return Terms(variables, tuple(dict.fromkeys(plain)))
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        inside = (each for each in self.expressions if constants_in(each, variables))
+        return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
+
+
+@dataclass(frozen=True)
+class FamilyLibrary(AbstractLibrary):
+    """Functions that occur in laws and go by a name, such as saturation: see `FAMILIES`.
+
+    A law takes few of them, beside plain terms; constants inside are found with the law, each object's own.
+
+    Parameters
+    ----------
+    name
+        Of the family.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, and time for periodic functions.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such family, or a variable is named twice.
+
+    Examples
+    --------
+    >>> variables = Variables(("s", "x"))
+    >>> [each.text(variables) for each in FamilyLibrary("saturating", "s").parametric(variables)]
+    ['s/(K + s)', '1/(K + s)']
+    """
+
+    name: str
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        check_choice("family", self.name, FAMILIES)
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+
+    def bind(self, variables: Variables) -> Terms:
+        return Terms(variables, ())
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        return terms_of_family(self.name, variables, self.variables)
 
 
 def _monomials(columns: Sequence[int], size: int, degree: int, interactions: bool = True) -> list[tuple[int, ...]]:

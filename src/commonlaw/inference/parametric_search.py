@@ -1,0 +1,213 @@
+"""The search for laws that have terms with constants inside, from a law that has none.
+
+Sets of terms that may explain each equation are proposed along curves that are near, see `integral_matching`; those of
+all equations are fitted to the trajectories, one equation's after the other, and the law of largest evidence gives
+curves that are nearer. The law without such terms stays unless the evidence pays for the larger choice.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.integral_matching import Start, TermSet, matching_sets
+from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.search import fit_supports, to_scale
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import NO_ERROR, SearchState, list_by_evidence
+from commonlaw.law import Law
+from commonlaw.library import Constant, ParametricTerm, Terms, parse_term
+from commonlaw.library.parametric import free_name
+from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError
+from commonlaw.progress import ProgressCallback, Stage
+
+_ROUNDS = 3
+"""How often sets are proposed along the curves of the best law, and fitted."""
+
+_MODEL_ERRORS = (1.0, 0.1, NO_ERROR)
+"""Model errors at which a law is fitted, from curves that are near."""
+
+_LOOSE = 0.3
+"""Model error from which states are near the measurements, whatever the law."""
+
+_MOST_FITTED = 16
+"""Sets of an equation that are fitted in a round at most."""
+
+
+def with_parametric_terms(
+    found: LawSearch, others: Sequence[ParametricTerm], progress: ProgressCallback
+) -> list[LawSearch]:
+    """Return laws with some of these terms, and the one that was found without them, the largest evidence first.
+
+    Parameters
+    ----------
+    found
+        The law without such terms.
+    others
+        Terms with constants inside, or that are offered beside the plain ones of the law only.
+    progress
+        Takes what is being done.
+    """
+    search = _Search(found, _base(found, len(others)), tuple(others))
+    rows, best = search.rows_of_found(), found
+    estimates = _near(found)
+    for number in range(_ROUNDS):
+        before = best
+        progress(Stage("proposing terms with constants inside", number / _ROUNDS))
+        proposed = [matching_sets(search.base, estimates, j, others) for j in range(len(rows))]
+        first = tuple(own[0] if own else row for own, row in zip(proposed, rows, strict=True))
+        listed = [first] if len(rows) > 1 else []
+        for j, own in enumerate(proposed):
+            for k, each in enumerate([*listed, *((*rows[:j], one, *rows[j + 1 :]) for one in own[:_MOST_FITTED])]):
+                progress(Stage(f"fitting laws, {k} of {len(own)} of an equation", (number + j / len(rows)) / _ROUNDS))
+                fitted = search.fit(each, estimates)
+                if fitted is not None and fitted.state.value < best.state.value:
+                    best, rows = fitted, each
+            listed = []
+        if best is before:
+            break
+        estimates = _without_processes(best, best.state.estimates)
+        rows = search.with_coefficients(rows, best)
+    return search.listed()
+
+
+def _base(found: LawSearch, count: int) -> SearchProblem:
+    """Return the problem of a search without errors of the law, in which so many more terms are to choose from."""
+    problem = replace(found.problem, besides=count)
+    if problem.errors.of_law:
+        return problem.with_errors(problem.first_noise, NO_ERRORS, "of the first estimate")
+    return problem
+
+
+def _near(found: LawSearch) -> tuple[Estimate, ...]:
+    """Return states near the true ones: those that follow measurements with the help of the law, but may leave it."""
+    loose = next((each for each in found.found if each.model_error >= _LOOSE), None)
+    return _without_processes(found, loose.estimates if loose else found.problem.starts)
+
+
+def _without_processes(found: LawSearch, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """Return estimates whose states are without what other processes there are."""
+    width = found.problem.models[0].width
+    return tuple(replace(each, states=tuple(own[:, :width] for own in each.states)) for each in estimates)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What was fitted so far, by the terms of all equations."""
+
+    found: LawSearch
+    base: SearchProblem
+    others: tuple[ParametricTerm, ...]
+    fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
+
+    def rows_of_found(self) -> tuple[TermSet, ...]:
+        """Return the terms of the law without others."""
+        supports, estimates = self.found.state.supports, self.found.state.estimates
+        return tuple(
+            TermSet(
+                tuple(np.flatnonzero(own).tolist()),
+                starts=(Start(np.array([each.coefficients[j, own] for each in estimates])),),
+            )
+            for j, own in enumerate(supports)
+        )
+
+    def with_coefficients(self, rows: Sequence[TermSet], fitted: LawSearch) -> tuple[TermSet, ...]:
+        """Return the terms of a law that was fitted with its coefficients and constants."""
+        whole = np.array([each.coefficients for each in fitted.state.estimates])
+        built, found = _built(self.base, rows), []
+        for j, row in enumerate(rows):
+            places, inside = built.places[j], built.constants[j]
+            constants = tuple(whole[:, j, list(own)] for own in inside)
+            found.append(replace(row, starts=(Start(whole[:, j, list(places)], constants),)))
+        return tuple(found)
+
+    def fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch | None:
+        """Return the fit of a law of these terms, from states that are near; none if it cannot be fitted."""
+        if rows not in self.fitted:
+            self.fitted[rows] = None
+            with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+                self.fitted[rows] = self._fit(rows, estimates)
+        return self.fitted[rows]
+
+    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
+        built, template = _built(self.base, rows), self.found.template
+        models = tuple(replace(each, terms=built.terms) for each in self.base.models)
+        problem, found = replace(self.base, models=models, known=built.known), list[SearchState]()
+        for k in range(max(len(row.starts) for row in rows)):
+            coefficients = built.coefficients([row.starts[min(k, len(row.starts) - 1)] for row in rows])
+            starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
+            with suppress(CommonlawError, NotPositiveError):
+                found.append(fit_supports(replace(problem, starts=starts), problem.allowed, _MODEL_ERRORS))
+        state = list_by_evidence(found)[0]
+        if not state.has_model_error:
+            problem, state = to_scale(problem, state)
+        law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
+        law = replace(law, provenance=template.provenance)
+        return LawSearch(law, problem, state, None, (state,))
+
+    def listed(self) -> list[LawSearch]:
+        """Return all that was fitted, and the law without others, the largest evidence first."""
+        fitted = [each for each in self.fitted.values() if each is not None]
+        return sorted([self.found, *fitted], key=lambda each: each.state.value)
+
+
+@dataclass(frozen=True, eq=False)
+class _Built:
+    """The terms of a law, and where those of each equation, and the constants of its others, are among them.
+
+    Known coefficients have the shape (objects, equations, terms), NaN where they are to be found.
+    """
+
+    terms: Terms
+    known: Floats
+    places: tuple[tuple[int, ...], ...]
+    constants: tuple[tuple[tuple[int, ...], ...], ...]
+
+    def coefficients(self, starts: Sequence[Start]) -> Floats:
+        """Return what a fit begins with, shape (objects, equations, terms), from the starts of each equation."""
+        found = np.nan_to_num(self.known)
+        for j, start in enumerate(starts):
+            found[:, j, list(self.places[j])] = start.coefficients
+            for indices, own in zip(self.constants[j], start.constants, strict=True):
+                found[:, j, list(indices)] = own
+        return found
+
+
+def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
+    """Return the terms of a law whose equations have these."""
+    whole = problem.models[0].terms
+    variables, certain = whole.variables, np.nan_to_num(problem.known)
+    plain = sorted({i for row in rows for i in row.plain} | {*np.flatnonzero(certain.any(axis=(0, 1))).tolist()})
+    names: list[str] = []
+    texts, own_names = [], []
+    for row in rows:
+        for other in row.others:
+            new: list[str] = []
+            for each in other.constants:
+                new.append(free_name(each, (*variables.measured, *names, *new)))
+            names += new
+            own_names.append(new)
+            texts.append(other.expression(variables, new))
+    variables = replace(variables, constants=tuple(names))
+    others = [parse_term(each, variables) for each in texts]
+    plain_terms = [parse_term(whole.terms[i].expression(whole.variables.names), variables) for i in plain]
+    listed = (*plain_terms, *others, *(Constant(variables.index(name)) for name in names))
+    known = np.zeros((*certain.shape[:2], len(listed)))
+    known[:, :, : len(plain)] = certain[:, :, plain]
+    places, constants = [], []
+    k, first = len(plain), len(plain) + len(others)
+    for j, row in enumerate(rows):
+        own = [plain.index(i) for i in row.plain] + list(range(k, k + len(row.others)))
+        k += len(row.others)
+        inside = []
+        for other in row.others:
+            inside.append(tuple(range(first, first + len(other.constants))))
+            first += len(other.constants)
+        known[:, j, own] = np.nan
+        known[:, j, [i for each in inside for i in each]] = np.nan
+        places.append(tuple(own))
+        constants.append(tuple(inside))
+    return _Built(Terms(variables, listed), known, tuple(places), tuple(constants))

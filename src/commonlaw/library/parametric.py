@@ -1,0 +1,156 @@
+"""Terms with constants inside that are to be found, such as ``s/(K + s)``, and families of them by name."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import chain, combinations, count
+
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.library.equation import split_equations, with_constants
+from commonlaw.library.parse import parse_term
+from commonlaw.library.term import AbstractTerm
+from commonlaw.library.terms import Variables
+
+
+@dataclass(frozen=True)
+class ParametricTerm:
+    """A candidate term of any values of the constants inside of it.
+
+    Parameters
+    ----------
+    term
+        Over the variables with these constants, which come last.
+    constants
+        Their names.
+    """
+
+    term: AbstractTerm
+    constants: tuple[str, ...]
+
+    def text(self, variables: Variables) -> str:
+        """Return ``s/(K + s)``."""
+        return self.term.text((*variables.measured, *self.constants))
+
+    def expression(self, variables: Variables, constants: Sequence[str] | None = None) -> str:
+        """Return ``s/(K + s)`` for `parametric_term`, with other names of its constants if they are given."""
+        return self.term.expression((*variables.measured, *(constants or self.constants)))
+
+
+def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
+    """Return the names inside of a term that are no variables: constants.
+
+    >>> constants_in("s/(K + s)", Variables(("s",)))
+    ('K',)
+    """
+    with suppress(CommonlawError):
+        (equation,) = split_equations(f"y' = {expression}")
+        found = with_constants(variables, [equation])
+        if not any(each.coefficients for each in equation.summands(found)):
+            return found.constants
+    return ()
+
+
+def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
+    """Return the term that an expression stands for, in which other names than variables are constants.
+
+    Raises
+    ------
+    CommonlawError
+        If the text is not an expression, see `parse_term`.
+    """
+    constants = constants_in(expression, variables)
+    return ParametricTerm(parse_term(expression, replace(variables, constants=constants)), constants)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Functions of one variable that go by a name, and what they occur in.
+
+    Parameters
+    ----------
+    functions
+        Of a variable ``{u}``.
+    of_pairs
+        Of two variables ``{u}`` and ``{w}``.
+    of_time
+        Whether time is among the variables.
+    where
+        What they occur in.
+    """
+
+    functions: tuple[str, ...]
+    where: str
+    of_pairs: tuple[str, ...] = ()
+    of_time: bool = False
+
+
+FAMILIES: Mapping[str, Family] = {
+    "saturating": Family(
+        ("{u}/(K + {u})", "1/(K + {u})"),
+        "enzymes (Michaelis and Menten), growth on a substrate (Monod), predators that are sated (Holling), adsorption",
+    ),
+    "hill": Family(
+        ("{u}^2/(K^2 + {u}^2)", "1/(K^2 + {u}^2)", "abs({u})^n/(K^n + abs({u})^n)"),
+        "genes that are switched on or off, cooperative binding, grazing with a threshold",
+    ),
+    "exponential": Family(
+        ("exp({u}/U)",), "diodes, reaction rates by temperature, adsorption where molecules repel each other"
+    ),
+    "power": Family(
+        ("abs({u})^p", "abs({u})^p*sign({u})"), "drag, growth by body mass, flow through porous media, hysteresis"
+    ),
+    "logarithm": Family(("log({u})",), "growth of tumours (Gompertz), forces that change by ratios"),
+    "root": Family(("sqrt({u})",), "tanks that drain (Torricelli), orifices and valves"),
+    "sigmoid": Family(
+        ("1/(1 + exp(-(a*{u} + c)))", "tanh({u}/U)"),
+        "populations of nerve cells, switches, actuators that reach a limit",
+        of_pairs=("1/(1 + exp(-(a*{u} + b*{w} + c)))",),
+    ),
+    "periodic": Family(
+        ("cos(w*{u})", "sin(w*{u})"), "drives of unknown frequency, seasons, lattices, ratchets", of_time=True
+    ),
+    "trigonometric": Family(
+        ("sin({u})", "cos({u})"),
+        "pendulums, coupled clocks (Kuramoto), anything that turns",
+        of_pairs=("sin({u} - {w})", "cos({u} - {w})"),
+    ),
+    "contact": Family(("sign({u})", "abs({u})"), "dry friction, valves and diodes that open one way, stops"),
+}
+"""Families by their names."""
+
+
+def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | None = None) -> tuple[ParametricTerm, ...]:
+    """Return the terms of a family over the chosen variables; without these over states, inputs and, if due, time.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such family or variable.
+    """
+    check_choice("family", name, FAMILIES)
+    family = FAMILIES[name]
+    if chosen is None:
+        chosen = (*variables.states, *variables.inputs, *((variables.time,) if family.of_time else ()))
+    names = [variables.measured[variables.index(each)] for each in chosen]
+    pairs = list(combinations([each for each in names if each != variables.time], 2))
+    found = [_of(text, variables, (u, "")) for u in names for text in family.functions]
+    return (*found, *(_of(text, variables, pair) for pair in pairs for text in family.of_pairs))
+
+
+_ANY = Variables(("u_", "w_"))
+
+
+def _of(text: str, variables: Variables, names: tuple[str, str]) -> ParametricTerm:
+    """Return a function of a family of variables of these names; its constants have names that are no variables."""
+    whole = parametric_term(text.format(u=_ANY.states[0], w=_ANY.states[1]), _ANY)
+    free = [free_name(each, variables.measured) for each in whole.constants]
+    return parametric_term(whole.term.expression((*names, "", *free)), variables)
+
+
+def free_name(name: str, taken: Sequence[str]) -> str:
+    """Return a name, or with the first number behind it that makes it another than those that are taken.
+
+    >>> free_name("K", ("K", "x"))
+    'K2'
+    """
+    return next(each for each in chain([name], (f"{name}{i}" for i in count(2))) if each not in taken)
