@@ -6,6 +6,7 @@ from typing import ClassVar, TypeVar
 
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback
 from commonlaw.trials import Trials, TrialStream
@@ -24,6 +25,9 @@ class AbstractMethod(ABC):
 
     takes_noise_columns: ClassVar[bool] = False
     """Whether it heeds standard deviations of single measurements."""
+
+    takes_constants: ClassVar[bool] = False
+    """Whether it finds constants inside of terms."""
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
@@ -46,15 +50,21 @@ class AbstractMethod(ABC):
         """
 
 
-def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, order: int) -> None:
+def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, structure: ModelStructure) -> None:
     """Refuse what a method does not take, before work starts, and name one that takes it."""
-    name = type(method).__name__
+    name, order = type(method).__name__, structure.order
     if order not in method.orders:
         other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
         raise CommonlawError(f"order={order} does not go with {name}: use method={other}(), or another order")
     if isinstance(trials, TrialStream) and not method.takes_streams:
         raise CommonlawError(
             f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
+        )
+    if not method.takes_constants and (inside := structure.parametric(trials.schema)):
+        text = inside[0].text(law_variables(trials.schema, order))
+        raise CommonlawError(
+            f"terms with constants inside, here {text}, do not go with {name}: give constants as numbers, or use "
+            "method=TrajectoryLikelihood()"
         )
     columns = trials.schema.noise_columns
     if columns and not method.takes_noise_columns:

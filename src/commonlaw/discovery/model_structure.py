@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
-from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
+from commonlaw.library import AbstractLibrary, ParametricTerm, PolynomialLibrary, Terms
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -60,7 +60,17 @@ class ModelStructure:
         CommonlawError
             If the library names a variable or a term that is not there.
         """
-        return self.library.bind(law_variables(schema, self.order))
+        terms = self.library.bind(law_variables(schema, self.order))
+        if not len(terms):
+            raise CommonlawError(
+                f"the library {self.library!r} has terms with constants inside alone: offer others beside them, as in "
+                '"poly:1 + saturating"'
+            )
+        return terms
+
+    def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
+        """Return the candidate terms with constants inside that are to be found, see `AbstractLibrary.parametric`."""
+        return self.library.parametric(law_variables(schema, self.order))
 
     def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
         """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.

@@ -105,7 +105,7 @@ class AbstractRegression(AbstractMethod):
         """Return what estimates the rates that forecasts of the law start with."""
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        refuse_what_does_not_fit(self, trials, structure.order)
+        refuse_what_does_not_fit(self, trials, structure)
         schema, terms = trials.schema, structure.terms(trials.schema)
         solver = parsed(self.solver, parse_solver)
         segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS

@@ -33,6 +33,7 @@ from commonlaw.inference import (
     promising_terms,
     resolved,
     search_supports,
+    with_parametric_terms,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
@@ -41,13 +42,16 @@ from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver, parse_solver
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.validation import check_whole_number
 from commonlaw.wording import counted
 
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
+
+_PLAIN = 0.2
+"""Share of the time that plain terms are searched in where others are, too. It is only shown, while it works."""
 
 _SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
 
@@ -104,6 +108,7 @@ class TrajectoryLikelihood(AbstractMethod):
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = False
     takes_noise_columns: ClassVar[bool] = True
+    takes_constants: ClassVar[bool] = True
 
     positive: Sequence[str] = ()
     input_between: str = "auto"
@@ -134,7 +139,7 @@ class TrajectoryLikelihood(AbstractMethod):
         object.__setattr__(self, "solver", solver)
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        refuse_what_does_not_fit(self, trials, structure.order)
+        refuse_what_does_not_fit(self, trials, structure)
         assert isinstance(trials, Trials)
         with threads(self.n_jobs):
             begun = self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
@@ -163,7 +168,7 @@ class TrajectoryLikelihood(AbstractMethod):
 
         def begun(structure: ModelStructure) -> _Found:
             progress(f"seeking laws of order {structure.order}")
-            refuse_what_does_not_fit(self, trials, structure.order)
+            refuse_what_does_not_fit(self, trials, structure)
             return self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
 
         with threads(self.n_jobs):
@@ -182,7 +187,7 @@ class TrajectoryLikelihood(AbstractMethod):
         """Search among terms that were kept, with the interpolation of inputs that is chosen."""
         followed = as_followed(trials, self.positive, self.input_between)
         search, steps = begin_search(
-            partial(self._search, screened),
+            partial(self._search_all, screened),
             followed,
             input_between=self.input_between,
             errors=self.errors,
@@ -195,8 +200,8 @@ class TrajectoryLikelihood(AbstractMethod):
         while True:
             propose = partial(_by_derivatives, trials, found.screened, progress)
             search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
-            screened = found.screened.among(search)
-            more = screened.with_missed(search) if search.problem.errors != NO_ERRORS else None
+            screened = found.screened.among(search.among_plain)
+            more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
             if more is None:
                 return _Found(screened, resolved(search, progress), found.steps)
             found = self._begun(trials, more, progress)
@@ -205,13 +210,21 @@ class TrajectoryLikelihood(AbstractMethod):
         law = finish(
             found.search,
             covariance=self.covariance,
-            universal=found.screened.structure.universal_coefficients(trials.schema),
+            universal=found.universal(trials.schema),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=part(progress, CHOSEN, 1.0),
         )
         steps = (*found.screened.steps, *found.steps, *law.history)
         return replace(law, provenance=replace(law.provenance, history=steps))
+
+    def _search_all(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
+        """Search for the law of largest evidence among all terms, also those with constants inside."""
+        others = screened.whole.parametric(trials.schema)
+        if not others:
+            return self._search(screened, trials, progress)
+        found = self._search(screened, trials, part(progress, 0.0, _PLAIN))
+        return with_parametric_terms(found, others, part(progress, _PLAIN, 1.0))
 
     def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""
@@ -255,8 +268,8 @@ class _Screened:
 
     @property
     def structure(self) -> ModelStructure:
-        """The same question with the terms that were kept."""
-        if self.kept.all():
+        """The same question with the plain terms that were kept."""
+        if self.kept.all() and not self.whole.library.parametric(self.terms.variables):
             return self.whole
         names = tuple(self.terms.names[i] for i in np.flatnonzero(self.kept))
         return replace(self.whole, library=SelectedLibrary(self.whole.library, names))
@@ -296,6 +309,13 @@ class _Found:
     def evidence(self) -> float:
         """Minus twice its logarithm, comparable between orders."""
         return evidence_of_order(self.search.problem, self.search.state)
+
+    def universal(self, schema: Schema) -> Bools:
+        """Return which coefficients of the law all objects have in common, shape (equations, terms)."""
+        asked, found = self.screened.structure, self.search.template.terms
+        universal, names = asked.universal_coefficients(schema), asked.terms(schema).names
+        columns = {name: universal[:, k] for k, name in enumerate(names)}
+        return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in found.names])
 
 
 def _by_derivatives(trials: Trials, screened: _Screened, progress: ProgressCallback, found: LawSearch) -> Bools | None:

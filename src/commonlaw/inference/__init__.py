@@ -21,6 +21,7 @@ from commonlaw.inference.law_search import (
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order
+from commonlaw.inference.parametric_search import with_parametric_terms
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
@@ -60,4 +61,5 @@ __all__ = [
     "resolved",
     "search_supports",
     "with_constants_found",
+    "with_parametric_terms",
 ]

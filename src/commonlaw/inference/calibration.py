@@ -156,7 +156,8 @@ def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: 
     """Return the law with the terms and errors of a state, fitted to some of the trials."""
     objects = problem.trials.with_trials(kept).objects
     indices = [problem.trials.objects.index(name) for name in objects]
-    part = problem.of_trials(kept, problem.known[indices])
+    guess = np.array([state.estimates[i].coefficients for i in indices])
+    part = problem.of_trials(kept, problem.known[indices], guess)
     starts = [
         replace(start, coefficients=state.estimates[i].coefficients)
         for start, i in zip(part.starts, indices, strict=True)

@@ -21,7 +21,14 @@ from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import hypotheses, under_each_kind
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
-from commonlaw.inference.provenance import alternatives, history, inclusion_probabilities, outcomes
+from commonlaw.inference.provenance import (
+    ComparedTerms,
+    alternatives,
+    history,
+    inclusion_probabilities,
+    names_in,
+    outcomes,
+)
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import fit_supports, polish, search, to_scale
@@ -39,6 +46,9 @@ _FINER = 4
 _SEARCH, _SEARCH_OF_MANY, CHOSEN = 0.75, 0.2, 0.9
 """Shares of the time after which terms are found, if white noise is enough, and if errors are to be estimated; and
 after which the law is chosen. They are only shown, while it works."""
+
+_RIVALS = 2
+"""Laws of other terms that are fitted under each kind of errors, too."""
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -58,6 +68,9 @@ class LawSearch:
         Whose path lists the candidates of each equation; None where the terms are given.
     found
         All that was found, the largest evidence first.
+    rivals
+        Laws of other terms that were fitted, and the search among plain ones, if terms with constants inside were
+        offered; the largest evidence first.
     """
 
     template: Law
@@ -65,6 +78,12 @@ class LawSearch:
     state: SearchState
     solver: AbstractSolver | None
     found: Sequence[SearchState]
+    rivals: "tuple[LawSearch, ...]" = ()
+
+    @property
+    def among_plain(self) -> "LawSearch":
+        """The search among plain terms."""
+        return self if self.solver is not None else next(each for each in self.rivals if each.solver is not None)
 
 
 def search_supports(
@@ -214,7 +233,8 @@ def choose_errors(
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
-        found = with_error_models(found, propose(found), kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
+        other = propose(found.among_plain) if found.rivals or found.solver else None
+        found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found
 
 
@@ -222,6 +242,10 @@ def with_error_models(
     found: LawSearch, other: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
 ) -> LawSearch:
     """Return a search with the law of largest evidence, and errors of these kinds; its terms stay if they are given."""
+    if found.rivals:
+        near = [found, *found.rivals[:_RIVALS]]
+        near += [] if any(each.solver for each in near) else [found.among_plain]
+        return best_of([with_error_models(replace(each, rivals=()), other, kinds, progress) for each in near])
     compared = []
     if found.solver is None:
         compared = under_each_kind(found.problem, found.state.supports, kinds)
@@ -242,12 +266,19 @@ def with_error_models(
     return replace(found, problem=problem, state=state.with_alternatives(alike))
 
 
+def best_of(listed: Sequence[LawSearch]) -> LawSearch:
+    """Return the search whose law has the largest evidence, with the others as its rivals."""
+    best, *others = sorted((replace(each, rivals=()) for each in listed), key=lambda each: each.state.value)
+    return replace(best, rivals=tuple(others))
+
+
 def resolved(found: LawSearch, progress: ProgressCallback) -> LawSearch:
     """Return a search on a mesh that is fine enough, its terms chosen again there."""
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
+        if found.solver is None:
+            return state
         progress("choosing terms again on a finer mesh")
-        assert found.solver is not None  # Terms that are given are not chosen again
         return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
 
     problem, state = to_scale(*until_resolved(found.problem, found.state, again))
@@ -282,14 +313,11 @@ def finish(
     """
     template, problem, state = found.template, found.problem, found.state
     progress("judging terms and coefficients")
-    compared = [
-        [replace(each, support=each.support | given) for each in listed]
-        for given, listed in zip(template.support, neighbours(problem, state), strict=True)
-    ]
+    compared = compared_terms(found)
     law = fitted_law(template, problem, state, covariance, seed)
     law = replace(
         law,
-        uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(compared)),
+        uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(template, compared)),
         provenance=replace(
             template.provenance,
             outcomes=(*outcomes(template, problem, state), *differing_trials(problem, state)),
@@ -298,5 +326,32 @@ def finish(
         ),
     )
     law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))
-    law = law.with_others(other_laws(problem, state, law))
+    if found.solver is not None:
+        law = law.with_others(other_laws(problem, state, law))
     return law.partial_pooling(universal, partial_pooling)
+
+
+def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:
+    """Return for each equation the terms that were chosen and those beside them, the other equations' being the same.
+
+    Of terms that are given, these are those of rivals alone.
+    """
+    laws = [(each.state.value - found.state.value, _names(each)) for each in found.rivals]
+    first, compared = _names(found), []
+    near = neighbours(found.problem, found.state) if found.solver is not None else [[] for _ in first]
+    for j, (own, given) in enumerate(zip(first, found.template.support, strict=True)):
+        named = [(names_in(found.template, each.support | given), each) for each in near[j]]
+        listed = {names: ComparedTerms(names, each.twice_log_bayes_factor, each.chosen) for names, each in named}
+        listed = listed or {own: ComparedTerms(own, 0.0, True)}
+        here = listed[own].twice_log_bayes_factor
+        for above, names in laws:
+            if names[:j] == first[:j] and names[j + 1 :] == first[j + 1 :]:
+                listed.setdefault(names[j], ComparedTerms(names[j], here + above, False))
+        compared.append(sorted(listed.values(), key=lambda each: each.twice_log_bayes_factor))
+    return compared
+
+
+def _names(found: LawSearch) -> list[tuple[str, ...]]:
+    template = found.template
+    pairs = zip(found.state.supports, template.support, strict=True)
+    return [names_in(template, own | given) for own, given in pairs]

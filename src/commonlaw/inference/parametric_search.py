@@ -14,7 +14,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.integral_matching import Start, TermSet, matching_sets
-from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.search import fit_supports, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import NO_ERROR, SearchState, list_by_evidence
@@ -37,10 +37,8 @@ _MOST_FITTED = 16
 """Sets of an equation that are fitted in a round at most."""
 
 
-def with_parametric_terms(
-    found: LawSearch, others: Sequence[ParametricTerm], progress: ProgressCallback
-) -> list[LawSearch]:
-    """Return laws with some of these terms, and the one that was found without them, the largest evidence first.
+def with_parametric_terms(found: LawSearch, others: Sequence[ParametricTerm], progress: ProgressCallback) -> LawSearch:
+    """Return the law of largest evidence with some of these terms or without, with the others as its rivals.
 
     Parameters
     ----------
@@ -51,18 +49,34 @@ def with_parametric_terms(
     progress
         Takes what is being done.
     """
-    search = _Search(found, _base(found, len(others)), tuple(others))
-    rows, best = search.rows_of_found(), found
-    estimates = _near(found)
+    search, estimates = _Search(found, _base(found, len(others)), tuple(others)), _near(found)
+    rows = search.rows_of_found()
+    while True:
+        best, rows = _searched(search, rows, estimates, progress)
+        finer = resolved(best, progress).problem.points
+        if finer <= search.base.points or best.solver is not None:
+            return best_of(search.listed())
+        progress("fitting laws again on a finer mesh")
+        search, estimates = search.on_finer_mesh(best, finer)
+
+
+def _searched(
+    search: "_Search", rows: "tuple[TermSet, ...]", estimates: Sequence[Estimate], progress: ProgressCallback
+) -> "tuple[LawSearch, tuple[TermSet, ...]]":
+    """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
+    best = search.fit(rows, estimates) if any(row.others for row in rows) else None
+    best = best or search.found
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        proposed = [matching_sets(search.base, estimates, j, others) for j in range(len(rows))]
+        proposed = [matching_sets(search.base, estimates, j, search.others) for j in range(len(rows))]
         first = tuple(own[0] if own else row for own, row in zip(proposed, rows, strict=True))
         listed = [first] if len(rows) > 1 else []
         for j, own in enumerate(proposed):
-            for k, each in enumerate([*listed, *((*rows[:j], one, *rows[j + 1 :]) for one in own[:_MOST_FITTED])]):
-                progress(Stage(f"fitting laws, {k} of {len(own)} of an equation", (number + j / len(rows)) / _ROUNDS))
+            listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_FITTED]]
+            for k, each in enumerate(listed):
+                done = (number + (j + k / len(listed)) / len(rows)) / _ROUNDS
+                progress(Stage(f"fitting laws with constants inside of terms, {k} of {len(listed)}", done))
                 fitted = search.fit(each, estimates)
                 if fitted is not None and fitted.state.value < best.state.value:
                     best, rows = fitted, each
@@ -71,7 +85,7 @@ def with_parametric_terms(
             break
         estimates = _without_processes(best, best.state.estimates)
         rows = search.with_coefficients(rows, best)
-    return search.listed()
+    return best, rows
 
 
 def _base(found: LawSearch, count: int) -> SearchProblem:
@@ -148,10 +162,22 @@ class _Search:
         law = replace(law, provenance=template.provenance)
         return LawSearch(law, problem, state, None, (state,))
 
+    def on_finer_mesh(self, best: LawSearch, points: int) -> "tuple[_Search, tuple[Estimate, ...]]":
+        """Return the search on a finer mesh, and the estimates of its best law there."""
+        plain, estimates = self.found, _without_processes(best, best.state.estimates)
+        base, problem = replace(self.base, starts=estimates), plain.problem.about(plain.state.estimates)
+        while base.points < points:
+            base = base.finer()
+        while problem.points < points:
+            problem = problem.finer()
+        state = fit_supports(problem, plain.state.supports, _MODEL_ERRORS)
+        if not state.has_model_error:
+            problem, state = to_scale(problem, state)
+        return _Search(replace(plain, problem=problem, state=state), base, self.others), base.starts
+
     def listed(self) -> list[LawSearch]:
-        """Return all that was fitted, and the law without others, the largest evidence first."""
-        fitted = [each for each in self.fitted.values() if each is not None]
-        return sorted([self.found, *fitted], key=lambda each: each.state.value)
+        """Return all that was fitted, and the law without others."""
+        return [self.found, *(each for each in self.fitted.values() if each is not None)]
 
 
 @dataclass(frozen=True, eq=False)

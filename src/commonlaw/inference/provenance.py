@@ -1,17 +1,18 @@
 """What is said of a law: the choices on the way to it, and what else was to choose from."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
-from commonlaw.inference.support_search import MOST_TERMS, ComparedSupport
+from commonlaw.inference.support_search import MOST_TERMS
 from commonlaw.inference.unmeasured import unmeasured_in_words
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -25,31 +26,51 @@ _LIKELY = 0.01
 """Supports that are more probable are kept, too."""
 
 
-def alternatives(law: Law, compared: Sequence[Sequence[ComparedSupport]]) -> tuple[Alternative, ...]:
-    """Return the supports that each equation was chosen from, the best first."""
+class ComparedTerms(NamedTuple):
+    """Terms of an equation by name, 2 log B of the best ones against them, and whether they were chosen."""
+
+    names: tuple[str, ...]
+    twice_log_bayes_factor: float
+    chosen: bool
+
+
+def names_in(law: Law, support: Bools) -> tuple[str, ...]:
+    """Return the names of the terms of a support, but not of constants inside of them."""
+    return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
+
+
+def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> tuple[Alternative, ...]:
+    """Return the terms that each equation was chosen from, the best first."""
     found = []
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
             if each.chosen or i < _LISTED or likely[i] > _LIKELY:
-                names = tuple(law.terms.names[k] for k in np.flatnonzero(each.support))
                 measures = {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
-                found.append(Alternative(equation, names, measures, False, each.chosen))
+                found.append(Alternative(equation, each.names, measures, False, each.chosen))
     return tuple(found)
 
 
-def inclusion_probabilities(compared: Sequence[Sequence[ComparedSupport]]) -> Floats:
-    """Return the probability that a term is in its equation, among the supports compared, shape (equations, terms)."""
+def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> Floats:
+    """Return the probability that a term is in its equation, among the sets compared, shape (equations, terms).
+
+    A constant is in it with the terms that it is inside of.
+    """
     rows = []
     for listed in compared:
-        weights, supports = probabilities(listed), np.array([each.support for each in listed])
+        weights = probabilities(listed)
+        supports = np.array([[name in each.names for name in law.terms.names] for each in listed])
         inside, outside = weights @ supports, weights @ ~supports
         rows.append(inside / (inside + outside))
-    return np.array(rows)
+    found, terms = np.array(rows), law.terms
+    for place in terms.constants:
+        of = [k for k in np.flatnonzero(terms.is_factor) if terms.terms[k].columns() >= terms.terms[place].columns()]
+        found[:, place] = found[:, of].max(axis=1)
+    return found
 
 
-def probabilities(listed: Sequence[ComparedSupport]) -> Floats:
-    """Return how probable each support is among those compared, by its evidence (Kass and Raftery 1995)."""
+def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
+    """Return how probable each set of terms is among those compared, by its evidence (Kass and Raftery 1995)."""
     weights = np.exp(-np.array([each.twice_log_bayes_factor for each in listed]) / 2)
     return np.asarray(weights / weights.sum())
 
@@ -152,7 +173,7 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 
 
 def history(
-    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedSupport]]
+    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedTerms]]
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order."""
     mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
@@ -161,9 +182,9 @@ def history(
         noise_step(problem),
         Step(
             "library",
-            counted(len(law.terms), "term")
+            counted(len(law.terms) + problem.besides, "term")
             + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
-            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 else ""),
+            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.besides else ""),
         ),
         Step(
             "mesh",
@@ -172,9 +193,8 @@ def history(
         ),
     ]
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
-        chosen = next(each.support for each in listed if each.chosen)
-        names = [law.terms.names[k] for k in np.flatnonzero(chosen)]
-        steps.append(Step(f"terms of {equation}", ", ".join(names) or "none", _why(law, listed)))
+        chosen = next(each.names for each in listed if each.chosen)
+        steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed)))
     return (*steps, *fit_steps(problem, state))
 
 
@@ -233,13 +253,13 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
-def _why(law: Law, listed: Sequence[ComparedSupport]) -> str:
+def _why(listed: Sequence[ComparedTerms]) -> str:
     """Return what speaks for the chosen support of an equation."""
     chosen = next(each for each in listed if each.chosen)
     second = next((each for each in listed if not each.chosen), None)
     if second is None:
         return "no other support was compared"
-    runner = ", ".join(law.terms.names[k] for k in np.flatnonzero(second.support)) or "no term"
+    runner = ", ".join(second.names) or "no term"
     ahead = second.twice_log_bayes_factor - chosen.twice_log_bayes_factor
     ratio = np.exp(min(abs(ahead) / 2, 700))
     if ahead < 0:

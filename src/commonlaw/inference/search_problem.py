@@ -116,14 +116,15 @@ class SearchProblem:
             known=self.known[indices],
         )
 
-    def of_trials(self, trials: Sequence[Trial], known: Floats) -> "SearchProblem":
+    def of_trials(self, trials: Sequence[Trial], known: Floats, guess: Floats) -> "SearchProblem":
         """Return the problem of other trials of the same schema, with the same errors, and on as fine a mesh.
 
-        Coefficients that are known, shape (objects, equations, terms), are those of the objects of these trials.
+        Coefficients that are known, and those that fits may begin with, both of shape (objects, equations, terms), are
+        those of the objects of these trials.
         """
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
-        found = prepare(some, model.terms, known, noise=self.first_noise, huber_threshold=threshold)
+        found = prepare(some, model.terms, known, noise=self.first_noise, huber_threshold=threshold, guess=guess)
         while found.points < self.points:
             found = found.finer()
         models = tuple(replace(each, unit=model.unit) for each in found.models)

@@ -67,8 +67,8 @@ def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[li
     group = problem.trials.of_object(problem.trials.objects[index])
     alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]
     known = np.repeat(problem.known[index : index + 1], len(group), axis=0)
-    part = problem.of_trials(alone, known)
     estimate = state.estimates[index]
+    part = problem.of_trials(alone, known, np.array([estimate.coefficients] * len(group)))
     own: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
     none, last = np.zeros_like(own), state.fitted_model_error
     errors = [each for each in _MODEL_ERRORS if each > last] + [last]

@@ -8,6 +8,7 @@ from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLi
 from commonlaw.library.constant import Constant
 from commonlaw.library.expression import Expression
 from commonlaw.library.families import (
+    AutoLibrary,
     ConstantLibrary,
     ExpressionLibrary,
     FamilyLibrary,
@@ -30,6 +31,7 @@ __all__ = [
     "FAMILIES",
     "AbstractLibrary",
     "AbstractTerm",
+    "AutoLibrary",
     "Constant",
     "ConstantLibrary",
     "Expression",
@@ -83,6 +85,7 @@ def parse_library(text: str) -> AbstractLibrary:
         "rational": RationalLibrary,
         "terms": _listed,
         "constant": ConstantLibrary,
+        "auto": AutoLibrary,
         **{name: partial(FamilyLibrary, name) for name in FAMILIES},
     }
     sums = [[parse_spec("library", each.strip(), makers) for each in part.split(" * ")] for part in text.split(" + ")]

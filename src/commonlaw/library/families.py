@@ -255,3 +255,28 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
             f"name each variable of a library once, and at least one; got {', '.join(listed) or 'none'}"
         )
     return listed
+
+
+@dataclass(frozen=True)
+class AutoLibrary(AbstractLibrary):
+    """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
+
+    Polynomials of degree 3 first; beside few of these, functions of all families, alone and as factors of a state or
+    an input: a law takes them where its evidence pays for the larger choice.
+
+    Examples
+    --------
+    >>> library = AutoLibrary()
+    >>> len(library.bind(Variables(("x", "v")))), len(library.parametric(Variables(("x", "v"))))
+    (10, 71)
+    """
+
+    def bind(self, variables: Variables) -> Terms:
+        return PolynomialLibrary(3).bind(variables)
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "trigonometric")]
+        factors = [FamilyLibrary(n) for n in ("saturating", "hill", "exponential", "logarithm", "contact")]
+        driven = FamilyLibrary("periodic", (variables.time,))
+        several = (*alone, *(PolynomialLibrary(1) * each for each in factors), driven)
+        return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
