@@ -5,7 +5,6 @@ values of K are compared by what they leave of the rates of smooth curves throug
 them, that of all objects together and that of each, trajectories are fitted.
 """
 
-import ast
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
-from commonlaw.inference.constant_values import values_to_try
+from commonlaw.inference.constant_values import divisors, values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
 from commonlaw.inference.search_problem import spread
@@ -28,7 +27,7 @@ from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.library import Terms
 from commonlaw.library.bounds import Bound
-from commonlaw.library.grammar import NUMPY, columns_in, compiled
+from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import in_parallel, threads
@@ -127,13 +126,7 @@ class _Profile:
 
     @cached_property
     def _divisor_codes(self) -> list[str]:
-        """What terms are divided by, where constants are in it."""
-        names = [f"v{i}" for i in range(len(self.terms.variables.names))]
-        trees = [ast.parse(term.expression(names), mode="eval") for term in self.terms.terms]
-        divided = (each for tree in trees for each in ast.walk(tree) if isinstance(each, ast.BinOp))
-        below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
-        first = self.values.shape[1]
-        return sorted(each for each in below if any(column >= first for column in columns_in(each)))
+        return divisors(self.terms)
 
 
 def with_constants_found(

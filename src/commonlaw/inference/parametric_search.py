@@ -1,6 +1,6 @@
 """The search for laws that have terms with constants inside, from a law that has none.
 
-Sets of terms that may explain each equation are proposed along curves that are near, see `integral_matching`; those of
+Sets of terms that may explain each equation are proposed along curves that are near, see `term_sets`; those of
 all equations are fitted to the trajectories, one equation's after the other, and the law of largest evidence gives
 curves that are nearer. The law without such terms stays unless the evidence pays for the larger choice.
 """
@@ -13,11 +13,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.integral_matching import Start, TermSet, matching_sets
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.search import fit_supports, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import NO_ERROR, SearchState, list_by_evidence
+from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.law import Law
 from commonlaw.library import Constant, ParametricTerm, Terms, parse_term
 from commonlaw.library.parametric import free_name
@@ -69,7 +69,7 @@ def _searched(
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        proposed = [matching_sets(search.base, estimates, j, search.others) for j in range(len(rows))]
+        proposed = matching_sets(search.base, estimates, search.others)
         first = tuple(own[0] if own else row for own, row in zip(proposed, rows, strict=True))
         listed = [first] if len(rows) > 1 else []
         for j, own in enumerate(proposed):

@@ -1,0 +1,102 @@
+"""Terms with constants inside along curves, at many values of these."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.inference.constant_values import divisors, values_to_try
+from commonlaw.library import Constant, ParametricTerm, Terms, Variables
+from commonlaw.library.grammar import NUMPY, compiled
+
+_HARDLY, _LEAST = 0.2, 1e-3
+"""Shares of the size of a variable: how far below zero it may be by noise, and what is taken instead."""
+
+_PROBES, _DIGITS = 7, 9
+"""Points at which columns that are alike to so many digits are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Banks:
+    """Terms along curves at the values of their constants in a bank of each, one column for each.
+
+    Parameters
+    ----------
+    others
+        The terms.
+    values
+        Of the variables without constants, along the curves, shape (n, variables).
+    constants
+        The values in each bank, shape (values, constants).
+    columns
+        All terms at all values, one bank behind the other, shape (n, columns).
+    """
+
+    others: tuple[ParametricTerm, ...]
+    values: Floats
+    constants: tuple[Floats, ...]
+    columns: Floats
+
+    @classmethod
+    def along(cls, variables: Variables, values: Floats, others: Sequence[ParametricTerm]) -> "Banks":
+        """Return terms along curves at values of their constants at which they are finite and no others' repeats."""
+        values, constants, columns = _above_zero(values), [], [np.empty((len(values), 0))]
+        for each in others:
+            bank = _bank(each, variables, values)
+            own = along(each, values, bank)
+            usable = _usable(own)
+            constants.append(bank[usable])
+            columns.append(own[:, usable])
+        return cls(tuple(others), values, tuple(constants), np.concatenate(columns, axis=1))
+
+    @cached_property
+    def firsts(self) -> Indices:
+        """The first column of each bank, and the number of columns."""
+        return np.cumsum([0, *map(len, self.constants)])
+
+
+def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
+    """Return a term along curves at each of some values of its constants, shape (n, values)."""
+    count = len(values)
+    repeated = np.column_stack([np.tile(values, (len(bank), 1)), np.repeat(bank, count, axis=0)])
+    return np.asarray(other.term.evaluate(repeated).reshape(len(bank), count).T)
+
+
+def _bank(other: ParametricTerm, variables: Variables, values: Floats) -> Floats:
+    """Return values of the constants of a term that are tried, without a pole along the curves or between points."""
+    if not other.constants:
+        return np.empty((1, 0))
+    first = len(variables.measured)
+    columns = range(first, first + len(other.constants))
+    terms = Terms(replace(variables, constants=other.constants), (other.term, *map(Constant, columns)))
+    bank = values_to_try(terms, values, columns)
+    every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
+    whole = np.ones(len(bank), dtype=bool)
+    for code in divisors(terms):
+        with np.errstate(all="ignore"):
+            whole &= np.ptp(np.sign(compiled(code)(every, NUMPY)) + np.zeros((len(values), len(bank))), axis=0) == 0
+    return np.asarray(bank[whole])
+
+
+def _usable(columns: Floats) -> Bools:
+    """Return which columns are finite, not zero, and no repetition of one before."""
+    with np.errstate(all="ignore"):
+        sizes = np.sqrt(np.mean(columns**2, axis=0))
+    good = np.isfinite(sizes) & (sizes > 0)
+    probes = np.linspace(0, len(columns) - 1, _PROBES).round().astype(int)
+    shown = np.divide(columns[probes], sizes, out=np.zeros((_PROBES, columns.shape[1])), where=good)
+    first = np.zeros_like(good)
+    first[np.unique(shown.round(_DIGITS), axis=1, return_index=True)[1]] = True
+    return np.asarray(good & first)
+
+
+def _above_zero(values: Floats) -> Floats:
+    """Return values of variables, of which those are kept above zero that are hardly below it: noise, most likely.
+
+    So that roots and logarithms exist.
+    """
+    sizes = np.sqrt(np.mean(values**2, axis=0))
+    hardly = values.min(axis=0) > -_HARDLY * sizes
+    return np.where(hardly & (values < _LEAST * sizes), _LEAST * sizes, values)

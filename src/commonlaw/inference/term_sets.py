@@ -1,0 +1,287 @@
+"""Small sets of terms, of many, that fit an equation best: ranked by sums of squares of integrals.
+
+All are compared: sums of a few plain terms, with one or two others that have constants inside. As the states along which
+terms are integrated are not the true ones, sums of squares rank sets of as many numbers among themselves; trajectories
+have to judge the best of each size.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, groupby
+
+import numpy as np
+
+from commonlaw.array_types import Floats, Indices
+from commonlaw.inference.integral_matching import INSIDE, Course, Match
+from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.library import ParametricTerm
+from commonlaw.likelihood import Estimate
+from commonlaw.parallel import in_parallel
+
+_OBJECTS = 12
+"""Objects whose measurements are matched, evenly spread."""
+
+_MOST_PLAIN = 4
+"""Plain terms that are taken together at most."""
+
+_MOST_SETS, _MOST_SETS_BESIDE_TWO = 1500, 60
+"""Sets of plain terms that are compared at most, smaller ones first, beside one or two others."""
+
+_AT_ONCE = 50
+"""Sets that are compared at a time, so that arrays stay small."""
+
+_MOST_NUMBERS = 7
+"""Coefficients and constants of an equation at most."""
+
+_KEPT = (2, 3, 2)
+"""Sets that are kept of those of as many numbers, by how many terms are not plain."""
+
+_CLOSE = 6
+"""Sets, of those, whose constants are found to more digits than a bank has, before they are ranked."""
+
+_WIDENED = 4
+"""Sets with one term that is not plain, each with another one, to which a second is added."""
+
+_HOPELESS = 30.0
+"""Sets that leave so many times the least sum of squares are not kept."""
+
+_SAME = 1e-9
+"""Relative differences of sums of squares that are rounding: such sets say the same."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a fit begins with: coefficients of each object, shape (objects, terms), plain ones first, and constants.
+
+    Those of each of the other terms have the shape (objects, constants).
+    """
+
+    coefficients: Floats
+    constants: tuple[Floats, ...] = ()
+
+
+@dataclass(frozen=True)
+class TermSet:
+    """A few terms of one equation: plain ones, by their index, and others, with constants inside.
+
+    Equal sets have equal terms, whatever fits begin with.
+    """
+
+    plain: tuple[int, ...]
+    others: tuple[ParametricTerm, ...] = ()
+    starts: tuple[Start, ...] = field(default=(), compare=False)
+
+
+def matching_sets(
+    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]
+) -> list[list[TermSet]]:
+    """Return for each equation sets of terms that fit best for how many numbers they have, the most promising first.
+
+    Parameters
+    ----------
+    problem
+        What was measured, and the plain terms.
+    estimates
+        States near the true ones, of each object.
+    others
+        Terms with constants inside, or that are not taken together with many plain ones.
+    """
+    indices = spread(len(problem.models), _OBJECTS)
+    courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
+    found = []
+    for equation in range(len(problem.noise)):
+        matches = [each.match(equation) for each in courses]
+        found.append(_Ranked([each for each in matches if len(each.target)], others).best(len(problem.models)))
+    return found
+
+
+_Key = tuple[tuple[int, ...], tuple[int, ...]]
+"""Indices of plain terms, and of others."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ranked:
+    """Sets of terms of an equation by what they leave of the measurements of all objects."""
+
+    matches: Sequence[Match]
+    others: Sequence[ParametricTerm]
+
+    def best(self, objects: int) -> list[TermSet]:
+        """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
+        if not self.matches:
+            return []
+        sums = self._of_one()
+        sums |= self._of_two(sums)
+        groups: dict[tuple[int, int], list[tuple[float, _Key]]] = {}
+        for key, squares in sums.items():
+            groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
+        ranked = [
+            (numbers, many, sorted(self._closely(key) for key in _different(sorted(listed))))
+            for (numbers, many), listed in sorted(groups.items())
+            if 0 < numbers <= _MOST_NUMBERS
+        ]
+        least = dict.fromkeys(range(1, _MOST_NUMBERS + 1), np.inf)
+        for numbers, _, listed in ranked:
+            least[numbers] = min(least[numbers], listed[0][0])
+        enough = min(least, key=lambda n: self._criterion(n, least[n]))
+        kept = [
+            (self._criterion(numbers, squares), key)
+            for numbers, many, listed in ranked
+            for squares, key in listed[: _KEPT[many]]
+            if numbers <= enough + 1 and squares <= _HOPELESS * least[enough]
+        ]
+        return [self._with_starts(key, objects) for _, key in sorted(kept)]
+
+    def _of_one(self) -> dict[_Key, float]:
+        """Return the sums of squares that plain terms leave, with at most one of the others."""
+        columns = [match.plain for match in self.matches]
+        new = [a for a in range(len(self.others)) if not any(match.repeats(a) for match in self.matches)]
+        found: dict[_Key, float] = {}
+        for plain, row in self._left(columns, _subsets(columns[0].shape[1], _MOST_SETS)):
+            found[plain, ()] = row[0]
+            found |= {(plain, (a,)): row[1 + a] for a in new}
+        return found
+
+    def _of_two(self, sums: Mapping[_Key, float]) -> dict[_Key, float]:
+        """Return the same with two of the others, one of them from the best sets with one, each with another one."""
+        best: dict[int, tuple[float, _Key]] = {}
+        for key, squares in sums.items():
+            if key[1]:
+                value = self._criterion(self._numbers(key), squares)
+                best[key[1][0]] = min((value, key), best.get(key[1][0], (np.inf, key)))
+        found: dict[_Key, float] = {}
+        for _, key in sorted(best.values())[:_WIDENED]:
+            (a,), columns = key[1], []
+            for match in self.matches:
+                columns.append(np.column_stack([match.plain, match.columns_of(a)[:, self._values(match, key)[0]]]))
+            last = columns[0].shape[1] - 1
+            for plain, row in self._left(columns, [(*own, last) for own in _subsets(last, _MOST_SETS_BESIDE_TWO)]):
+                for b in best.keys() - {a}:
+                    wider = plain[:-1], (min(a, b), max(a, b))
+                    found[wider] = min(row[1 + b], found.get(wider, np.inf))
+        return found
+
+    def _left(
+        self, columns: Sequence[Floats], sets: Sequence[tuple[int, ...]]
+    ) -> Iterator[tuple[tuple[int, ...], list[float]]]:
+        """Yield sets of columns with the sums of squares that they leave, alone and with each of the others."""
+        for _, group in groupby(sets, len):
+            listed = list(group)
+            indices = np.array(listed, dtype=int)
+            sums = in_parallel(lambda *pair, own=indices: _left_by_one(*pair, own), self.matches, columns)
+            yield from zip(listed, np.sum(sums, axis=0).tolist(), strict=True)
+
+    def _numbers(self, key: _Key) -> int:
+        return len(key[0]) + sum(1 + len(self.others[a].constants) for a in key[1])
+
+    def _criterion(self, numbers: int, squares: float) -> float:
+        """Return what ranks sets of different size: the BIC."""
+        count = sum(len(each.target) for each in self.matches)
+        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.matches) * float(np.log(count))
+
+    def _values(self, match: Match, key: _Key) -> list[int]:
+        """Return the index, in its bank, of the best values of each of the others of a set, found in turn."""
+        plain, others = key
+        chosen: dict[int, int] = {}
+        for a in others * len(others):
+            beside = [match.columns_of(b)[:, [i]] for b, i in chosen.items() if b != a]
+            basis = _basis(np.concatenate([match.plain[:, list(plain)], *beside], axis=1))
+            left, columns = match.target - basis @ (basis.T @ match.target), match.columns_of(a)
+            outside = np.sum(columns**2, axis=0) - np.sum((basis.T @ columns) ** 2, axis=0)
+            chosen[a] = int(np.argmax(_gains(left @ columns, outside)))
+        return [chosen[a] for a in others]
+
+    def _constants(self, match: Match, key: _Key) -> tuple[Floats, ...]:
+        """Return the constants of a set that leave least of an object's measurements, from the best in the banks."""
+        begin = [match.banks.constants[a][i] for a, i in zip(key[1], self._values(match, key), strict=True)]
+        return match.closest(*key, begin)
+
+    def _closely(self, key: _Key) -> tuple[float, _Key]:
+        """Return a set with what it leaves at the best constants."""
+        fits = [match.fitted(*key, self._constants(match, key)) for match in self.matches]
+        return sum(float(left @ left) for _, left in fits), key
+
+    def _with_starts(self, key: _Key, objects: int) -> TermSet:
+        """Return a set with what fits begin with, for so many objects.
+
+        That is what each object has by itself, and with the constants that are typical: those of an object alone may
+        be far off.
+        """
+        alone = [self._constants(match, key) for match in self.matches]
+        typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
+        starts = []
+        for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
+            fits = [match.fitted(*key, own)[0] for match, own in zip(self.matches, constants, strict=True)]
+            several = [np.array(fits), *(np.array(own) for own in zip(*constants, strict=True))]
+            first, *others = (_for_all(each, objects) for each in several)
+            starts.append(Start(first, tuple(others)))
+        return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
+
+
+def _gains(inner: Floats, outside: Floats) -> Floats:
+    """Return by how much columns lower the squares that others leave.
+
+    From their inner products with what is left, and their squares outside of the others.
+    """
+    return np.asarray(np.where(outside > INSIDE, inner**2 / np.maximum(outside, INSIDE), 0.0))
+
+
+def _left_by_one(match: Match, columns: Floats, sets: Indices) -> Floats:
+    """Return the sums of squares that sets of columns leave, alone and with each of the others at its best.
+
+    Shape (sets, 1 + others), of sets of one size, shape (sets, size).
+    """
+    gram, inner = columns.T @ columns, columns.T @ match.target
+    own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + INSIDE * np.eye(sets.shape[1])
+    whiten = np.linalg.inv(np.linalg.cholesky(own))
+    known = np.matmul(whiten, inner[sets][..., np.newaxis])
+    alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
+    crossed, every = columns.T @ match.others, match.target @ match.others
+    firsts = match.banks.firsts
+    filled = np.flatnonzero(np.diff(firsts))
+    gained = np.zeros((len(sets), len(firsts) - 1))
+    for part in np.array_split(np.arange(len(sets)), -(-len(sets) // _AT_ONCE)) if filled.size else ():
+        inside = np.matmul(whiten[part], crossed[sets[part]])
+        left = every - np.sum(known[part] * inside, axis=1)
+        gains = _gains(left, match.squares - np.sum(inside**2, axis=1))
+        gained[np.ix_(part, filled)] = np.maximum.reduceat(gains, firsts[filled], axis=1)
+    return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
+
+
+def _different(ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
+    """Return the first sets of a list, but for those that leave the same as the one before: they say the same."""
+    found, before = [], 0.0
+    for squares, key in ordered:
+        if squares > before * (1 + _SAME):
+            found.append(key)
+        before = squares
+        if len(found) == _CLOSE:
+            break
+    return found
+
+
+def _subsets(count: int, most: int) -> list[tuple[int, ...]]:
+    """Return the sets of plain terms, smaller ones first, of sizes of which not too many are compared."""
+    found: list[tuple[int, ...]] = []
+    for size in range(_MOST_PLAIN + 1):
+        of_size = list(combinations(range(count), size))
+        if size > 1 and len(found) + len(of_size) > most:
+            break
+        found += of_size
+    return found
+
+
+def _basis(columns: Floats) -> Floats:
+    """Return an orthonormal basis of columns of unit norm."""
+    if not columns.shape[1]:
+        return columns
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(basis[:, sizes > np.sqrt(INSIDE) * sizes[0]])
+
+
+def _for_all(found: Floats, objects: int) -> Floats:
+    """Return values for all objects from those of the objects that were matched: typical ones for the others."""
+    where, every = spread(objects, _OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
+    if len(found) == len(where):
+        every[where] = found
+    return every
