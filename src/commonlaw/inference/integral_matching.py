@@ -25,8 +25,9 @@ _WINDOW, _WINDOWS = 200, 4
 """Points of a trial that are integrated together, with a start of their own, and how many such windows of an object are
 matched, evenly spread."""
 
-_STEPS = 8
-"""Of least squares on constants."""
+_STEPS, _CHANGE, _SHORTER = 4, 1e-6, 5.0
+"""Gauss-Newton steps on constants, the relative change that derivatives are found by, and by how much a step is
+shortened that does not gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +133,26 @@ class Match:
 
     def closest(self, plain: Sequence[int], others: Sequence[int], begin: Sequence[Floats]) -> tuple[Floats, ...]:
         """Return the constants of terms that leave least, near some."""
-        from scipy.optimize import least_squares
-
-        if not any(len(each) for each in begin):
-            return tuple(begin)
         cuts = np.cumsum([len(each) for each in begin])[:-1]
-        whole = np.concatenate(begin)
-        scale = np.where(whole != 0, whole, 1.0)
+        found = np.concatenate([np.empty(0), *begin])
+        if not len(found):
+            return tuple(begin)
 
-        def left(relative: Floats) -> Floats:
-            return self.fitted(plain, others, np.split(relative * scale, cuts))[1]
+        def left(values: Floats) -> Floats:
+            return self.fitted(plain, others, np.split(values, cuts))[1]
 
-        done = least_squares(left, whole / scale, max_nfev=_STEPS)
-        return tuple(np.split(done.x * scale, cuts))
+        here = left(found)
+        for _ in range(_STEPS):
+            nearby = np.where(found != 0, _CHANGE * found, _CHANGE)
+            slopes = np.column_stack([(left(found + own) - here) / _CHANGE for own in np.diag(nearby)])
+            step = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0] * nearby / _CHANGE
+            there = left(found + step)
+            if not there @ there < here @ here:
+                step, there = step / _SHORTER, left(found + step / _SHORTER)
+            if not there @ there < here @ here:
+                break
+            found, here = found + step, there
+        return tuple(np.split(found, cuts))
 
 
 @dataclass(frozen=True, eq=False)

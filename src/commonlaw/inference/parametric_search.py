@@ -5,6 +5,7 @@ all equations are fitted to the trajectories, one equation's after the other, an
 curves that are nearer. The law without such terms stays unless the evidence pays for the larger choice.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -14,9 +15,9 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
-from commonlaw.inference.search import fit_supports, to_scale
+from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import NO_ERROR, SearchState, list_by_evidence
+from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, SearchState, list_by_evidence
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.law import Law
 from commonlaw.library import Constant, ParametricTerm, Terms, parse_term
@@ -27,13 +28,10 @@ from commonlaw.progress import ProgressCallback, Stage
 _ROUNDS = 3
 """How often sets are proposed along the curves of the best law, and fitted."""
 
-_MODEL_ERRORS = (1.0, 0.1, NO_ERROR)
-"""Model errors at which a law is fitted, from curves that are near."""
-
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
 
-_MOST_FITTED = 16
+_MOST_FITTED = 30
 """Sets of an equation that are fitted in a round at most."""
 
 
@@ -49,29 +47,30 @@ def with_parametric_terms(found: LawSearch, others: Sequence[ParametricTerm], pr
     progress
         Takes what is being done.
     """
-    search, estimates = _Search(found, _base(found, len(others)), tuple(others)), _near(found)
+    search, curves = _Search(found, _base(found, len(others)), tuple(others)), _near(found)
     rows = search.rows_of_found()
     while True:
-        best, rows = _searched(search, rows, estimates, progress)
+        best, rows = _searched(search, rows, curves, progress)
         finer = resolved(best, progress).problem.points
         if finer <= search.base.points or best.solver is not None:
             return best_of(search.listed())
         progress("fitting laws again on a finer mesh")
-        search, estimates = search.on_finer_mesh(best, finer)
+        search, near = search.on_finer_mesh(best, finer)
+        curves = (near,)
 
 
 def _searched(
-    search: "_Search", rows: "tuple[TermSet, ...]", estimates: Sequence[Estimate], progress: ProgressCallback
+    search: "_Search", rows: "tuple[TermSet, ...]", curves: Sequence[Sequence[Estimate]], progress: ProgressCallback
 ) -> "tuple[LawSearch, tuple[TermSet, ...]]":
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
-    best = search.fit(rows, estimates) if any(row.others for row in rows) else None
-    best = best or search.found
+    best = search.fit(rows, curves[0]) if any(row.others for row in rows) else None
+    best, known = best or search.found, list[list[list[TermSet]]]()
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        proposed = matching_sets(search.base, estimates, search.others)
-        first = tuple(own[0] if own else row for own, row in zip(proposed, rows, strict=True))
-        listed = [first] if len(rows) > 1 else []
+        known = [matching_sets(search.base, each, search.others) for each in curves] + known
+        estimates, proposed = curves[0], [_in_turn(own) for own in zip(*known, strict=True)]
+        listed = _joint(proposed) if len(rows) > 1 else []
         for j, own in enumerate(proposed):
             listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_FITTED]]
             for k, each in enumerate(listed):
@@ -83,7 +82,7 @@ def _searched(
             listed = []
         if best is before:
             break
-        estimates = _without_processes(best, best.state.estimates)
+        curves = (_without_processes(best, best.state.estimates),)
         rows = search.with_coefficients(rows, best)
     return best, rows
 
@@ -96,16 +95,42 @@ def _base(found: LawSearch, count: int) -> SearchProblem:
     return problem
 
 
-def _near(found: LawSearch) -> tuple[Estimate, ...]:
-    """Return states near the true ones: those that follow measurements with the help of the law, but may leave it."""
+def _near(found: LawSearch) -> tuple[tuple[Estimate, ...], ...]:
+    """Return states near the true ones, in two ways.
+
+    Those that follow the measurements with the help of the law, but may leave it, and those that were smoothed.
+    """
     loose = next((each for each in found.found if each.model_error >= _LOOSE), None)
-    return _without_processes(found, loose.estimates if loose else found.problem.starts)
+    smoothed = found.problem.starts
+    curves = ([loose.estimates] if loose else []) + [smoothed]
+    return tuple(_without_processes(found, each) for each in curves)
+
+
+def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:
+    """Return sets of several lists, each the most promising first: the best of each size before the second best."""
+    ranks, found = Counter[tuple[int, int]](), dict[TermSet, tuple[int, int]]()
+    for number, own in enumerate(proposed):
+        for each in own:
+            found.setdefault(each, (ranks[number, each.numbers], each.numbers))
+            ranks[number, each.numbers] += 1
+    return sorted(found, key=lambda each: found[each])
 
 
 def _without_processes(found: LawSearch, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
     """Return estimates whose states are without what other processes there are."""
     width = found.problem.models[0].width
     return tuple(replace(each, states=tuple(own[:, :width] for own in each.states)) for each in estimates)
+
+
+def _joint(proposed: Sequence[Sequence[TermSet]]) -> list[tuple[TermSet, ...]]:
+    """Return sets for all equations together: the first of each with at most so many numbers, the largest of these."""
+    most = max((each.numbers for own in proposed for each in own), default=0)
+    found = dict[tuple[TermSet, ...], None]()
+    for numbers in range(1, most + 1):
+        small = [[each for each in own if each.numbers <= numbers] for own in proposed]
+        if all(small):
+            found[tuple(max(own, key=lambda each: each.numbers) for own in small)] = None
+    return list(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +179,9 @@ class _Search:
             coefficients = built.coefficients([row.starts[min(k, len(row.starts) - 1)] for row in rows])
             starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
             with suppress(CommonlawError, NotPositiveError):
-                found.append(fit_supports(replace(problem, starts=starts), problem.allowed, _MODEL_ERRORS))
+                found.append(fit_with(replace(problem, starts=starts), problem.allowed, NO_ERROR))
         state = list_by_evidence(found)[0]
-        if not state.has_model_error:
-            problem, state = to_scale(problem, state)
+        problem, state = to_scale(replace(problem, starts=state.estimates), state)
         law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
         law = replace(law, provenance=template.provenance)
         return LawSearch(law, problem, state, None, (state,))
@@ -170,7 +194,7 @@ class _Search:
             base = base.finer()
         while problem.points < points:
             problem = problem.finer()
-        state = fit_supports(problem, plain.state.supports, _MODEL_ERRORS)
+        state = fit_supports(problem, plain.state.supports, ANY_ERROR)
         if not state.has_model_error:
             problem, state = to_scale(problem, state)
         return _Search(replace(plain, problem=problem, state=state), base, self.others), base.starts

@@ -1,12 +1,13 @@
 """Small sets of terms, of many, that fit an equation best: ranked by sums of squares of integrals.
 
-All are compared: sums of a few plain terms, with one or two others that have constants inside. As the states along which
-terms are integrated are not the true ones, sums of squares rank sets of as many numbers among themselves; trajectories
-have to judge the best of each size.
+All are compared: sums of a few plain terms, with one or two others that have constants inside. As the states along
+which terms are integrated are not the true ones, sums of squares rank sets of as many numbers among themselves;
+trajectories have to judge the best of each size.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations, groupby
 
 import numpy as np
@@ -71,6 +72,11 @@ class TermSet:
     others: tuple[ParametricTerm, ...] = ()
     starts: tuple[Start, ...] = field(default=(), compare=False)
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers each object has in it."""
+        return len(self.plain) + sum(1 + len(each.constants) for each in self.others)
+
 
 def matching_sets(
     problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]
@@ -115,12 +121,14 @@ class _Ranked:
         groups: dict[tuple[int, int], list[tuple[float, _Key]]] = {}
         for key, squares in sums.items():
             groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
+        coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= _MOST_NUMBERS]
+        most, squares = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
             (numbers, many, sorted(self._closely(key) for key in _different(sorted(listed))))
             for (numbers, many), listed in sorted(groups.items())
-            if 0 < numbers <= _MOST_NUMBERS
+            if 0 < numbers <= most + 1 and min(listed)[0] <= _HOPELESS**2 * squares
         ]
-        least = dict.fromkeys(range(1, _MOST_NUMBERS + 1), np.inf)
+        least = {numbers: np.inf for numbers, _, _ in ranked}
         for numbers, _, listed in ranked:
             least[numbers] = min(least[numbers], listed[0][0])
         enough = min(least, key=lambda n: self._criterion(n, least[n]))
@@ -168,7 +176,7 @@ class _Ranked:
         for _, group in groupby(sets, len):
             listed = list(group)
             indices = np.array(listed, dtype=int)
-            sums = in_parallel(lambda *pair, own=indices: _left_by_one(*pair, own), self.matches, columns)
+            sums = in_parallel(partial(_left_by_one, indices), self.matches, columns)
             yield from zip(listed, np.sum(sums, axis=0).tolist(), strict=True)
 
     def _numbers(self, key: _Key) -> int:
@@ -226,7 +234,7 @@ def _gains(inner: Floats, outside: Floats) -> Floats:
     return np.asarray(np.where(outside > INSIDE, inner**2 / np.maximum(outside, INSIDE), 0.0))
 
 
-def _left_by_one(match: Match, columns: Floats, sets: Indices) -> Floats:
+def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
     """Return the sums of squares that sets of columns leave, alone and with each of the others at its best.
 
     Shape (sets, 1 + others), of sets of one size, shape (sets, size).
