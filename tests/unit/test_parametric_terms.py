@@ -1,0 +1,149 @@
+"""Candidate terms with constants inside that are to be found: families, which sets fit, and the laws of discover."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import cumulative_simpson, solve_ivp
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import prepare
+from commonlaw.inference.constant_banks import Banks
+from commonlaw.inference.term_sets import matching_sets
+from commonlaw.library import PolynomialLibrary, Variables, parametric_term, parse_library
+
+ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 1.5), "c": (1.5, 1.0)}
+
+
+def simulated(rates, objects, starts, times, noise, state="s"):
+    """Trials of objects with parameters, from each start, with noise as a share of how far the state moves."""
+    generator, parts = np.random.default_rng(0), []
+    for name, own in objects.items():
+        for k, start in enumerate(starts):
+            exact = solve_ivp(
+                lambda _, y, own=own: rates(y, *own), times[[0, -1]], [start], t_eval=times, rtol=1e-10, atol=1e-12
+            ).y[0]
+            noisy = exact + noise * exact.std() * generator.standard_normal(len(times))
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times, state: noisy}))
+    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=[state])
+
+
+def saturation(s, rate, half):
+    return -rate * s / (half + s)
+
+
+@pytest.fixture(scope="module")
+def enzymes():
+    return simulated(saturation, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def law(enzymes):
+    return cl.discover(enzymes, library="poly:2 + poly:1 * saturating + exponential", cache=False)
+
+
+def test_families_of_variables_and_products_of_them_are_read_from_text():
+    variables = Variables(("s", "x"))
+    library = parse_library("poly:1 + poly:1:x * saturating:s + terms:abs(s)**p,s**2")
+    assert library.bind(variables).names == ("1", "s", "x", "s^2")
+    texts = [each.text(variables) for each in library.parametric(variables)]
+    assert texts == ["s/(K + s)", "s x/(K + s)", "1/(K + s)", "x/(K + s)", "abs(s)^p"]
+
+
+def test_a_constant_has_a_name_that_no_variable_has():
+    variables = Variables(("K",))
+    (first, _) = parse_library("saturating").parametric(variables)
+    assert first.text(variables) == "K/(K2 + K)"
+    assert first.constants == ("K2",)
+
+
+@pytest.mark.parametrize("library", ["saturating", "terms:s/(K+s)"])
+def test_terms_with_constants_inside_alone_are_refused(library, enzymes):
+    with pytest.raises(CommonlawError, match=r"offer others beside them, as in \"poly:1 \+ saturating\""):
+        cl.discover(enzymes, library=library)
+
+
+def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
+    with pytest.raises(CommonlawError, match=r"here s/\(K \+ s\), do not go with DerivativeRegression"):
+        cl.discover(enzymes, library="poly:1 + saturating", method=cl.DerivativeRegression())
+
+
+def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
+    variables, values = Variables(("s",)), np.array([[-1.0, 0.0], [2.0, 1.0]])
+    banks = Banks.along(variables, values, [parametric_term("1/(K + s)", variables)])
+    (constants,) = banks.constants
+    assert len(constants) > 20
+    assert ((constants > 1) | (constants < -2)).all()
+
+
+def test_values_of_constants_that_say_the_same_are_tried_once():
+    variables = Variables(("s",))
+    banks = Banks.along(variables, np.array([[1.0, 0.0], [2.0, 1.0]]), [parametric_term("1/(K^2 + s^2)", variables)])
+    assert (banks.constants[0] > 0).all()
+
+
+def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
+    plain = PolynomialLibrary(1).bind(Variables(("s",)))
+    problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
+    (sets,) = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables))
+    found = next(each for each in sets if not each.plain and len(each.others) == 1)
+    assert found.others[0].text(plain.variables) == "s/(K + s)"
+    start = found.starts[0]
+    for o, (rate, half) in enumerate(ENZYMES.values()):
+        np.testing.assert_allclose(start.constants[0][o], half, rtol=0.2)
+        np.testing.assert_allclose(start.coefficients[o], -rate, rtol=0.1)
+    group, states = enzymes.of_object("a"), np.split(problem.starts[0].states[0][:, 0], 2)
+    half = start.constants[0][0, 0]
+    rows, target = [], []
+    for trial, along in zip(group, states, strict=True):
+        integral = cumulative_simpson(along / (half + along), x=trial.times, initial=0.0)
+        rows.append(integral - integral.mean())
+        target.append(trial.states[:, 0] - trial.states[:, 0].mean())
+    expected = np.linalg.lstsq(np.concatenate(rows)[:, np.newaxis], np.concatenate(target))[0]
+    np.testing.assert_allclose(start.coefficients[0], expected, rtol=1e-4)
+
+
+def test_the_law_of_enzymes_is_found_among_plain_terms_and_families(law):
+    assert law.structure() == ("s' = a s/(K + s)",)
+    for name, own in ENZYMES.items():
+        values, errors = (each[law.objects.index(name)] for each in law.letter_values())
+        assert (np.abs(values - np.array([-own[0], own[1]])) < 4 * errors).all()
+
+
+def test_it_agrees_with_a_fit_of_its_terms(law, enzymes):
+    fitted = cl.fit("s' = -V s/(K + s)", enzymes)
+    values, expected = law.letter_values()[0], fitted.letter_values()[0]
+    np.testing.assert_allclose(values * [-1, 1], expected, rtol=1e-3)
+
+
+def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_path):
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.structure() == law.structure()
+    assert law.predict(enzymes).score() > 0.99
+    chosen, *others = law.provenance.alternatives
+    assert chosen.terms == ("s/(K + s)",)
+    assert chosen.chosen
+    assert others
+    assert law.inclusion_probabilities[0][law.support[0]].min() > 0.9
+    assert any(step.stage == "library" and step.choice.startswith("9 terms") for step in law.history)
+
+
+def test_a_plain_law_stays_where_it_is_as_good():
+    decay = simulated(lambda s, rate: -rate * s, {"a": (0.5,), "b": (0.9,)}, [4.0, 2.0], np.linspace(0, 4, 40), 0.02)
+    law = cl.discover(decay, library="auto", cache=False)
+    assert law.structure() == ("s' = a s",)
+    assert not law.terms.variables.constants
+
+
+def test_a_function_without_constants_is_found_beside_plain_terms():
+    growth = simulated(
+        lambda n, rate, most: rate * n * np.log(most / n),
+        {"a": (0.3, 5.0), "b": (0.5, 8.0)},
+        [0.3, 0.8],
+        np.linspace(0, 12, 60),
+        0.01,
+        state="n",
+    )
+    law = cl.discover(growth, library="poly:2 + poly:1 * logarithm", cache=False)
+    assert law.structure() == ("n' = a n + b n*log(n)",)
