@@ -325,4 +325,5 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Float
 
 def _size(left: Floats) -> Floats:
     """Return the root mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
+    with np.errstate(over="ignore"):
+        return np.asarray(np.sqrt(np.mean(left**2, axis=0)))

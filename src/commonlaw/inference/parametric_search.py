@@ -88,8 +88,11 @@ def _searched(
 
 
 def _base(found: LawSearch, count: int) -> SearchProblem:
-    """Return the problem of a search without errors of the law, in which so many more terms are to choose from."""
-    problem = replace(found.problem, besides=count)
+    """Return the problem of a search without errors of the law, and how many terms are to choose from `besides`.
+
+    These are all: the terms of a law are not yet among them.
+    """
+    problem = replace(found.problem, besides=len(found.template.terms) + count)
     if problem.errors.of_law:
         return problem.with_errors(problem.first_noise, NO_ERRORS, "of the first estimate")
     return problem
@@ -174,7 +177,8 @@ class _Search:
     def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
         built, template = _built(self.base, rows), self.found.template
         models = tuple(replace(each, terms=built.terms) for each in self.base.models)
-        problem, found = replace(self.base, models=models, known=built.known), list[SearchState]()
+        besides = self.base.besides - int(built.terms.is_factor.sum())
+        problem, found = replace(self.base, models=models, known=built.known, besides=besides), list[SearchState]()
         for k in range(max(len(row.starts) for row in rows)):
             coefficients = built.coefficients([row.starts[min(k, len(row.starts) - 1)] for row in rows])
             starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))

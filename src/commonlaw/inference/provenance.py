@@ -182,7 +182,7 @@ def history(
         noise_step(problem),
         Step(
             "library",
-            counted(len(law.terms) + problem.besides, "term")
+            counted(int(law.terms.is_factor.sum()) + problem.besides, "term")
             + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
             ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.besides else ""),
         ),

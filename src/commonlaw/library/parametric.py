@@ -46,7 +46,7 @@ def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
         (equation,) = split_equations(f"y' = {expression}")
         found = with_constants(variables, [equation])
         if not any(each.coefficients for each in equation.summands(found)):
-            return found.constants
+            return tuple(each for each in found.constants if each not in variables.constants)
     return ()
 
 
