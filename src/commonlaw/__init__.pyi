@@ -47,8 +47,10 @@ from .law import (
     Uncertainty as Uncertainty,
 )
 from .library import (
+    AutoLibrary as AutoLibrary,
     ConstantLibrary as ConstantLibrary,
     ExpressionLibrary as ExpressionLibrary,
+    FamilyLibrary as FamilyLibrary,
     FourierLibrary as FourierLibrary,
     PolynomialLibrary as PolynomialLibrary,
     RationalLibrary as RationalLibrary,

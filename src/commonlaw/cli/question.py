@@ -41,7 +41,8 @@ _OPTIONS = (
     _law(
         "--library",
         metavar="SPEC",
-        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), or sums such as 'poly:2 + fourier:1'.  "
+        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with constants inside such as "
+        "saturating, sums such as 'poly:2 + saturating', or auto for all that occurs in laws.  "
         "[default: poly:3]",
     ),
     _law(

@@ -65,9 +65,11 @@ def parse_library(text: str) -> AbstractLibrary:
     Parameters
     ----------
     text
-        ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, or several of them
-        joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``. Inside a library there are no such
-        spaces: ``terms:1+x``, not ``terms:1 + x``. Variables are listed with commas: ``poly:3:x,v``.
+        ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, a family of `FAMILIES`
+        such as ``saturating``, or several of them joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
+        ``poly:1 * saturating:s``. Inside a library there are no such spaces: ``terms:1+x``, not ``terms:1 + x``.
+        Variables are listed with commas: ``poly:3:x,v``. Names in terms that are no variables are constants, which are
+        found with the law: ``poly:1 + terms:s/(K+s)``. ``auto``: see `AutoLibrary`.
 
     Raises
     ------
