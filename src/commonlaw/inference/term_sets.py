@@ -44,7 +44,7 @@ _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
 
 _HOPELESS = 30.0
-"""Sets that leave so many times the least sum of squares are not kept."""
+"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
 
 _SAME = 1e-9
 """Relative differences of sums of squares that are rounding: such sets say the same."""
@@ -122,11 +122,11 @@ class _Ranked:
         for key, squares in sums.items():
             groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
         coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= _MOST_NUMBERS]
-        most, squares = min(coarse, key=lambda pair: self._criterion(*pair))
+        most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
             (numbers, many, sorted(self._closely(key) for key in _different(sorted(listed))))
             for (numbers, many), listed in sorted(groups.items())
-            if 0 < numbers <= most + 1 and min(listed)[0] <= _HOPELESS**2 * squares
+            if 0 < numbers <= most + 1
         ]
         least = {numbers: np.inf for numbers, _, _ in ranked}
         for numbers, _, listed in ranked:
@@ -135,8 +135,8 @@ class _Ranked:
         kept = [
             (self._criterion(numbers, squares), key)
             for numbers, many, listed in ranked
-            for squares, key in listed[: _KEPT[many]]
-            if numbers <= enough + 1 and squares <= _HOPELESS * least[enough]
+            for place, (squares, key) in enumerate(listed[: _KEPT[many]])
+            if numbers <= enough + 1 and (not place or squares <= _HOPELESS * least[enough])
         ]
         return [self._with_starts(key, objects) for _, key in sorted(kept)]
 
