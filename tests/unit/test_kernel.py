@@ -20,6 +20,7 @@ from commonlaw.likelihood import (
     LatentProcesses,
     NotPositiveError,
     ObservationModel,
+    Prior,
     TrajectoryModel,
     fit,
     fitting,
@@ -166,6 +167,20 @@ def test_fits_are_those_of_numpy(case):
         agree(own, theirs, other, "states")
     assert not np.allclose(found.coefficients[free], start.coefficients[free])
     np.testing.assert_array_equal(found.coefficients[~free], start.coefficients[~free])
+
+
+def test_a_prior_of_coefficients_draws_fits_to_it_alike(case):
+    model, start, free = case
+    typical = np.where(free, 1.5 * start.coefficients, 7.0)
+    prior = Prior(typical, np.full(typical.shape, 1e12))
+    held = fit(replace(model, prior=prior), start, free, ERRORS)
+    np.testing.assert_allclose(held.coefficients[free], typical[free], rtol=1e-3, atol=1e-6)
+    np.testing.assert_array_equal(held.coefficients[~free], start.coefficients[~free])
+    weak = replace(model, prior=Prior(typical, np.full(typical.shape, 3.0)))
+    found, expected = fit(weak, start, free, ERRORS), fitting.fit(weak, start, free, ERRORS)
+    again = fitting.fit(weak, disturbed(start, 1e-13), free, ERRORS)
+    for name in ("deviance", "objective", "coefficients"):
+        agree(getattr(found, name), getattr(expected, name), getattr(again, name), name)
 
 
 @pytest.mark.parametrize("most", [0, 20_000], ids=["by LAPACK", "in one call"])

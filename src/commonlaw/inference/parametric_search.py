@@ -17,16 +17,29 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, SearchState, list_by_evidence
+from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, SearchState, evidence_about
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.law import Law
 from commonlaw.library import Constant, ParametricTerm, Terms, parse_term
 from commonlaw.library.parametric import free_name
-from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError
+from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior
 from commonlaw.progress import ProgressCallback, Stage
 
 _ROUNDS = 3
 """How often sets are proposed along the curves of the best law, and fitted."""
+
+_FEWEST = 3
+"""Objects from which on scatter between them holds what one of them does not tell."""
+
+_WIDER, _NORMAL, _LEAST_SCATTER = 3.0, 1.4826, 0.1
+"""By how much it is taken wider than it is, standard deviations in a median absolute deviation, and the least scatter,
+as a share of what is typical."""
+
+_INDIFFERENT = 2.0
+"""Twice the log-likelihood that an object's trials may lose by what is typical of others: so little says nothing."""
+
+_UNSETTLED = 4.0
+"""Twice the log-likelihood for each object that a fit may be promised elsewhere: hardly more than it may be held by."""
 
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
@@ -178,14 +191,16 @@ class _Search:
         built, template = _built(self.base, rows), self.found.template
         models = tuple(replace(each, terms=built.terms) for each in self.base.models)
         besides = self.base.besides - int(built.terms.is_factor.sum())
-        problem, found = replace(self.base, models=models, known=built.known, besides=besides), list[SearchState]()
-        for k in range(max(len(row.starts) for row in rows)):
-            coefficients = built.coefficients([row.starts[min(k, len(row.starts) - 1)] for row in rows])
-            starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
-            with suppress(CommonlawError, NotPositiveError):
-                found.append(fit_with(replace(problem, starts=starts), problem.allowed, NO_ERROR))
-        state = list_by_evidence(found)[0]
+        problem = replace(self.base, models=models, known=built.known, besides=besides)
+        several = max(len(row.starts) for row in rows)
+        begun = [[row.starts[min(k, len(row.starts) - 1)] for row in rows] for k in range(several)]
+        best = _best_fits(problem, estimates, [built.coefficients(each) for each in begun])
+        if prior := _prior(problem, best):
+            problem, best = _held(problem, best, prior)
+        state = fit_with(problem, problem.allowed, NO_ERROR, best)
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
+        if not _is_settled(problem, state):
+            raise NotPositiveError
         law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
         law = replace(law, provenance=template.provenance)
         return LawSearch(law, problem, state, None, (state,))
@@ -206,6 +221,61 @@ class _Search:
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
         return [self.found, *(each for each in self.fitted.values() if each is not None)]
+
+
+def _best_fits(problem: SearchProblem, estimates: Sequence[Estimate], begun: Sequence[Floats]) -> list[Estimate]:
+    """Return the fit of largest likelihood of each object, from any of some coefficients.
+
+    Each of these has the shape (objects, equations, terms).
+    """
+    found = []
+    for coefficients in begun:
+        starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
+        with suppress(CommonlawError, NotPositiveError):
+            found.append(fit_with(replace(problem, starts=starts), problem.allowed, NO_ERROR).estimates)
+    if not found:
+        raise NotPositiveError
+    return [min(own, key=lambda each: each.objective) for own in zip(*found, strict=True)]
+
+
+def _is_settled(problem: SearchProblem, state: SearchState) -> bool:
+    """Return whether the likelihood, linearised about a fit, promises next to nothing more elsewhere.
+
+    Where it does, the fit got stuck on the way, and the evidence that is computed about it means nothing.
+    """
+    chosen, promised = np.flatnonzero(state.supports), 0.0
+    for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
+        columns = each.factor[:, chosen]
+        left = each.factor[:, -1] - columns @ estimate.coefficients.ravel()[chosen]
+        promised += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
+    return promised < _UNSETTLED * len(state.estimates)
+
+
+def _held(problem: SearchProblem, free: Sequence[Estimate], prior: Prior) -> tuple[SearchProblem, list[Estimate]]:
+    """Return estimates drawn to a prior where measurements bear it as well as those that are free; these elsewhere."""
+    drawn = replace(problem, models=tuple(replace(each, prior=prior) for each in problem.models))
+    own = np.array([each.coefficients for each in free])
+    held = _best_fits(drawn, free, [own, np.broadcast_to(prior.typical, own.shape)])
+    models, best = list(problem.models), list(free)
+    for o, (one, other) in enumerate(zip(held, free, strict=True)):
+        if one.deviance < other.deviance + _INDIFFERENT:
+            models[o], best[o] = drawn.models[o], one
+    return replace(problem, models=tuple(models)), best
+
+
+def _prior(problem: SearchProblem, estimates: Sequence[Estimate]) -> Prior | None:
+    """Return how coefficients scatter over objects, much wider: it holds those that an object's trials do not tell.
+
+    An object in whose trials a term does not bend tells no constant inside of it, which would leave for infinity.
+    """
+    found = np.array([each.coefficients for each in estimates])
+    if len(found) < _FEWEST or not problem.models[0].terms.constants:
+        return None
+    typical = np.median(found, axis=0)
+    scatter = np.maximum(_NORMAL * np.median(np.abs(found - typical), axis=0), _LEAST_SCATTER * np.abs(typical))
+    free = problem.allowed & (scatter > 0)
+    precision = np.divide(1.0, _WIDER * scatter, out=np.zeros_like(scatter), where=free) ** 2
+    return Prior(typical, precision)
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,6 +68,11 @@ static Fitness evaluate(Fit *fit, const double *states, const double *coefficien
         }
         states += mesh->points * work->W;
     }
+    const Model *model = work->model;
+    for (int64_t k = 0; model->precision && k < model->equations * model->program.terms; ++k) {
+        const double away = coefficients[k] - model->typical[k];
+        missed += model->precision[k] * away * away;
+    }
     const double objective = missed + deviance;
     return (Fitness){deviance, isfinite(objective) ? objective : INFINITY};
 }
@@ -89,6 +94,12 @@ static bool eliminate_all(Fit *fit, double model_error) {
         for (int64_t k = 0; k < size; ++k) work->information[k] += work->of_mesh[k];
         first += mesh->points;
         states += mesh->points * work->W;
+    }
+    for (int64_t r = 0; work->model->precision && r < work->p; ++r) {
+        const int64_t k = work->equation[r] * work->model->program.terms + work->kept.chosen[work->column[r]];
+        const double precision = work->model->precision[k];
+        work->information[r * (work->p + 1) + r] += precision;
+        work->information[work->p * (work->p + 1) + r] += precision * (fit->coefficients[k] - work->model->typical[k]);
     }
     return true;
 }

@@ -45,6 +45,7 @@ typedef struct {
     const double *latent_std;   /* w: of stationary latent processes */
     const uint8_t *logarithmic; /* D: which states are logarithms */
     const int64_t *inside_term; /* inside: the term whose coefficient each such constant is */
+    const double *typical, *precision; /* d x K: of the prior of coefficients; no addresses without one */
     Program program;
 } Model;
 

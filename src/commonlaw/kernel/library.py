@@ -40,6 +40,7 @@ class ModelStructure(ctypes.Structure):
         ),
         ("huber_threshold", ctypes.c_double),
         *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic", "inside_term")),
+        *((name, _ADDRESS) for name in ("typical", "precision")),
         ("program", ProgramStructure),
     )
 

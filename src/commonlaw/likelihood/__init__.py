@@ -3,7 +3,7 @@
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_each, threads_pay, whitened
 from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
-from commonlaw.likelihood.fitting import Estimate, TrajectoryModel, without_states
+from commonlaw.likelihood.fitting import Estimate, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.levels import AboutEstimates
 from commonlaw.likelihood.linearization import Linearization, variance_of_rates
@@ -23,6 +23,7 @@ __all__ = [
     "Mesh",
     "NotPositiveError",
     "ObservationModel",
+    "Prior",
     "TrajectoryModel",
     "fit",
     "fit_each",

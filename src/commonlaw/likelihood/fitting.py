@@ -10,6 +10,7 @@ away, also for chaotic laws (Abarbanel's annealing: Ye et al. 2015).
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,13 @@ GAIN = 1e-3
 """A step that gains less than this in twice the log-likelihood, beside its thousandth part, is the last."""
 
 
+class Prior(NamedTuple):
+    """Normal distributions of coefficients: their typical values and precisions, both of shape (equations, terms)."""
+
+    typical: Floats
+    precision: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class TrajectoryModel:
     """How the measured trajectories of one object come about, if its law holds up to a model error.
@@ -46,6 +54,8 @@ class TrajectoryModel:
         it for their rates.
     latent
         Processes beside the states, whose values follow those of the states in estimates: shape (n, D + w).
+    prior
+        What coefficients are beforehand, if it is not that any value is as likely.
     """
 
     terms: Terms
@@ -53,6 +63,7 @@ class TrajectoryModel:
     observation: ObservationModel
     unit: Floats
     latent: LatentProcesses = NO_PROCESSES
+    prior: "Prior | None" = None
 
     @property
     def equations(self) -> int:
@@ -159,6 +170,8 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
             objective += float(np.sum(found**2 * model.precision(mesh, model_error)))
             if latent is not None:
                 objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
+    if model.prior is not None:
+        objective += float(np.sum(model.prior.precision * (estimate.coefficients - model.prior.typical) ** 2))
     objective += deviance
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
@@ -189,7 +202,12 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
     try:
         parts = without_states(model, estimate, support, model_error)
         total = np.sum([each.information for each in parts], axis=0)
-        own = _solve(total, -np.sum([each.gradient for each in parts], axis=0))
+        gradient = np.sum([each.gradient for each in parts], axis=0)
+        if model.prior is not None:
+            precision = model.prior.precision[support]
+            total = total + np.diag(precision)
+            gradient = gradient + precision * (estimate.coefficients - model.prior.typical)[support]
+        own = _solve(total, -gradient)
     except (NotPositiveError, np.linalg.LinAlgError):
         return None
     directions = [each.state_step + each.state_sensitivity @ own for each in parts]

@@ -58,6 +58,7 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
     logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
     inside = np.array(model.terms.constants, dtype=np.int64)
+    prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
     latent = model.latent_steps[0]
     std = np.zeros(0) if latent is None else contiguous(latent.std)
     structure = ModelStructure(
@@ -74,9 +75,10 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
         address(std),
         address(logarithmic),
         address(inside),
+        *(address(each) if each is not None else 0 for each in prior),
         _program(program),
     )
-    kept = (unit, std, logarithmic, inside, program, meshes)
+    kept = (unit, std, logarithmic, inside, prior, program, meshes)
     structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
     return Packed(
         structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept
