@@ -63,7 +63,7 @@ class ModelStructure:
         terms = self.library.bind(law_variables(schema, self.order))
         if not len(terms):
             raise CommonlawError(
-                f"the library {self.library!r} has terms with constants inside alone: offer others beside them, as in "
+                "the library has terms with constants inside alone: offer others beside them, as in "
                 '"poly:1 + saturating"'
             )
         return terms

@@ -193,7 +193,14 @@ def restricted(
     """Return the estimates with the coefficients that the linearised likelihood gives for these supports.
 
     Constants inside of terms, in which it is not linear, stay.
+
+    Raises
+    ------
+    NotPositiveError
+        If the likelihood could not be linearised: numbers are not finite.
     """
+    if not all(np.isfinite(each.factor).all() for each in evidence.problems):
+        raise NotPositiveError
     factors = problem.models[0].terms.is_factor
     held = np.array([np.where(supports & ~factors, each.coefficients, 0.0) for each in estimates])
     coefficients = evidence.coefficients(supports & factors, held) + np.nan_to_num(problem.known)
