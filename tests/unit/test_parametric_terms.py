@@ -147,3 +147,24 @@ def test_a_function_without_constants_is_found_beside_plain_terms():
     )
     law = cl.discover(growth, library="poly:2 + poly:1 * logarithm", cache=False)
     assert law.structure() == ("n' = a n + b n*log(n)",)
+
+
+def test_equations_share_a_term_without_constants(tmp_path):
+    generator, times, parts = np.random.default_rng(0), np.linspace(0, 10, 60), []
+    for name, (own, other, pull) in {"a": (1.0, 1.4, 0.4), "b": (0.9, 1.6, 0.5)}.items():
+        for k, start in enumerate(([0.0, 1.5], [-1.0, 1.0])):
+            exact = solve_ivp(
+                lambda _, z, w=own, u=other, k=pull: [w + k * np.sin(z[1] - z[0]), u + k * np.sin(z[0] - z[1])],
+                times[[0, -1]],
+                start,
+                t_eval=times,
+                rtol=1e-9,
+            ).y
+            noisy = dict(zip("xy", exact + 0.02 * generator.standard_normal(exact.shape), strict=True))
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | noisy))
+    trials = cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["x", "y"])
+    law = cl.discover(trials, library="poly:1 + trigonometric", cache=False)
+    assert law.structure() == ("x' = a + b sin(x - y)", "y' = c + d sin(x - y)")
+    assert len(set(law.terms.names)) == len(law.terms)
+    law.save(tmp_path / "law.json")
+    assert cl.Law.load(tmp_path / "law.json").structure() == law.structure()

@@ -305,33 +305,25 @@ def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
     whole = problem.models[0].terms
     variables, certain = whole.variables, np.nan_to_num(problem.known)
     plain = sorted({i for row in rows for i in row.plain} | {*np.flatnonzero(certain.any(axis=(0, 1))).tolist()})
-    names: list[str] = []
-    texts, own_names = [], []
+    names, written = list[str](), list[list[tuple[str, list[str]]]]()
     for row in rows:
+        written.append([])
         for other in row.others:
-            new: list[str] = []
+            new = list[str]()
             for each in other.constants:
                 new.append(free_name(each, (*variables.measured, *names, *new)))
             names += new
-            own_names.append(new)
-            texts.append(other.expression(variables, new))
+            written[-1].append((other.expression(variables, new), new))
     variables = replace(variables, constants=tuple(names))
-    others = [parse_term(each, variables) for each in texts]
-    plain_terms = [parse_term(whole.terms[i].expression(whole.variables.names), variables) for i in plain]
-    listed = (*plain_terms, *others, *(Constant(variables.index(name)) for name in names))
-    known = np.zeros((*certain.shape[:2], len(listed)))
+    texts = list(dict.fromkeys(text for own in written for text, _ in own))  # Equations share those without constants
+    texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
+    constants = (Constant(variables.index(name)) for name in names)
+    terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *constants))
+    known = np.zeros((*certain.shape[:2], len(terms)))
     known[:, :, : len(plain)] = certain[:, :, plain]
-    places, constants = [], []
-    k, first = len(plain), len(plain) + len(others)
-    for j, row in enumerate(rows):
-        own = [plain.index(i) for i in row.plain] + list(range(k, k + len(row.others)))
-        k += len(row.others)
-        inside = []
-        for other in row.others:
-            inside.append(tuple(range(first, first + len(other.constants))))
-            first += len(other.constants)
-        known[:, j, own] = np.nan
-        known[:, j, [i for each in inside for i in each]] = np.nan
-        places.append(tuple(own))
-        constants.append(tuple(inside))
-    return _Built(Terms(variables, listed), known, tuple(places), tuple(constants))
+    places, inside = [], []
+    for j, (row, own) in enumerate(zip(rows, written, strict=True)):
+        places.append((*(plain.index(i) for i in row.plain), *(texts.index(text) for text, _ in own)))
+        inside.append(tuple(tuple(len(texts) + names.index(each) for each in new) for _, new in own))
+        known[:, j, [*places[-1], *(i for each in inside[-1] for i in each)]] = np.nan
+    return _Built(terms, known, tuple(places), tuple(inside))
