@@ -99,12 +99,6 @@ def fit(
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
     trials = _with_unmeasured(trials, asked, starts or {})
     given = read_equations(equations, trials.schema)
-    if starts and given.terms.constants:
-        raise CommonlawError(
-            f"constants inside of terms, here {', '.join(given.terms.variables.constants)}, are not fitted beside "
-            f"states that nobody measured, here {', '.join(starts)}: give them as numbers, or each term a "
-            "coefficient of its own"
-        )
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
         Step("equations", text, "as given"),

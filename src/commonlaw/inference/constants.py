@@ -158,7 +158,7 @@ def with_constants_found(
     CommonlawError
         If no values make all terms finite, the trials cannot tell coefficients apart, or no fit succeeds.
     """
-    if not law.terms.variables.constants:
+    if not law.terms.variables.constants or trials.schema.starts:  # There `known_starts` tries values
         return law
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():

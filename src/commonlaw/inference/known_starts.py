@@ -11,17 +11,15 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.scaling import may_be_rescaled
 from commonlaw.inference.smooth_rates import first_coefficients
+from commonlaw.inference.tried_coefficients import draws, relative_speed, scales_of_states
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.logarithms import natural
 
 _RELATIVE = 1e-6
 """Standard deviation of a start relative to the scale of its state: less than any measurement tells."""
-
-_DRAWS = 32
-"""Coefficients that are tried: a fit comes to the same ones from a tenth of them to ten times them, at least."""
 
 _OTHERS = 6
 """Objects whose coefficients are tried on each object, too: objects are alike."""
@@ -59,9 +57,11 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     started = trials.schema.unmeasured
     if not started.any():
         return trials
-    scales = _scales(trials, terms, known)
-    for name, scale in zip(trials.schema.states, scales, strict=True):
-        if np.isnan(scale):
+    scales = scales_of_states(trials, terms, known)
+    at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
+    unclear = may_be_rescaled(terms, known, at_zero)
+    for name, free in zip(trials.schema.states, unclear, strict=True):
+        if free:
             raise CommonlawError(
                 f"{name} was not measured and starts at zero, so that nothing tells its scale: twice {name}, with "
                 "other coefficients, would fit as well; write a number for the coefficient of one term in its "
@@ -125,7 +125,7 @@ def begun_at_starts(
     groups = [trials.of_object(name) for name in trials.objects]
     started = trials.schema.unmeasured
     objects = [_Object(*own, started) for own in zip(models, groups, curves, known, guess, strict=True)]
-    tried = [each.begun(_draws(trials, each)) for each in objects]
+    tried = [each.begun(draws(trials, each.model.terms, each.known, each.guess)) for each in objects]
     for each, own in zip(objects, tried, strict=True):
         if not own:
             raise CommonlawError(
@@ -151,11 +151,6 @@ class _Object:
     guess: Floats
     started: Bools
 
-    @property
-    def tried(self) -> Bools:
-        """Which coefficients are tried: those to be found in equations of unmeasured states."""
-        return np.isnan(self.known) & self.started[:, np.newaxis]
-
     def begun(self, tried: Sequence[Floats]) -> list[tuple[Estimate, list[Curve]]]:
         """Return fits that begin at coefficients, NaN where least squares find them, and curves of all states."""
         terms, found = self.model.terms, list[tuple[Estimate, list[Curve]]]()
@@ -180,7 +175,6 @@ def _best(
     own: _Object, fits: Sequence[tuple[Estimate, list[Curve]]], trials: Trials
 ) -> list[tuple[Estimate, list[Curve]]]:
     """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
-    typical = _typical(trials, own)
     count = sum(int(np.isfinite(trial.states).sum()) for trial in own.group)
     least = min(found.objective for found, _ in fits)
     # Twice the log-likelihood at the noise that each fit leaves, as that is not known yet
@@ -189,7 +183,7 @@ def _best(
         best,
         key=lambda each: (
             -int(np.sum(each[0].coefficients * own.guess > 0)),
-            -float(np.sum(np.abs(each[0].coefficients[own.tried]) / typical)),
+            -relative_speed(trials, own.model.terms, own.known, each[0].coefficients),
         ),
     )
 
@@ -203,29 +197,6 @@ def _different(found: Sequence[Floats]) -> list[Floats]:
     return kept
 
 
-def _typical(trials: Trials, own: _Object) -> Floats:
-    """Return sizes of the coefficients that are tried, by which a state changes by its scale within a trial."""
-    terms, scales = own.model.terms, _scales(trials, own.model.terms, own.known)
-    sizes = scales[:, np.newaxis] / (_duration(trials) * _sizes(trials, terms, scales))
-    return np.asarray(sizes[own.tried])
-
-
-def _draws(trials: Trials, own: _Object) -> list[Floats]:
-    """Return coefficients that are known, shape (equations, terms), with those of unmeasured states that are tried.
-
-    By them a state changes by its scale within a trial at the slowest, and within the shortest step at the fastest.
-    """
-    typical, signs = _typical(trials, own), np.sign(own.guess[own.tried])
-    steps = _duration(trials) / min(np.diff(trial.times).min() for trial in trials)
-    random, found = np.random.default_rng(0), []
-    for _ in range(_DRAWS if own.tried.any() else 1):
-        drawn = own.known.copy()
-        either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
-        drawn[own.tried] = either * typical * steps ** random.uniform(0, 1, len(typical))
-        found.append(drawn)
-    return found
-
-
 def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, started: Bools) -> Floats:
     """Return states with the unmeasured ones from their starts on, along a curve of the others (Runge-Kutta).
 
@@ -235,10 +206,13 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     rows = np.column_stack([np.where(started, 0.0, curve[0]), trial.inputs, trial.times])
     (rows,) = interpolate([rows], 2 * substeps, len(trial))
     rows, columns = terms.variables.natural(rows), np.flatnonzero(started)
-    own, values = coefficients[:, started], np.empty((len(coefficients), rows.shape[1]))
+    own = coefficients[:, started]
+    inside = np.nan_to_num(coefficients[:, :, list(terms.constants)]).sum(axis=1)
+    values = np.empty((len(coefficients), rows.shape[1] + inside.shape[1]))
+    values[:, rows.shape[1] :] = inside
 
     def rates(i: int, now: Floats) -> Floats:
-        values[:] = rows[i]
+        values[:, : rows.shape[1]] = rows[i]
         values[:, columns] = now
         return np.asarray((own @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
 
@@ -255,31 +229,3 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     states = np.tile(curve[0], (len(coefficients), 1, 1))
     states[:, :, started] = np.stack(path[::substeps], axis=1)
     return states
-
-
-def _duration(trials: Trials) -> float:
-    return float(np.mean([np.ptp(trial.times) for trial in trials]))
-
-
-def _sizes(trials: Trials, terms: Terms, scales: Floats) -> Floats:
-    """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
-    inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in trials]) ** 2, axis=0))
-    values = np.concatenate([scales, inputs, [_duration(trials)]])
-    return np.asarray(np.mean(np.abs(terms.evaluate(np.outer([0.25, 0.5, 1.0], values))), axis=0))
-
-
-def _scales(trials: Trials, terms: Terms, known: Floats) -> Floats:
-    """Return the scale of each state, shape (states,), NaN where nothing tells it."""
-    columns = np.concatenate([natural(trial.states, trials.schema) for trial in trials])
-    scales = np.asarray(np.nanmax(np.abs(columns), axis=0), dtype=np.float64)
-    scales[trials.schema.unmeasured & (scales == 0)] = np.nan
-    numbers = np.argwhere(~np.isnan(known) & (known != 0)).tolist()
-    for _ in range(len(scales)):  # One scale may tell another
-        for j, k in numbers:
-            involved = {j, *(c for c in terms.terms[k].columns() if c < len(scales))}
-            unknown = [c for c in involved if np.isnan(scales[c])]
-            if len(unknown) == 1:
-                sizes = _sizes(trials, terms, np.nan_to_num(scales, nan=1.0))
-                change = _duration(trials) * abs(known[j, k]) * sizes[k]
-                scales[unknown] = change if unknown == [j] else scales[j] / change
-    return scales

@@ -136,11 +136,13 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
             if each.coefficients
         ]
         found = _solved(products)
-        if found is not None:
+        if found is not None and not _has_equal_terms(rows):
             break
         # What stands before several terms is one number all the same: a constant of these
         shared = _shared(products)
         if not shared:
+            for equation, row in zip(ordered, rows, strict=True):
+                equation.check_apart(row, variables, state_rates)
             _refuse(products, ordered, variables, state_rates)
         variables = replace(variables, constants=(*variables.constants, *shared))
     known = np.zeros((len(rows), len(listed)))
@@ -206,6 +208,11 @@ def _shared(products: Sequence[Product]) -> tuple[str, ...]:
     """Return the names that stand before several terms, if there are more terms than names."""
     names = [name for each in products for name, _ in each.coefficients]
     return tuple(each for each in dict.fromkeys(names) if names.count(each) > 1 and len(products) > len({*names}))
+
+
+def _has_equal_terms(rows: Sequence[Sequence[Summand]]) -> bool:
+    """Return whether a term stands twice in an equation."""
+    return any(len({each.term for each in row}) < len(row) for row in rows)
 
 
 def _refuse(

@@ -90,6 +90,20 @@ class Equation:
         """Raise the error for a problem with a coefficient, see `summands`."""
         _Reader(self, variables, dict(state_rates), Meanings()).refuse(name, problem)
 
+    def check_apart(
+        self, found: Sequence[Summand], variables: Variables, state_rates: Sequence[tuple[str, str]]
+    ) -> None:
+        """Refuse equal terms: only the sum of their coefficients could be found."""
+        for i, each in enumerate(found):
+            for other in found[:i]:
+                if each.term == other.term:
+                    for names in (each.coefficients, other.coefficients):
+                        if len(names) > 1:
+                            self.refuse(names[1][0], only_product(names), variables, state_rates)
+                    name = each.term.text(variables.names)
+                    hint = ", and products with '*' or a space" if name == "1" else ""
+                    raise CommonlawError(f"{self.text!r} has the term {name} twice: write it once{hint}")
+
 
 @dataclass(frozen=True)
 class _Token:
@@ -191,7 +205,6 @@ class _Reader:
             if self.now.kind not in "+-":
                 self._fail(self.now, "a parenthesis closes that was not opened")
             found += self._summand()
-        self._check_apart(found)
         return tuple(each for each in found if each.factor)
 
     def refuse(self, name: str, problem: str) -> NoReturn:
@@ -325,18 +338,6 @@ class _Reader:
 
     def _begins_operand(self, token: _Token) -> bool:
         return token.kind in ("number", "name", "function", "(")
-
-    def _check_apart(self, found: Sequence[Summand]) -> None:
-        """Refuse equal terms and equal coefficients: only their sum or nothing could be found."""
-        for i, each in enumerate(found):
-            for other in found[:i]:
-                name = each.term.text(self.variables.names)
-                if each.term == other.term:
-                    for names in (each.coefficients, other.coefficients):
-                        if len(names) > 1:
-                            self.refuse(names[1][0], only_product(names))
-                    hint = ", and products with '*' or a space" if name == "1" else ""
-                    raise CommonlawError(f"{self.equation.text!r} has the term {name} twice: write it once{hint}")
 
     def _fail(self, token: _Token, problem: str) -> NoReturn:
         where = f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else "")

@@ -1,0 +1,167 @@
+"""Coefficients that are tried for the equations of states that nobody measured, and the scales of these states."""
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.constant_values import values_to_try
+from commonlaw.library import Terms
+from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import natural
+
+_DRAWS = 32
+"""Coefficients that are tried for each two: a fit comes to the same ones from a tenth of them to ten times them."""
+
+_SHARES = (0.25, 0.5, 1.0)
+"""Of their scales, where the sizes of terms are taken."""
+
+_EXACT = 1e-6
+"""What powers may differ by from 1 and -1."""
+
+
+def scales_of_states(trials: Trials, terms: Terms, known: Floats) -> Floats:
+    """Return the scale of each state, shape (states,), by measurements, starts and equations; 1 where these do not say.
+
+    Coefficients that are known have the shape (equations, terms), NaN where they are to be found.
+    """
+    columns = np.concatenate([natural(trial.states, trials.schema) for trial in trials])
+    scales = np.asarray(np.nanmax(np.abs(columns), axis=0), dtype=np.float64)
+    scales[trials.schema.unmeasured & (scales == 0)] = np.nan
+    numbers = np.argwhere(~np.isnan(known) & (known != 0)).tolist()
+    for _ in range(len(scales)):  # One scale may tell another
+        constants = _typical_constants(trials, terms, known, scales)
+        for j, k in numbers:
+            involved = {j, *(c for c in terms.terms[k].columns() if c < len(scales))}
+            unknown = [c for c in involved if np.isnan(scales[c])]
+            if len(unknown) == 1:
+                sizes = _sizes(trials, terms, np.nan_to_num(scales, nan=1.0), constants)
+                change = _duration(trials) * abs(known[j, k]) * sizes[k]
+                scales[unknown] = change if unknown == [j] else scales[j] / change
+    return np.nan_to_num(scales, nan=1.0)
+
+
+def tried(terms: Terms, known: Floats, started: Bools) -> Bools:
+    """Return which coefficients are tried: constants inside of terms, and those in equations of unmeasured states.
+
+    Shape (equations, terms), by the coefficients that are known and the states that nobody measured, shape (states,).
+    """
+    return np.asarray(np.isnan(known) & (started[:, np.newaxis] | ~terms.is_factor))
+
+
+def relative_speed(trials: Trials, terms: Terms, known: Floats, coefficients: Floats) -> float:
+    """Return how fast unmeasured states change by what is tried, beside changes by their scales within a trial."""
+    started, scales = trials.schema.unmeasured, scales_of_states(trials, terms, known)
+    constants = coefficients[:, list(terms.constants)].sum(axis=0)
+    rates = np.abs(coefficients) * _sizes(trials, terms, scales, constants) / scales[:, np.newaxis]
+    return _duration(trials) * float(np.sum(rates[started]))
+
+
+def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Floats]:
+    """Return coefficients that are known, shape (equations, terms), with those that are tried.
+
+    By them a state changes by its scale within a trial at the slowest, and within the shortest step at the fastest.
+    Constants that are no factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are
+    those of a guess.
+    """
+    started, scales = trials.schema.unmeasured, scales_of_states(trials, terms, known)
+    own, random, found = tried(terms, known, started), np.random.default_rng(0), list[Floats]()
+    powers = _powers(terms)
+    is_rate = own & (terms.is_factor | _of_terms(terms, ~np.isnan(powers).any(axis=0)))
+    rows, matrix = _rates(terms, known, is_rate, powers)
+    bank = _bank(trials, terms, scales, own & ~is_rate)
+    signs, factors = np.sign(guess[is_rate]), np.nan_to_num(np.abs(known[rows]), nan=1.0)
+    steps = _duration(trials) / min(np.diff(trial.times).min() for trial in trials)
+    for _ in range(_DRAWS * max(1, (int(own.sum()) + 1) // 2) if own.any() else 1):
+        drawn = known.copy()
+        either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
+        drawn[own & ~is_rate] = bank[random.integers(len(bank))]
+        constants = np.nan_to_num(np.where(is_rate, 1.0, drawn)[:, list(terms.constants)]).sum(axis=0)
+        sizes = _sizes(trials, terms, scales, constants)[rows[1]] * factors
+        typical = scales[rows[0]] / (_duration(trials) * sizes)
+        targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
+        drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
+        found.append(drawn)
+    return found
+
+
+def _rates(terms: Terms, known: Floats, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+    """Return where rates stand, by equation and term, and the powers of what is tried in each, shape (rates, tried).
+
+    Those are coefficients that are tried, and numbers before terms with constants that are.
+    """
+    columns = np.argwhere(is_rate).tolist()
+    constants = {k: c for c, k in enumerate(terms.constants)}
+    is_one = (is_rate & terms.is_factor) | (~np.isnan(known) & (known != 0))
+    rows, matrix = [], list[list[float]]()
+    for j, k in np.argwhere(is_one).tolist():
+        row = [powers[k, constants[b]] if b in constants else float((j, k) == (a, b)) for a, b in columns]
+        if any(row):
+            rows.append((j, k))
+            matrix.append(row)
+    indices = np.array(rows, dtype=int).reshape(-1, 2)
+    return (indices[:, 0], indices[:, 1]), np.array(matrix).reshape(-1, len(columns))
+
+
+def _powers(terms: Terms) -> Floats:
+    """Return the power of each constant in each term, shape (terms, constants), NaN where it is no factor of it."""
+    names = terms.variables.names
+    first = len(terms.variables.measured)
+    points = np.random.default_rng(0).uniform(0.5, 1.5, (8, len(names)))
+    values = terms.evaluate(points)[:, :, np.newaxis]
+    slopes = terms.jacobian(points)[:, :, first:] * points[:, np.newaxis, first:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where(slopes == 0, 0.0, slopes / values)
+    power = np.rint(found[0])
+    return np.asarray(np.where((np.abs(found - power) < _EXACT).all(axis=0), power, np.nan))
+
+
+def _of_terms(terms: Terms, of_constants: Bools) -> Bools:
+    """Return for each term whether it is the place of a constant of which something holds, shape (terms,)."""
+    found = np.zeros(len(terms), dtype=np.bool_)
+    found[list(terms.constants)] = of_constants
+    return found
+
+
+def _bank(trials: Trials, terms: Terms, scales: Floats, inside: Bools) -> Floats:
+    """Return values to try of constants that are no factors, shape (values, constants)."""
+    first = len(terms.variables.measured)
+    columns = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
+    if not columns:
+        return np.empty((1, 0))
+    return values_to_try(terms, np.outer(_SHARES, _whole(trials, scales)), columns)
+
+
+def _typical_constants(trials: Trials, terms: Terms, known: Floats, scales: Floats) -> Floats:
+    """Return the sizes of constants, shape (constants,), by which states change by their scales within a trial.
+
+    Where nothing tells them they are one over that time.
+    """
+    count = len(terms.constants)
+    if not count:
+        return np.empty(0)
+    begin, powers = np.full(count, 1.0 / _duration(trials)), np.nan_to_num(_powers(terms))
+    sizes = _sizes(trials, terms, scales, begin)
+    with np.errstate(divide="ignore"):
+        rates = scales[:, np.newaxis] / (_duration(trials) * sizes * np.abs(known))
+    rows = [(j, k) for j, k in np.argwhere(np.isfinite(rates) & (rates > 0)).tolist() if powers[k].any()]
+    if not rows:
+        return begin
+    matrix = np.array([powers[k] for _, k in rows])
+    return np.asarray(begin * np.exp(np.linalg.lstsq(matrix, np.log([rates[each] for each in rows]))[0]))
+
+
+def _duration(trials: Trials) -> float:
+    return float(np.mean([np.ptp(trial.times) for trial in trials]))
+
+
+def _whole(trials: Trials, scales: Floats) -> Floats:
+    """Return sizes of all variables without constants, shape (variables,)."""
+    inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in trials]) ** 2, axis=0))
+    return np.concatenate([scales, inputs, [_duration(trials)]])
+
+
+def _sizes(trials: Trials, terms: Terms, scales: Floats, constants: Floats) -> Floats:
+    """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
+    values = np.outer(_SHARES, _whole(trials, scales))
+    values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
+    with np.errstate(all="ignore"):
+        return np.asarray(np.mean(np.abs(terms.evaluate(values)), axis=0))
