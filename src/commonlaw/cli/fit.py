@@ -28,6 +28,13 @@ from commonlaw.cli.working import working
     help="Where trials start in a state that nobody measured, in their first sample: a number, or a property of the "
     "objects, depot=dose; repeat for more.",
 )
+@option(
+    "Table",
+    "--starts-at",
+    type=float,
+    metavar="TIME",
+    help="The time of these starts, if it comes before the first sample of a trial, such as that of an injection.",
+)
 @with_likelihood
 @option(
     "Output",
@@ -41,6 +48,7 @@ def fit(
     equations: str,
     source: Source,
     starts: tuple[str, ...],
+    starts_at: float | None,
     settings: dict[str, Any],
     against: str | None,
     outputs: Outputs,
@@ -68,7 +76,7 @@ def fit(
         known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
         trials = load(source, [equations], [other] if other else (), known)
         training = source.select(trials)
-        law = cl.fit(equations, training, starts=known, **settings, progress=show)
+        law = cl.fit(equations, training, starts=known, starts_at=starts_at, **settings, progress=show)
         outputs.keep(law, later)
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:

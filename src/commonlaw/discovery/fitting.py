@@ -30,6 +30,9 @@ from commonlaw.trials import Trials
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import Start, property_names
 
+_UNMEASURED = "as given: it was not measured"
+"""Why a state starts where it does."""
+
 F = TypeVar("F", bound=Callable[..., Law])
 
 
@@ -47,7 +50,12 @@ def _with_settings_of(refinement: Callable[..., Law]) -> Callable[[F], F]:
 
 @_with_settings_of(refine)
 def fit(
-    equations: str | Sequence[str], trials: Trials, *, starts: Mapping[str, Start] | None = None, **settings: Any
+    equations: str | Sequence[str],
+    trials: Trials,
+    *,
+    starts: Mapping[str, Start] | None = None,
+    starts_at: float | None = None,
+    **settings: Any,
 ) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
 
@@ -76,7 +84,10 @@ def fit(
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, or a number for each object. They need no column, and go with laws
         of first order: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
-        Rows before the first measurement are left out of `Trials`, and so tell no time of a dose.
+        A coefficient may stand before several terms: ``"conc' = -(k10 + k12) conc + k21 p; p' = k12 conc - k21 p"``.
+    starts_at
+        The time of these starts, such as that of an injection, where it comes before the first sample. What was
+        measured is fitted there too.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
@@ -97,18 +108,18 @@ def fit(
     """
     asked = split_equations(equations)
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
-    trials = _with_unmeasured(trials, asked, starts or {})
+    trials = _with_unmeasured(trials, asked, starts or {}, starts_at)
     given = read_equations(equations, trials.schema)
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
         Step("equations", text, "as given"),
         *(
-            Step("start", f"{name} = {start}", "as given: it was not measured")
+            Step("start", f"{name} = {start}{'' if starts_at is None else f' at {starts_at:g}'}", _UNMEASURED)
             for name, start in (starts or {}).items()
         ),
         *_properties_in(given, trials),
     )
-    calls = (call(fit, {"starts": starts, **settings}, "cl.fit", repr(text), "trials"),)
+    calls = (call(fit, {"starts": starts, "starts_at": starts_at, **settings}, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)
@@ -146,7 +157,9 @@ def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
     return law
 
 
-def _with_unmeasured(trials: Trials, asked: Sequence[Equation], starts: Mapping[str, Start]) -> Trials:
+def _with_unmeasured(
+    trials: Trials, asked: Sequence[Equation], starts: Mapping[str, Start], starts_at: float | None
+) -> Trials:
     """Return trials with the states of equations that nobody measured, and whose starts are known."""
     schema, states = trials.schema, [each.state for each in asked]
     for name in starts:
@@ -168,7 +181,9 @@ def _with_unmeasured(trials: Trials, asked: Sequence[Equation], starts: Mapping[
             f"{next(iter(starts))} was not measured, and starts go with laws of first order: write each rate as a "
             "state with an equation of its own"
         )
-    return with_starts(trials, starts)
+    if starts_at is not None and not starts:
+        raise CommonlawError("starts_at is the time of starts, and there are none: give starts=... too")
+    return with_starts(trials, starts, starts_at)
 
 
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:

@@ -128,12 +128,13 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
     """
     if not can_fit_initial_state(law) or ahead:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
-    known = np.isfinite(trial.states).cumsum(axis=0).min(axis=1)
+    is_known = np.isfinite(trial.states)
+    known = is_known[:, ~law.schema.unmeasured].cumsum(axis=0).min(axis=1)
     if law.order == 2 and law.differentiation is not None:
         count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
         if known[:count][-1] >= MIN_SAMPLES:
             return count
-    ready = known[0] and (law.order == 1 or _differentiation(law, trial) is not None)
+    ready = is_known[0].all() and (law.order == 1 or _differentiation(law, trial) is not None)
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 

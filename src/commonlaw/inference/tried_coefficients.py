@@ -65,7 +65,7 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Fl
     started, scales = trials.schema.unmeasured, scales_of_states(trials, terms, known)
     own, random, found = tried(terms, known, started), np.random.default_rng(0), list[Floats]()
     powers = _powers(terms)
-    is_rate = own & (terms.is_factor | _of_terms(terms, ~np.isnan(powers).any(axis=0)))
+    is_rate = own & (terms.is_factor | _of_terms(terms, np.asarray(np.isfinite(powers).all(axis=0))))
     rows, matrix = _rates(terms, known, is_rate, powers)
     bank = _bank(trials, terms, scales, own & ~is_rate)
     signs, factors = np.sign(guess[is_rate]), np.nan_to_num(np.abs(known[rows]), nan=1.0)

@@ -45,7 +45,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
                 f"the law has the {kind} {', '.join(wanted) or 'none'}, "
                 f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
             )
-    return with_starts(in_units(trials, _units(law, trials.schema)), starts)
+    return with_starts(in_units(trials, _units(law, trials.schema)), starts, law.schema.starts_at)
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:

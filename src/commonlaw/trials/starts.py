@@ -12,7 +12,7 @@ from commonlaw.trials.trial import Start, Trial
 from commonlaw.trials.trials import Trials
 
 
-def with_starts(trials: Trials, starts: Mapping[str, Start]) -> Trials:
+def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = None) -> Trials:
     """Return trials with further states, of which each trial has one value: where it starts, in its first sample.
 
     Parameters
@@ -22,11 +22,14 @@ def with_starts(trials: Trials, starts: Mapping[str, Start]) -> Trials:
     starts
         By state: a number, the name of a property of the objects, or a number for each object by its name. States that
         the trials have are passed over; the others have the unit of the property, unless they have one.
+    at
+        The time of the starts, if that is not the first sample: trials that begin later get a sample there, at which
+        nothing else was measured, and inputs are as in their first one.
 
     Raises
     ------
     CommonlawError
-        If there is no such property, or a start is no finite number for some object.
+        If there is no such property, a start is no finite number for some object, or a trial begins before the time.
     """
     new = {name: start for name, start in starts.items() if name not in trials.schema.states}
     if not new:
@@ -38,9 +41,14 @@ def with_starts(trials: Trials, starts: Mapping[str, Start]) -> Trials:
     schema = trials.schema
     units = {name: schema.units[str(start)] for name, start in new.items() if str(start) in schema.units}
     schema = replace(
-        schema, states=(*schema.states, *new), starts={**schema.starts, **new}, units={**units, **schema.units}
+        schema,
+        states=(*schema.states, *new),
+        starts={**schema.starts, **new},
+        starts_at=at,
+        units={**units, **schema.units},
     )
-    return replace(trials, trials=tuple(_with_first(trial, values[trial.object]) for trial in trials), schema=schema)
+    changed = tuple(_with_first(trial, values[trial.object], at) for trial in trials)
+    return replace(trials, trials=changed, schema=schema)
 
 
 def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
@@ -52,13 +60,26 @@ def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
     return float(value)
 
 
-def _with_first(trial: Trial, values: Floats) -> Trial:
+def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
     """Return a trial with further states, which have these values in its first sample, and none in others."""
-    unknown = np.full((len(trial), len(values)), np.nan)
-    states = unknown.copy()
-    states[0] = values
+    columns = [trial.times[:, np.newaxis], trial.states, trial.inputs, trial.noise]
+    if at is not None and trial.times[0] < at:
+        raise CommonlawError(
+            f"{trial.label} begins at {trial.times[0]:g}, before the time of its starts, {at:g}: give an earlier time, "
+            "or leave the samples before it out"
+        )
+    if at is not None and trial.times[0] > at:
+        unknown = np.full((1, trial.states.shape[1]), np.nan)
+        before = np.array([[at]]), unknown, trial.inputs[:1], unknown
+        columns = [np.concatenate(pair) for pair in zip(before, columns, strict=True)]
+    times, states, inputs, noise = columns
+    unknown = np.full((len(times), len(values)), np.nan)
+    starts = unknown.copy()
+    starts[0] = values
     return replace(
         trial,
-        states=np.column_stack([trial.states, states]),
-        noise=np.column_stack([trial.noise, unknown]),
+        times=times[:, 0],
+        states=np.column_stack([states, starts]),
+        inputs=inputs,
+        noise=np.column_stack([noise, unknown]),
     )

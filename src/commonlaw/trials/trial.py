@@ -55,6 +55,8 @@ class Schema:
         law of second order calls the rates by these names.
     starts
         States that nobody measured, by where trials start in them, see `commonlaw.fit`.
+    starts_at
+        The time of these starts, None for that of the first sample of each trial.
 
     Raises
     ------
@@ -73,6 +75,7 @@ class Schema:
     input_between: str = "linear"
     rates: Mapping[str, str] = field(default_factory=dict)
     starts: Mapping[str, Start] = field(default_factory=dict)
+    starts_at: float | None = None
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]

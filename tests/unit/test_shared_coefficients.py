@@ -1,0 +1,132 @@
+"""Coefficients before several terms, and constants inside of terms, beside states that nobody measured."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.cli.main import commonlaw
+from commonlaw.inference.scaling import may_be_rescaled
+from commonlaw.law.from_text import read_equations
+from commonlaw.trials import Schema
+
+HOURS = np.array([0.25, 0.5, 0.75, 1, 1.25, 2, 3, 4, 5, 6, 8])
+WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
+MICROCONSTANTS = "conc' = -(k10 + k12) conc + k21 tissue; tissue' = k12 conc - k21 tissue"
+EPIDEMIC = "S' = -b S I; I' = b S I - g I"
+SATURATED = "depot' = -ka depot; conc' = ka depot/V - Vm conc/(Km + conc)"
+
+
+def injected(values):
+    """Concentrations after an injection, in closed form, by the first one, k10, k12, k21."""
+    first, k10, k12, k21 = values
+    matrix = np.array([[-(k10 + k12), k21], [k12, -k21]])
+    return np.array([(expm(matrix * t) @ [first, 0.0])[0] for t in HOURS])
+
+
+def infected(values, times=np.linspace(0, 40, 21)):  # noqa: B008
+    first, b, g = values
+    rates = lambda _, z: [-b * z[0] * z[1], b * z[0] * z[1] - g * z[1]]  # noqa: E731
+    return solve_ivp(rates, (0, 40), [990.0, first], t_eval=times, rtol=1e-10, atol=1e-8).y[1]
+
+
+def saturated(values, times=np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])):  # noqa: B008
+    first, ka, volume, most, half = values
+    rates = lambda _, z: [-ka * z[0], ka * z[0] / volume - most * z[1] / (half + z[1])]  # noqa: E731
+    return solve_ivp(rates, (0, 12), [100.0, first], t_eval=times, rtol=1e-10, atol=1e-10, method="LSODA").y[1]
+
+
+CASES = {
+    "microconstants": (MICROCONSTANTS, injected, (3.3, 1.07, 0.83, 0.53), ("k10", "k12", "k21"), "conc"),
+    "epidemic": (EPIDEMIC, infected, (10.0, 5e-4, 0.15), ("b", "g"), "I"),
+    "saturated": (SATURATED, saturated, (0.0, 1.5, 20.0, 1.0, 1.5), ("ka", "V", "Vm", "Km"), "conc"),
+}
+TIMES = {"microconstants": HOURS, "epidemic": np.linspace(0, 40, 21)}
+STARTS = {
+    "microconstants": {"starts": {"tissue": 0.0}, "starts_at": 0.0},
+    "epidemic": {"starts": {"S": 990.0}},
+    "saturated": {"starts": {"depot": 100.0}},
+}
+
+
+def drawn(case, count=3, noise=0.01):
+    _, solution, truth, _, name = CASES[case]
+    generator = np.random.default_rng(1)
+    values = np.array(truth) * np.exp(0.15 * generator.standard_normal((count, len(truth))))
+    measured = [solution(own) for own in values]
+    noise *= np.std(measured)
+    measured = [own + noise * generator.standard_normal(len(own)) for own in measured]
+    times = TIMES.get(case, np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0]))
+    objects = [f"person {i}" for i in range(count)]
+    return values, noise, measured, cl.Trials.from_arrays([times] * count, measured, object=objects, names=[name])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_estimates_and_errors_are_those_of_independent_least_squares(case):
+    equations, solution, _, letters, name = CASES[case]
+    truth, noise, measured, trials = drawn(case)
+    law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
+    columns = [law.letters.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in law.letter_values())
+    for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
+        scale = np.abs(begin) + 0.01
+        found = least_squares(lambda each, data=data: (solution(each) - data) / noise, begin, x_scale=scale, xtol=1e-12)
+        bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+        assert (abs(own - found.x[1:]) < 0.1 * error).all()
+        np.testing.assert_allclose(error, bound[1:], rtol=0.06)
+
+
+def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
+    *_, trials = drawn("microconstants")
+    law = cl.fit(MICROCONSTANTS, trials, **STARTS["microconstants"])
+    assert law.structure() == tuple(MICROCONSTANTS.split("; "))
+    again = cl.Law.from_json(law.to_json())
+    assert str(again) == str(law)
+    assert "starts_at=0.0" in law.to_script()
+    assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
+    forecast = again.predict(trials)
+    assert forecast.score() > 0.99
+    assert [each.times[0] for each in forecast.trajectories] == [0.0] * 3
+    assert again.verdict(trials).usable
+
+
+def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
+    *_, trials = drawn("microconstants")
+    trials.to_frame().to_csv(tmp_path / "injected.csv", index=False)
+    options = ["--start", "tissue=0", "--starts-at", "0", "--save", str(tmp_path / "law.json")]
+    done = CliRunner().invoke(commonlaw, ["fit", MICROCONSTANTS, str(tmp_path / "injected.csv"), *options])
+    assert done.exit_code == 0, done.output
+    assert cl.Law.load(tmp_path / "law.json").schema.starts_at == 0.0
+
+
+@pytest.mark.parametrize(
+    ("equations", "free"),
+    [
+        (MICROCONSTANTS, False),
+        ("conc' = -a conc + b tissue; tissue' = c conc - d tissue", True),
+        ("conc' = -a conc + b tissue; tissue' = conc - d tissue", False),
+        ("conc' = -a conc + b tissue; tissue' = c conc - 1 tissue", True),
+        ("conc' = -a conc + b tissue; tissue' = k (conc - tissue)", False),
+        ("conc' = -a conc - b conc tissue^2; tissue' = c conc - d tissue", True),
+        ("conc' = -a conc tissue/(K + tissue); tissue' = c conc - d tissue", True),
+    ],
+)
+def test_whether_a_state_may_be_counted_in_another_unit(equations, free):
+    given = read_equations(equations, Schema(("conc", "tissue")))
+    found = may_be_rescaled(given.terms, given.known, np.array([False, True]))
+    assert found.tolist() == [False, free]
+
+
+def test_what_cannot_be_told_is_refused():
+    *_, trials = drawn("microconstants")
+    with pytest.raises(cl.CommonlawError, match="tissue was not measured and starts at zero, so that nothing tells"):
+        cl.fit("conc' = -a conc + b tissue; tissue' = c conc - 1 tissue", trials, starts={"tissue": 0.0})
+    with pytest.raises(cl.CommonlawError, match=r"begins at 0.25, before the time of its starts, 0.5"):
+        cl.fit(MICROCONSTANTS, trials, starts={"tissue": 0.0}, starts_at=0.5)
+    with pytest.raises(cl.CommonlawError, match="starts_at is the time of starts, and there are none"):
+        cl.fit("conc' = -k conc", trials, starts_at=0.0)
+    with pytest.raises(cl.CommonlawError, match="has the term conc twice: write it once"):
+        cl.fit("conc' = -(a + b) conc", trials)
