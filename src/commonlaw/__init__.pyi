@@ -26,6 +26,7 @@ from .discovery import (
 )
 from .effort import LongWorkWarning as LongWorkWarning
 from .errors import CommonlawError as CommonlawError
+from .experiments import Design as Design, design as design
 from .forecast import (
     Forecast as Forecast,
 )

@@ -1,0 +1,177 @@
+"""Which experiment next: the one that would tell most, among those that can be made."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.experiments.aims import Aim
+from commonlaw.experiments.experiment import check_prices
+from commonlaw.experiments.plan import Design, Forecasts, Planned
+from commonlaw.experiments.predictive import Hypothesis
+from commonlaw.experiments.search import Search
+from commonlaw.experiments.settings import Options, Range, Settings, read
+from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.meeting import matched
+from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.trials import Trials
+
+PRICES: Mapping[str, float] = {"trial": 1.0}
+"""Where no other is given: every trial costs the same."""
+
+
+def design(
+    law: Law | Sequence[Law],
+    vary: Mapping[str, object] | None = None,
+    *,
+    trials: Trials | None = None,
+    within: Mapping[str, object] | None = None,
+    cost: Mapping[str, float] | None = None,
+    budget: float = np.inf,
+    experiments: int = 1,
+    about: str | None = None,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
+) -> Design:
+    """Return the experiments that would tell most of what is not known yet, for what they cost.
+
+    Every law that remains plausible says what an experiment would measure, with the errors of its coefficients, of the
+    measurements and of the law itself, so that what laws can imitate in each other by other coefficients or another
+    start does not tell them apart. What is expected to be learned is averaged over all of these laws (Box and Hill
+    1967; Lindley 1956), each linearised about its coefficients.
+
+    Parameters
+    ----------
+    law
+        With what else it could be, `Law.plausible`; or several laws of the same objects and variables, which count as
+        equally probable.
+    vary
+        What can be set, by name. A pair or text ``"5..60"`` is a range, a list gives choices, and one value is
+        fixed. Names are the states and rates where trials start; ``duration``; ``rate`` or ``samples``, or
+        ``times``, lists of sample times; ``repeats``; ``object``, some names of objects, ``"each"`` for a trial of
+        every one; ``object.mass``, properties of a new object, where `Law.explain` found that they decide its
+        coefficients; and inputs: ``u`` is the level, ``u.shape`` some of constant, step, ramp, sine and square, and
+        ``u.period`` the period of the last two.
+    trials
+        What is not given in `vary` is as in these: starts within theirs, their typical duration and number of samples.
+    within
+        Ranges that states and rates must stay in, such as ``{"x": "0..100"}`` above the ground: a trial ends where the
+        most probable law leaves them.
+    cost
+        Prices of a ``trial``, a ``sample``, a unit of anything that is set (``x``, ``duration``), and a trial of an
+        object by its name. Default: 1 for each trial.
+    budget
+        What all experiments may cost together.
+    experiments
+        How many at most, each chosen given those before it. Fewer where the right law is found with a chance of 0.95.
+    about
+        What is to be learned: ``"law"``, which law is right, the default if that is in doubt; ``"coefficients"``, all
+        of them together (D-optimality); one of them, ``"c"`` or ``"c of Ball 3"``; or a forecast that matters,
+        ``"x at t=10 from 100, 0"``, from there, perhaps of one object.
+    seed
+        Of random numbers.
+    progress
+        Takes what is being done, step by step.
+
+    Returns
+    -------
+    Design
+        It prints as text.
+
+    Raises
+    ------
+    CommonlawError
+        If a law does not know its noise or how accurate its coefficients are, laws do not go together, something is
+        not known or cannot be set, or no experiment is within the budget.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.5)
+    >>> laws = [cl.fit(text, drops) for text in ("x'' = -g - c v", "x'' = -g + b v^2")]
+    >>> found = cl.design(laws, {"x": "20..60", "v": "-10..0", "duration": "1..4", "rate": 15})
+    >>> found.chance > found.chance_now
+    True
+    """
+    if experiments < 1:
+        raise CommonlawError(f"{experiments} experiments are asked for: ask for one or more")
+    plausible = _plausible([law] if isinstance(law, Law) else list(law))
+    first, prior = plausible[0].law, np.array([each.probability for each in plausible])
+    settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
+    prices = PRICES if cost is None else cost
+    check_prices(prices, settings.options, first)
+    hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
+    aim = Aim.of(about, prior, hypotheses)
+    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, seed)
+    chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
+    in_doubt = len(plausible) > 1
+    steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
+    repeats = search.repeats(chosen) if aim.of_law else None
+    return Design(
+        plausible,
+        tuple(
+            Planned(
+                each.experiment,
+                each.experiment.described(first),
+                evidence.chance(prior) if evidence and in_doubt else 1.0,
+                aim.bits(evidence) if evidence else 0.0,
+                aim.quantity.expected_std(prior, evidence) if evidence and aim.quantity else None,
+                Forecasts.of(each, first),
+            )
+            for each, evidence in zip(chosen, steps, strict=True)
+        ),
+        repeats,
+        search.limit() if aim.of_law and repeats is None else None,
+        aim,
+    )
+
+
+def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
+    found, states = {}, law.terms.variables.states
+    for name, value in within.items():
+        own = read(name, value)
+        if name not in states:
+            raise unknown("state", name, states)
+        if not isinstance(own, Range):
+            raise CommonlawError(f"{name} must stay within {value}: give a range, such as 0..100")
+        found[name] = own
+    return found
+
+
+def usual(law: Law, trials: Trials) -> dict[str, Options]:
+    """Return how experiments were made: where trials start, how long they take, how many samples they have."""
+    followed = law.predict(trials, averaged=False)
+    trials = matched(law, trials)
+    starts = np.array([each.states[0] for each in followed.trajectories])
+    found: dict[str, Options] = {
+        name: _between(starts[:, j])
+        for j, name in enumerate(law.terms.variables.states)
+        if name not in law.schema.starts
+    }
+    inputs = np.array([each.inputs.mean(axis=0) for each in trials])
+    found |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
+    found["duration"] = (float(np.median([each.times[-1] - each.times[0] for each in trials])),)
+    found["samples"] = (float(np.median([len(each) for each in trials])),)
+    return found
+
+
+def _between(values: "np.typing.NDArray[np.float64]") -> Options:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return Range(low, high) if low < high else (low,)
+
+
+def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
+    """Return all that several laws could be, each of them as probable as another."""
+    if not laws or not all(isinstance(each, Law) for each in laws):
+        raise CommonlawError("experiments tell laws apart: give a law, or a list of laws")
+    first = laws[0]
+    for each in laws[1:]:
+        same = (each.terms.variables.measured, each.objects, each.schema.logarithmic) == (
+            first.terms.variables.measured,
+            first.objects,
+            first.schema.logarithmic,
+        )
+        if not same:
+            raise CommonlawError("the laws are of different variables, orders or objects: give laws of the same trials")
+    share = 1 / len(laws)
+    return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.plausible)

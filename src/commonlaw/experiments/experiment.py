@@ -1,0 +1,160 @@
+"""One experiment: what was set, the trials that it makes, and what it costs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.experiments.settings import EACH, Value
+from commonlaw.law import Law
+from commonlaw.wording import counted
+
+NEW = "new object"
+
+_MOST_SAMPLES = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """An experiment that can be made: one trial, or one of each object, and its repeats.
+
+    Parameters
+    ----------
+    settings
+        By name, see `Settings`.
+    objects
+        Of which there is a trial each.
+    times
+        Of the samples, shape (n,).
+    start
+        States at the first of them, and rates behind them, shape (D,).
+    inputs
+        At the samples, shape (n, inputs).
+    properties
+        Of a new object, none of one that the law knows.
+    repeats
+        How often every trial is made.
+    prices
+        Of a ``trial``, a ``sample``, a unit of any setting that is a number, and a trial of an object by its name.
+    """
+
+    settings: Mapping[str, Value]
+    objects: tuple[str, ...]
+    times: Floats
+    start: Floats
+    inputs: Floats
+    properties: Mapping[str, float]
+    repeats: int
+    prices: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, law: Law, every: tuple[str, ...], settings: Mapping[str, Value], prices: Mapping[str, float]
+    ) -> "Experiment":
+        """Return the experiment with these settings and prices, with every object if it is one of each."""
+        times = _times(settings)
+        properties = {name.removeprefix("object."): _number(settings, name) for name in settings if "object." in name}
+        chosen = str(settings.get("object", NEW))
+        objects = every if chosen == EACH else (NEW,) if properties else (chosen,)
+        repeats = round(_number(settings, "repeats", 1.0))
+        start = np.array([_start(law, settings, name) for name in law.terms.variables.states])
+        columns = [_course(settings, name, times) for name in law.schema.inputs]
+        inputs = np.column_stack(columns) if columns else np.empty((len(times), 0))
+        return cls(dict(settings), objects, times, start, inputs, properties, repeats, prices)
+
+    def until(self, time: float) -> "Experiment":
+        """Return the same with the samples up to a time, of which two stay."""
+        count = max(2, int(np.searchsorted(self.times, time, side="right")))
+        return replace(self, times=self.times[:count], inputs=self.inputs[:count])
+
+    @property
+    def cost(self) -> float:
+        """What all of its trials cost."""
+        set_ = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
+        set_ |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
+        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in set_.items())
+        return self.repeats * sum(each + self.prices.get(name, 0.0) for name in self.objects)
+
+    def described(self, law: Law) -> str:
+        """Return the experiment in plain words."""
+        units = law.schema.units
+
+        def valued(name: str, value: float) -> str:
+            return f"{name} = {value:.3g} {units.get(name, '')}".rstrip()
+
+        chosen = self.settings.get("object")
+        who = "each object" if chosen == EACH else self.objects[0]
+        if self.properties:
+            who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
+        states = [name for name in law.terms.variables.states if name not in law.schema.starts]
+        start = ", ".join(valued(name, self.start[law.terms.variables.states.index(name)]) for name in states)
+        inputs = [self._input(name, units) for name in law.schema.inputs]
+        span = f"{self.times[-1] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
+        parts = [f"{who} from {start}", *inputs, f"{counted(len(self.times), 'sample')} over {span}"]
+        return ", ".join(parts) + (f", {self.repeats} times" if self.repeats > 1 else "")
+
+    def _input(self, name: str, units: Mapping[str, str]) -> str:
+        shape, level = self.settings.get(f"{name}.shape", "constant"), _number(self.settings, name)
+        period = self.settings.get(f"{name}.period")
+        every = f" with a period of {period:.3g}" if isinstance(period, float) and shape in ("sine", "square") else ""
+        return f"{name} a {shape} of {level:.3g} {units.get(name, '')}".rstrip() + every
+
+
+def check_prices(prices: Mapping[str, float], settings: Mapping[str, object], law: Law) -> None:
+    """Refuse prices of what is no setting, or below zero."""
+    known = ["trial", "sample", "duration", *(name for name in settings if name not in ("object", "times", "repeats"))]
+    known += law.objects
+    for name, price in prices.items():
+        if name not in known:
+            raise unknown("price", name, dict.fromkeys(known))
+        if not (np.isfinite(price) and price >= 0):
+            raise CommonlawError(f"the price of {name} is {price}: give a number from zero on")
+
+
+def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
+    value = settings.get(name, otherwise)
+    if not isinstance(value, float | int):
+        raise CommonlawError(f"{name} is {value!r}: give a number")
+    return float(value)
+
+
+def _times(settings: Mapping[str, Value]) -> Floats:
+    listed = settings.get("times")
+    if listed is not None:
+        times = np.array(listed)
+        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
+            raise CommonlawError("the times of an experiment's samples increase, and are two or more")
+        return times
+    duration = _number(settings, "duration")
+    count = _number(settings, "samples") if "samples" in settings else duration * _number(settings, "rate") + 1
+    if count > _MOST_SAMPLES:
+        raise CommonlawError(f"an experiment has {count:.3g} samples: give a lower rate or a shorter duration")
+    return np.asarray(np.linspace(0.0, duration, max(2, round(count))))
+
+
+def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
+    if name in settings:
+        return _number(settings, name)
+    value = law.schema.starts[name]
+    if not isinstance(value, float | int):
+        raise CommonlawError(
+            f"where {name} starts differs by object: say where it starts in the experiment, {name}=..."
+        )
+    return float(value)
+
+
+def _course(settings: Mapping[str, Value], name: str, times: Floats) -> Floats:
+    """Return an input at the times of the samples."""
+    level, shape = _number(settings, name), settings.get(f"{name}.shape", "constant")
+    since, span = times - times[0], times[-1] - times[0]
+    period = _number(settings, f"{name}.period", span)
+    courses = {
+        "constant": np.ones_like(since),
+        "step": (since >= span / 2).astype(float),
+        "ramp": since / span,
+        "sine": np.sin(2 * np.pi * since / period),
+        "square": np.where(since % period < period / 2, 1.0, -1.0),
+    }
+    return np.asarray(level * courses[str(shape)])

@@ -1,0 +1,181 @@
+"""What hypotheses say of measurements that are still to be made, and how well these would tell them apart.
+
+Each hypothesis is linearised about its coefficients: measurements are normal, y = mean + J u + S s + noise, with u the
+standard normal unknowns of its coefficients and s a start that the experiment itself has to tell. So a hypothesis is
+fitted again, within its errors, before it is compared (Box and Hill 1967), and its start freely.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+
+_RANK = 1e-10
+"""Of directions of the start that are smaller, relative to the largest, the measurements say nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """What a hypothesis says of one trial.
+
+    Parameters
+    ----------
+    mean
+        Of the n measurements, shape (n,).
+    by_unknowns
+        Derivatives by the unknowns of the coefficients, each standard normal, shape (n, p).
+    by_start
+        Derivatives by what the trial itself has to tell, of which nothing is known beforehand, shape (n, D).
+    noise
+        Covariance of all else that is anew in each repeat, shape (n, n).
+    common
+        Covariance of all else that repeats have in common, shape (n, n); none by default.
+    repeats
+        How often the trial is made.
+    """
+
+    mean: Floats
+    by_unknowns: Floats
+    by_start: Floats
+    noise: Floats
+    common: Floats | None = None
+    repeats: float = 1.0
+
+    @cached_property
+    def root(self) -> Floats:
+        """The lower factor of the covariance of the mean of all repeats, at given unknowns, shape (n, n)."""
+        common = 0.0 if self.common is None else self.common
+        return np.asarray(np.linalg.cholesky(self.noise / self.repeats + common))
+
+    @cached_property
+    def contrasts(self) -> Floats:
+        """What of the measurements does not depend on the start, in units of its noise, shape (q, n)."""
+        return np.asarray(self._split[0])
+
+    @property
+    def constant(self) -> float:
+        """Minus twice the logarithm of the density's factor, but for what all hypotheses have in common."""
+        return float(2 * np.log(np.diag(self.root)).sum() + 2 * np.log(self._split[1]).sum())
+
+    @cached_property
+    def slopes(self) -> Floats:
+        """Derivatives of the contrasts by the unknowns, shape (q, p)."""
+        return np.asarray(self.contrasts @ self.by_unknowns)
+
+    @cached_property
+    def _split(self) -> tuple[Floats, Floats]:
+        turn = np.linalg.inv(self.root)
+        left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
+        told = sizes > _RANK * sizes.max(initial=0.0)
+        return left[:, int(told.sum()) :].T @ turn, sizes[told]
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Random numbers that all experiments share, so that they differ in nothing but what they are.
+
+    Parameters
+    ----------
+    unknowns
+        Of each hypothesis, shape (draws, p).
+    noise
+        Shape (draws, at least as many as there are measurements in a trial).
+    """
+
+    unknowns: tuple[Floats, ...]
+    noise: Floats
+
+    @classmethod
+    def of(cls, sizes: Sequence[int], measurements: int, count: int, seed: Sequence[int], own: int) -> Self:
+        """Return draws; `own` are those of one experiment among several, the unknowns being the same in all."""
+        random = np.random.default_rng(seed)
+        unknowns = tuple(random.standard_normal((count, size)) for size in sizes)
+        return cls(unknowns, np.random.default_rng([*seed, own]).standard_normal((count, measurements)))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What draws of measurements, made by each of K hypotheses, say of all of them; that of several trials adds up.
+
+    Parameters
+    ----------
+    deviance
+        Minus twice the log-density at the hypotheses' own coefficients, shape (K that made them, K, draws).
+    pulls
+        Of each hypothesis the derivative of half of that by its unknowns, with the sign turned, (K, draws, p).
+    information
+        Of each hypothesis about its unknowns, shape (p, p).
+    """
+
+    deviance: Floats
+    pulls: tuple[Floats, ...]
+    information: tuple[Floats, ...]
+
+    @classmethod
+    def of(cls, hypotheses: Sequence[Gaussian], draws: Draws) -> Self:
+        """Return that of one trial."""
+        noise = draws.noise[:, : len(hypotheses[0].mean)]
+        pairs = zip(hypotheses, draws.unknowns, strict=True)
+        made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
+        deviance, pulls, information = [], [], []
+        for each in hypotheses:
+            off = (made - each.mean) @ each.contrasts.T
+            deviance.append(np.sum(off**2, axis=2) + each.constant)
+            pulls.append(off @ each.slopes)
+            information.append(each.slopes.T @ each.slopes)
+        return cls(np.array(deviance).swapaxes(0, 1), tuple(pulls), tuple(information))
+
+    def __add__(self, other: "Evidence") -> "Evidence":
+        return Evidence(
+            self.deviance + other.deviance,
+            tuple(one + two for one, two in zip(self.pulls, other.pulls, strict=True)),
+            tuple(one + two for one, two in zip(self.information, other.information, strict=True)),
+        )
+
+    @cached_property
+    def _whole(self) -> tuple[Floats, ...]:
+        """The precision of each hypothesis' unknowns afterwards, shape (p, p)."""
+        return tuple(np.eye(len(each)) + each for each in self.information)
+
+    @cached_property
+    def estimates(self) -> tuple[Floats, ...]:
+        """Of each hypothesis its unknowns as they are fitted to the draws, shape (K, draws, p)."""
+        pairs = zip(self._whole, self.pulls, strict=True)
+        return tuple(np.asarray(np.linalg.solve(whole, pull[..., np.newaxis])[..., 0]) for whole, pull in pairs)
+
+    @cached_property
+    def covariances(self) -> tuple[Floats, ...]:
+        """Of each hypothesis that of its unknowns afterwards, shape (p, p)."""
+        return tuple(np.asarray(np.linalg.inv(each)) for each in self._whole)
+
+    def gain(self) -> Floats:
+        """Return what each hypothesis' unknowns are known better by (the logarithm of D), in nats, shape (K,)."""
+        return np.array([np.linalg.slogdet(each)[1] / 2 for each in self._whole])
+
+    @cached_property
+    def log_densities(self) -> Floats:
+        """Of the draws under each hypothesis, its coefficients integrated out, shape (K that made them, draws, K)."""
+        gained = np.stack([np.sum(a * b, axis=2) for a, b in zip(self.pulls, self.estimates, strict=True)], axis=1)
+        found = -(self.deviance - gained) / 2 - self.gain()[:, np.newaxis]
+        return np.asarray(found.swapaxes(1, 2))
+
+    def probabilities(self, prior: Floats) -> Floats:
+        """Return how probable draws make each hypothesis, shape (K that made them, draws, K)."""
+        logs = np.log(prior) + self.log_densities
+        shares = np.exp(logs - logs.max(axis=2, keepdims=True))
+        return np.asarray(shares / shares.sum(axis=2, keepdims=True))
+
+    def information_about_law(self, prior: Floats) -> float:
+        """Return how much is learned of which hypothesis is right, in nats (Jensen and Shannon's divergence)."""
+        logs = np.log(np.maximum(self.probabilities(prior), np.finfo(float).tiny))
+        own = np.mean(np.diagonal(logs, axis1=0, axis2=2), axis=0)
+        return float(prior @ (own - np.log(prior)))
+
+    def chance(self, prior: Floats) -> float:
+        """Return how probable it is that the right hypothesis is then the most probable one."""
+        right = self.probabilities(prior).argmax(axis=2) == np.arange(len(prior))[:, np.newaxis]
+        return float(prior @ right.mean(axis=1))

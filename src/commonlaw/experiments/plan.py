@@ -1,0 +1,229 @@
+"""The experiments that were chosen, and what is to be expected of them."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.experiments.aims import Aim
+from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.search import MOST_REPEATS, SURE, Candidate
+from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.numbers import with_error
+from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.wording import counted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_LITTLE = 0.01
+"""Gain of the chance that is none: a hundredth is what laws are left out for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecasts:
+    """What each plausible law forecasts of the first trial of an experiment.
+
+    Parameters
+    ----------
+    times
+        Shape (n,).
+    states
+        Names of those that are measured.
+    means, std
+        The forecasts from the start that is set, and their standard deviations by the errors of coefficients and of
+        measurements, both of shape (laws, n, states).
+    logarithmic
+        States that stand here by their logarithms.
+    """
+
+    times: Floats
+    states: tuple[str, ...]
+    means: Floats
+    std: Floats
+    logarithmic: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, candidate: Candidate, law: Law) -> "Forecasts":
+        """Return those of an experiment that was looked at, of laws of the variables of this one."""
+        first = [own[0] for own in candidate.said]
+        states, times = law.schema.measured, candidate.experiment.times
+        shape = (len(first), -1, len(states))
+        count = len(first[0].mean) // len(states)
+        times = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))]
+        total = [np.sum(each.by_unknowns**2, axis=1) + np.diag(each.noise) for each in first]
+        total = [
+            own if each.common is None else own + np.diag(each.common) for own, each in zip(total, first, strict=True)
+        ]
+        means = np.array([each.mean for each in first]).reshape(shape)
+        return cls(times, states, means, np.sqrt(total).reshape(shape), law.schema.logarithmic)
+
+    def parting(self, one: int, two: int) -> tuple[int, int]:
+        """Return the index of the time and of the state where two laws are farthest apart for their errors."""
+        apart = np.abs(self.means[one] - self.means[two]) / np.hypot(self.std[one], self.std[two])
+        time, state = np.unravel_index(int(apart.argmax()), apart.shape)
+        return int(time), int(state)
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """One of the experiments, given those before it.
+
+    Parameters
+    ----------
+    experiment
+        What is to be set.
+    text
+        The same in words.
+    chance
+        How probable it is that, after it and those before it, the most probable law is the right one.
+    bits
+        What all of them tell of what is to be learned.
+    std
+        How far off the number that was asked for may be afterwards, if one was.
+    forecasts
+        Of its first trial.
+    """
+
+    experiment: Experiment
+    text: str
+    chance: float
+    bits: float
+    std: float | None
+    forecasts: Forecasts
+
+
+@dataclass(frozen=True, eq=False)
+class Design(ShownInNotebooks):
+    """The experiments that would tell most; it prints as text.
+
+    Parameters
+    ----------
+    laws
+        That remain plausible, with their probabilities.
+    experiments
+        Each given those before it.
+    repeats
+        How often all of them must be made for the right law to be found with a chance of 0.95; None if 100 times do
+        not do, or if that was not what they are for.
+    limit
+        The largest chance that one experiment in the ranges gives if it is made 100 times, where repeats are None.
+    aim
+        What was to be learned.
+    """
+
+    laws: tuple[PlausibleLaw[Law], ...]
+    experiments: tuple[Planned, ...]
+    repeats: int | None
+    limit: float | None
+    aim: Aim
+
+    @property
+    def chance_now(self) -> float:
+        """How probable it is that the most probable law is the right one."""
+        return float(self.aim.prior.max())
+
+    @property
+    def chance(self) -> float:
+        """The same after all experiments."""
+        return self.experiments[-1].chance
+
+    @property
+    def cost(self) -> float:
+        """What all experiments cost."""
+        return sum(each.experiment.cost for each in self.experiments)
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether some experiment in the ranges, however often it is made, makes the right law surer."""
+        return self.repeats is not None or (self.limit or 0.0) > self.chance_now + _LITTLE
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What is to be expected, in words."""
+        return tuple(self._sentences())
+
+    def _sentences(self) -> list[str]:
+        said = []
+        if len(self.laws) > 1:
+            said += self._of_laws()
+        if self.aim.quantity is not None:
+            now, then = self.aim.quantity.std(self.aim.prior), self.experiments[-1].std or 0.0
+            value = float(self.aim.prior @ self.aim.quantity.values)
+            said.append(
+                f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
+            )
+        elif not self.aim.of_law:
+            said.append(f"All coefficients together are then known better by {self.experiments[-1].bits:.1f} bits.")
+        return said
+
+    def _of_laws(self) -> list[str]:
+        if self.aim.of_law and not self.tells_apart:
+            return [
+                "No experiment in these ranges tells these laws apart: each can imitate the others within its errors. "
+                f"Made {MOST_REPEATS} times, the best leaves a chance of {self.limit:.2f}, and it is "
+                f"{self.chance_now:.2f} now."
+            ]
+        chance = (
+            f"The chance that the most probable law is the right one is {self.chance_now:.2f} now, and "
+            f"{self.chance:.2f} after {_these(len(self.experiments))}."
+        )
+        if not self.aim.of_law or self.repeats == 1:
+            often = ""
+        elif self.repeats is None:
+            often = (
+                f"Even {MOST_REPEATS} repeats do not make it {SURE}; the best single experiment in these ranges, made "
+                f"so often, comes to {self.limit:.2f}."
+            )
+        else:
+            often = f"For {SURE}, make {_these(len(self.experiments))} {self.repeats} times."
+        return [part for part in (chance, often, self._parting()) if part]
+
+    def _parting(self) -> str:
+        """Return where the two most probable laws part."""
+        one, two = np.argsort(-self.aim.prior, kind="stable")[:2].tolist()
+        own, first = self.experiments[0].forecasts, self.laws[0].law
+        time, state = own.parting(one, two)
+        units, name = first.schema.units, own.states[state]
+        values = [with_error(*_natural(own, each, time, state)) for each in (one, two)]
+        at = f"{first.schema.time} = {own.times[time]:.3g} {units.get(first.schema.time, '')}".rstrip()
+        return (
+            f"In the first, the two most probable part most at {at}, where a measured {name} is {values[0]} or "
+            f"{values[1]} {units.get(name, '')}".rstrip()
+            + "."
+        )
+
+    def __str__(self) -> str:
+        lines = []
+        if len(self.laws) > 1:
+            lines += ["Laws that remain plausible:"]
+            lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure())}" for each in self.laws]
+            lines += [""]
+        few = len(self.experiments) == 1
+        lines += [
+            "The experiment to make next:" if few else "The experiments to make next, each given those before it:"
+        ]
+        lines += [f"  {i}. {each.text}: cost {each.experiment.cost:.4g}" for i, each in enumerate(self.experiments, 1)]
+        return "\n".join([*lines, "", *self.sentences])
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a table: a row for each experiment, with its settings, cost, and what is known after it."""
+        import pandas as pd
+
+        rows = []
+        for each in self.experiments:
+            settings = {name: own for name, own in each.experiment.settings.items() if name != "times"}
+            row = {**settings, "cost": each.experiment.cost, "bits": each.bits}
+            row |= {"chance": each.chance} if len(self.laws) > 1 else {}
+            rows.append(row | ({} if each.std is None else {"standard error": each.std}))
+        return pd.DataFrame(rows)
+
+
+def _these(count: int) -> str:
+    return "this experiment" if count == 1 else f"these {counted(count, 'experiment')}"
+
+
+def _natural(own: Forecasts, law: int, time: int, state: int) -> tuple[float, float]:
+    mean, std = float(own.means[law, time, state]), float(own.std[law, time, state])
+    return (float(np.exp(mean)), float(np.exp(mean) * std)) if own.states[state] in own.logarithmic else (mean, std)

@@ -1,0 +1,223 @@
+"""What a law, with all its errors, says of an experiment that is still to be made."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.gaussian import Gaussian
+from commonlaw.experiments.settings import Range
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.law import Law
+from commonlaw.law.population import with_objects_of
+from commonlaw.trials import Trial, Trials
+
+MOST_TIMES = 64
+"""Times of a trial that are looked at: where there are more, each stands for several, with less noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A law that remains plausible, as what is still unknown of its coefficients.
+
+    Parameters
+    ----------
+    law
+        It knows its noise and its covariance.
+    objects
+        Those of the law that experiments can be made with.
+    roots
+        Their coefficients in the support of the law are known but for ``roots @ u``, with standard normal unknowns u
+        that all of them have in common: shape (objects, parameters, unknowns).
+    """
+
+    law: Law
+    objects: tuple[str, ...]
+    roots: Floats
+
+    @classmethod
+    def of(cls, law: Law, objects: Sequence[str]) -> "Hypothesis":
+        """Return a law with the roots of its covariance, for experiments with these of its objects.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know its noise or its covariance, or is one of discrete time.
+        """
+        if law.order == 0:
+            raise CommonlawError(
+                "a law of discrete time does not say what happens between samples: discover one of order 1 or 2"
+            )
+        known = law.uncertainty.select([law.index(name) for name in objects])
+        own = known.known_covariance()
+        if law.noise is None:
+            raise CommonlawError(
+                "this law does not know the noise of the measurements: discover it without naming a solver, "
+                "or refine it"
+            )
+        factor = known.shared_factor
+        if factor is not None:
+            own = own - np.matmul(factor, factor.transpose(0, 2, 1))
+        count, size = own.shape[:2]
+        roots = np.zeros((count, size, count, size))
+        values, vectors = np.linalg.eigh(own)
+        roots[range(count), :, range(count)] = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        flat = roots.reshape(count, size, count * size)
+        flat = flat if factor is None else np.concatenate([flat, factor], axis=2)
+        return cls(law, tuple(objects), flat[:, :, np.any(flat, axis=(0, 1))])
+
+    @property
+    def unknowns(self) -> int:
+        """How many there are."""
+        return int(self.roots.shape[2])
+
+    def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
+        """Return experiments that end where its forecasts leave the limits of states (and rates)."""
+        if not limits:
+            return [*experiments]
+        planned = [_planned(self.law, each) for each in experiments]
+        found = iter(simulate(own.problem(name) for own in planned for name in own.experiment.objects))
+        return [
+            own.experiment.until(min(own.leaves(next(found), limits) for _ in own.experiment.objects))
+            for own in planned
+        ]
+
+    def says(self, experiments: Sequence[Experiment]) -> list[tuple[Gaussian, ...] | None]:
+        """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge."""
+        planned = [_planned(self.law, each) for each in experiments]
+        problems = [own.problem(name) for own in planned for name in own.experiment.objects]
+        found = iter(simulate(problems, sensitivities=True))
+        return [self._said(own, [next(found) for _ in own.experiment.objects]) for own in planned]
+
+    def _said(self, planned: "_Planned", found: Sequence[Trajectory]) -> tuple[Gaussian, ...] | None:
+        if any(each.outcome is not None or not _is_finite(each.sensitivities) for each in found):
+            return None
+        pairs = zip(planned.experiment.objects, found, strict=True)
+        return tuple(planned.gaussian(name, each, self) for name, each in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """An experiment, at the times that are looked at, and the law of its objects."""
+
+    experiment: Experiment
+    law: Law
+    times: Floats
+    is_new: bool
+
+    def problem(self, name: str) -> InitialValueProblem:
+        law, own = self.law, self.experiment
+        field = replace(law.vector_field(name), free=law.support)
+        if law.schema.inputs:
+            field = replace(field, inputs=Inputs.of(own.times, own.inputs, law.schema.input_between))
+        start = own.start.copy()
+        logs = list(law.terms.variables.logarithmic_columns)
+        start[logs] = np.log(start[logs])
+        return InitialValueProblem(field, start, self.times, name)
+
+    def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
+        """Return the last time before a trajectory leaves limits."""
+        variables = self.law.terms.variables
+        states = variables.natural(found.states)
+        inside = np.ones(len(states), dtype=np.bool_)
+        for name, own in limits.items():
+            values = states[:, variables.index(name)]
+            inside &= (values >= own.low) & (values <= own.high)
+        outside = np.flatnonzero(~inside)
+        return float(
+            found.times[outside[0] - 1] if len(outside) and outside[0] else found.times[-1 if not len(outside) else 0]
+        )
+
+    def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian:
+        """Return what is said of the trial of one object."""
+        law, own = self.law, self.experiment
+        assert law.noise is not None
+        assert found.sensitivities is not None
+        states, width = len(law.states), found.states.shape[1]
+        seen = np.flatnonzero(~law.schema.unmeasured)
+        free = [j for j in range(width) if j >= states or j in seen]
+        by_own = found.sensitivities[:, :, :-width]
+        by_start = found.sensitivities[:, :, -width:]
+        measured = by_own[:, seen].reshape(-1, by_own.shape[2])
+        common = None
+        if self.is_new:
+            common = measured @ law.uncertainty.known_covariance()[law.index(name)] @ measured.T
+            by_unknowns = np.zeros((len(measured), known.unknowns))
+        else:
+            by_unknowns = measured @ known.roots[known.objects.index(name)]
+        share = len(self.times) / len(own.times)
+        return Gaussian(
+            found.states[:, seen].ravel(),
+            by_unknowns,
+            by_start[:, seen][:, :, free].reshape(len(measured), -1),
+            _noise(law, self.times, found.states, by_start, share),
+            common,
+            own.repeats,
+        )
+
+
+def _planned(law: Law, experiment: Experiment) -> _Planned:
+    times = experiment.times
+    if len(times) > MOST_TIMES:
+        times = times[np.unique(np.linspace(0, len(times) - 1, MOST_TIMES).round().astype(int))]
+    is_new = bool(experiment.properties)
+    if is_new:
+        (name,), states = experiment.objects, np.zeros((1, len(law.states)))
+        trial = Trial(name, "1", experiment.times[:1], states, np.zeros((1, len(law.schema.inputs))))
+        trials = Trials((trial,), replace(law.schema, noise_columns={}), {name: experiment.properties})
+        law, _ = with_objects_of(law, trials)
+    return _Planned(experiment, law, times, is_new)
+
+
+def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: float) -> Floats:
+    """Return the covariance of the errors of measurements and law, shape (n d, n d), of d measured states.
+
+    Parameters
+    ----------
+    law
+        Whose errors these are.
+    times, states, by_start
+        Of the trajectory, shapes (n,), (n, D) and (n, D, D).
+    share
+        Of the samples that are looked at: white noise is that of the mean of those that each stands for.
+    """
+    assert law.noise is not None
+    errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
+    own = states[:, : len(law.states)]
+    white = (errors.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))[:, measured]
+    found = np.diag(share * white.ravel() ** 2)
+    if errors.correlated is not None:
+        kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
+        found += np.kron(kernel, np.diag(errors.correlated[measured] ** 2))
+    if errors.of_law:
+        pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(len(found), -1)
+        found += pushed @ pushed.T
+    return found
+
+
+def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
+    """Return what standard normal numbers, which drive the errors of a law, add to its states, shape (n, D, k)."""
+    errors, steps = law.uncertainty.error_model, np.diff(times)
+    count, width = by_start.shape[:2]
+    with np.errstate(all="ignore"):
+        carried = np.einsum("nab,mbc->namc", by_start, np.linalg.pinv(by_start))  # From the time m to the time n
+    carried = (carried[:, :, :-1] + carried[:, :, 1:]) / 2  # From within the step m
+    carried *= (np.arange(count)[:, np.newaxis] > np.arange(count - 1))[:, np.newaxis, :, np.newaxis]
+    parts = []
+    if errors.walk is not None:
+        parts.append(carried * errors.walk * np.sqrt(steps)[:, np.newaxis])
+    if errors.force is not None:
+        size = len(errors.force)
+        middles = times[1:] - steps / 2
+        apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time
+        kernel = (1 + apart) * np.exp(-apart) + 1e-10 * np.eye(len(steps))
+        forced = carried[..., width - size :] * errors.force * steps[:, np.newaxis]
+        parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
+    return np.concatenate([each.reshape(count, width, -1) for each in parts], axis=2)
+
+
+def _is_finite(values: Floats | None) -> bool:
+    return values is not None and bool(np.isfinite(values).all())

@@ -1,0 +1,194 @@
+"""The experiments that are worth most, one after the other: each given those before it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.experiments.aims import Aim
+from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
+from commonlaw.experiments.predictive import MOST_TIMES, Hypothesis
+from commonlaw.experiments.settings import Range, Settings
+from commonlaw.law import Law
+
+_SPREAD, _NEAR, _WIDTHS = 256, 32, (0.2, 0.05)
+"""Experiments that are looked at all over the ranges, and in each of the narrowing surroundings of the best."""
+
+_DRAWS, _MANY_DRAWS = 100, 1000
+"""Of measurements by each hypothesis: to choose by, and of what is said of the chosen."""
+
+SURE = 0.95
+"""The chance that counts as settled: that of an interval."""
+
+MOST_REPEATS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An experiment, and what each hypothesis says of its trials: first by hypothesis, then by trial."""
+
+    experiment: Experiment
+    point: Floats
+    said: tuple[tuple[Gaussian, ...], ...]
+
+    def repeated(self, times: int) -> "Candidate":
+        """Return the same experiment made so many times."""
+        said = tuple(tuple(_repeated(each, times) for each in own) for own in self.said)
+        return Candidate(self.experiment, self.point, said)
+
+
+def _repeated(each: Gaussian, times: int) -> Gaussian:
+    return Gaussian(each.mean, each.by_unknowns, each.by_start, each.noise, each.common, times * each.repeats)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """All that experiments are chosen by.
+
+    Parameters
+    ----------
+    law
+        Whose settings these are.
+    hypotheses
+        That remain plausible.
+    aim
+        What is to be learned.
+    settings
+        What can be set.
+    limits
+        Of states (and rates), where trials end.
+    prices
+        See `Experiment.of`.
+    seed
+        Of the draws and of the places that are looked at.
+    """
+
+    law: Law
+    hypotheses: tuple[Hypothesis, ...]
+    aim: Aim
+    settings: Settings
+    limits: Mapping[str, Range]
+    prices: Mapping[str, float]
+    seed: int
+
+    def chosen(self, count: int, budget: float, progress: Callable[[str], None]) -> list[Candidate]:
+        """Return up to so many experiments within a budget, fewer where the law is settled before.
+
+        Raises
+        ------
+        CommonlawError
+            If no experiment is within the budget, or hypotheses diverge in all.
+        """
+        found: list[Candidate] = []
+        for step in range(count):
+            progress(f"looking for experiment {step + 1}")
+            left = budget - sum(each.experiment.cost for each in found)
+            best = self._best(found, left)
+            if best is None:
+                break
+            found.append(best)
+            if self.aim.of_law and self.chance(found) >= SURE:
+                break
+        if not found:
+            cheapest = min((each.experiment.cost for each in self._spread), default=np.nan)
+            if not self._spread:
+                raise CommonlawError(
+                    "forecasts diverge in all these experiments: give narrower ranges, nearer to what the law was "
+                    "learned from"
+                )
+            raise CommonlawError(
+                f"no experiment costs {budget:g} or less, the cheapest {cheapest:.3g}: give a larger budget, or other "
+                "ranges"
+            )
+        return found
+
+    @cached_property
+    def _spread(self) -> list[Candidate]:
+        return self.candidates(self.settings.spread(_SPREAD, self.seed))
+
+    def _best(self, before: Sequence[Candidate], budget: float) -> Candidate | None:
+        """Return the experiment within a budget that is worth most for what it costs, after those before it."""
+        base, draws = self.evidence(before, _DRAWS), self._draws(_DRAWS, len(before))
+        now = self.aim.bits(base) if base else 0.0
+
+        def worth(each: Candidate) -> float:
+            own = self._evidence_of(each, draws)
+            return (self.aim.bits(base + own if base else own) - now) / (each.experiment.cost or 1.0)
+
+        best, most = None, -np.inf
+        listed = self._spread
+        for round_, width in enumerate((*_WIDTHS, None)):
+            for each in listed:
+                if each.experiment.cost <= budget and (value := worth(each)) > most:
+                    best, most = each, value
+            if best is None or width is None or not len(best.point):
+                break
+            listed = self.candidates(self.settings.near(best.point, width, _NEAR, self.seed + round_))
+        return best
+
+    def candidates(self, points: Floats) -> list[Candidate]:
+        """Return the experiments at points of the settings, but those in which a hypothesis diverges."""
+        experiments = [
+            Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.prices) for point in points
+        ]
+        experiments = self.hypotheses[0].within(experiments, self.limits)
+        said = zip(*(each.says(experiments) for each in self.hypotheses), strict=True)
+        every = zip(experiments, points, said, strict=True)
+        return [
+            Candidate(experiment, point, tuple(own for own in each if own is not None))
+            for experiment, point, each in every
+            if all(own is not None for own in each)
+        ]
+
+    def chance(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> float:
+        """Return how probable it is that the right law is the most probable after these experiments."""
+        found = self.evidence(chosen, draws)
+        return float(self.aim.prior.max()) if found is None else found.chance(self.aim.prior)
+
+    def evidence(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> Evidence | None:
+        """Return what experiments say together; nothing if there is none."""
+        found = None
+        for i, each in enumerate(chosen):
+            own = self._evidence_of(each, self._draws(draws, i))
+            found = found + own if found else own
+        return found
+
+    def _evidence_of(self, each: Candidate, draws: Sequence[Draws]) -> Evidence:
+        trials = list(zip(*each.said, strict=True))
+        found = Evidence.of(trials[0], draws[0])
+        for i, trial in enumerate(trials[1:], start=1):
+            found += Evidence.of(trial, draws[i])
+        return found
+
+    def _draws(self, count: int, step: int) -> list[Draws]:
+        """Return draws for every trial of an experiment, of which each object makes one at most."""
+        sizes = [each.unknowns for each in self.hypotheses]
+        most = MOST_TIMES * len(self.law.schema.measured)
+        own = range(len(self.settings.objects))
+        return [Draws.of(sizes, most, count, (self.seed, count), step * len(own) + i) for i in own]
+
+    def repeats(self, chosen: Sequence[Candidate]) -> int | None:
+        """Return how often all must be made for a chance that counts as settled; None if `MOST_REPEATS` do not do."""
+
+        def settled(times: int) -> bool:
+            return self.chance([each.repeated(times) for each in chosen]) >= SURE
+
+        if settled(1):
+            return 1
+        low, high = 1, 2
+        while high <= MOST_REPEATS and not settled(high):
+            low, high = high, 2 * high
+        if high > MOST_REPEATS:
+            return None
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if settled(middle) else (middle, high)
+        return high
+
+    def limit(self) -> float:
+        """Return the largest chance that one experiment gives, made `MOST_REPEATS` times."""
+        return max(self.chance([each.repeated(MOST_REPEATS)], _DRAWS) for each in self._spread)

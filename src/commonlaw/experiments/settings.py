@@ -1,0 +1,271 @@
+"""What can be set in an experiment: each setting in a range, or one of several values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeGuard
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.law import Law
+
+Value = float | str | tuple[float, ...]
+"""A number; the name of an object or of a shape; or the times of the samples."""
+
+SHAPES = ("constant", "step", "ramp", "sine", "square")
+"""Of an input: its level throughout, from half of the duration on, or reached at its end; or it swings by its level."""
+
+EACH = "each"
+"""The object that stands for each of them: a trial of every one."""
+
+TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
+
+MOST_OBJECTS = 20
+"""Of which experiments are looked at."""
+
+_CORNERS = 6
+"""Ranges of which all corners are looked at."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers between two ends, that are given."""
+
+    low: float
+    high: float
+
+    def at(self, share: float) -> float:
+        """Return the number so far along."""
+        return self.low + share * (self.high - self.low)
+
+
+Options = Range | tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that can be set, and in which ranges or lists; a point in the unit cube is one choice of all.
+
+    Parameters
+    ----------
+    objects
+        That can be chosen from; the first `MOST_OBJECTS` of them, evenly spread, if there are more.
+    options
+        By name: ``x`` and ``v`` for where a trial starts, ``duration``, ``rate`` or ``samples`` or ``times``,
+        ``repeats``, ``object``, ``object.mass`` for properties of a new object, ``u``, ``u.shape`` and ``u.period`` for
+        inputs.
+    """
+
+    objects: tuple[str, ...]
+    options: Mapping[str, Options]
+
+    @classmethod
+    def of(cls, law: Law, vary: Mapping[str, object], usual: Mapping[str, Options]) -> "Settings":
+        """Return the settings of experiments that a law can say something of.
+
+        Parameters
+        ----------
+        law
+            Whose states, rates, inputs and objects can be set.
+        vary
+            As given: text (``"5..60"``, ``"1, 2, 5"``), a pair as a range, a list of values, or one value.
+        usual
+            What holds of settings that are not given.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no such setting, a value cannot be read, or something that an experiment needs is not given.
+        """
+        given = {name: read(name, value) for name, value in vary.items()}
+        for name in given:
+            _check_name(name, law)
+        free = {name: value for name, value in usual.items() if not _replaced(name, given)}
+        options = {**free, **given}
+        if any(name.startswith("object.") for name in options):
+            _check_new(options, law)
+            objects = _some(law.objects)
+        else:
+            listed = options.get("object", law.objects)
+            objects = _chosen_objects(listed, law)
+            options["object"] = listed if EACH in listed else objects  # type: ignore[operator]
+        _check_complete(options, law)
+        return cls(objects, options)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """What there is a choice of."""
+        return tuple(name for name, own in self.options.items() if isinstance(own, Range) or len(own) > 1)
+
+    def at(self, point: Floats) -> dict[str, Value]:
+        """Return the settings at a point of the unit cube, shape (varied settings,)."""
+        found, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
+        for name, own in self.options.items():
+            share = shares.get(name, 0.0)
+            found[name] = own.at(share) if isinstance(own, Range) else own[min(int(share * len(own)), len(own) - 1)]
+        return found
+
+    def spread(self, count: int, seed: int) -> Floats:
+        """Return points all over the unit cube, shape (points, varied): corners, and as many more (Sobol 1967)."""
+        from scipy.stats import qmc
+
+        if not self.varied:
+            return np.zeros((1, 0))
+        ranges = [j for j, name in enumerate(self.varied) if isinstance(self.options[name], Range)]
+        inner = qmc.Sobol(len(self.varied), seed=seed).random_base2(int(np.ceil(np.log2(count))))
+        if len(ranges) > _CORNERS:
+            ends = np.random.default_rng(seed).integers(2, size=(2**_CORNERS, len(ranges))).astype(float)
+        else:
+            ends = np.array(list(product((0.0, 1.0), repeat=len(ranges))))
+        lists = [len(own) for name in self.varied if not isinstance(own := self.options[name], Range)]
+        corners = np.tile(ends, (max(1, *lists, 1), 1))
+        found = qmc.Sobol(len(self.varied), seed=seed + 1).random_base2(int(np.ceil(np.log2(len(corners) + 1))))
+        found = found[: len(corners)]
+        found[:, ranges] = corners
+        return np.concatenate([found, inner])
+
+    def near(self, point: Floats, width: float, count: int, seed: int) -> Floats:
+        """Return points about one, shape (count, varied): numbers within a width, one of the lists' values anew."""
+        random = np.random.default_rng(seed)
+        found = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
+        for j, name in enumerate(self.varied):
+            if not isinstance(self.options[name], Range):
+                anew = random.uniform(size=count) < width
+                found[:, j] = np.where(anew, random.uniform(size=count), point[j])
+        return found
+
+
+def read(name: str, value: object) -> Options:
+    """Return the options that a setting was given.
+
+    >>> read("x", "5..60"), read("rate", "15, 30"), read("x", (5, 60)), read("object", ["Ball 1"])
+    (Range(low=5.0, high=60.0), (15.0, 30.0), Range(low=5.0, high=60.0), ('Ball 1',))
+    """
+    if isinstance(value, str):
+        low, dots, high = value.partition("..")
+        if dots:
+            return _range(name, low, high)
+        return tuple(_plain(name, part.strip()) for part in value.split(","))
+    if isinstance(value, tuple) and len(value) == 2 and name not in ("times", "object"):
+        return _range(name, *value)
+    values = value if isinstance(value, list | tuple) else [value]
+    if name == "times" and values and not isinstance(values[0], list | tuple | np.ndarray):
+        values = [values]
+    if not values:
+        raise CommonlawError(f"{name} has no values: give a range, a list or a number")
+    return tuple(_plain(name, each) for each in values)
+
+
+def _range(name: str, low: object, high: object) -> Range:
+    first, last = _plain(name, low), _plain(name, high)
+    if not (_is_number(first) and _is_number(last) and first < last):
+        raise CommonlawError(f"{name} goes from {low} to {high}: give two numbers, the smaller one first")
+    return Range(first, last)
+
+
+def _plain(name: str, value: object) -> Value:
+    if name == "times":
+        return tuple(np.asarray(value, dtype=np.float64).tolist())
+    if name == "object":
+        return str(value)
+    try:
+        number = float(str(value))
+    except ValueError:
+        if name.endswith(".shape"):
+            return str(value)
+        raise CommonlawError(f"{name} is {value!r}: give a number, a range such as 5..60, or a list") from None
+    if not np.isfinite(number):
+        raise CommonlawError(f"{name} is {value}: give a finite number")
+    return number
+
+
+def _is_number(value: Value) -> TypeGuard[float]:
+    return isinstance(value, float)
+
+
+def numbers_of(options: Options) -> tuple[float, ...]:
+    """Return the ends of a range, or the numbers of a list."""
+    return (options.low, options.high) if isinstance(options, Range) else tuple(filter(_is_number, options))
+
+
+def _replaced(name: str, given: Mapping[str, Options]) -> bool:
+    """Whether what was given says something else in place of a setting."""
+    if name in ("rate", "samples"):
+        return not {"rate", "samples", "times"}.isdisjoint(given)
+    if name == "duration":
+        return "times" in given
+    return name == "object" and any(each.startswith("object.") for each in given)
+
+
+def _check_name(name: str, law: Law) -> None:
+    variables = law.terms.variables
+    head, _, tail = name.partition(".")
+    of_input = head in variables.inputs and tail in ("", "shape", "period")
+    if name in (*TIMING, *variables.states) or of_input or (head == "object" and tail):
+        return
+    inputs = [each for name in variables.inputs for each in (name, f"{name}.shape", f"{name}.period")]
+    raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
+
+
+def _chosen_objects(options: Options, law: Law) -> tuple[str, ...]:
+    names = tuple(map(str, options)) if isinstance(options, tuple) else ()
+    for name in names:
+        if name not in (*law.objects, EACH):
+            raise unknown("object of this law", name, (*law.objects, EACH))
+    return _some(law.objects if EACH in names else tuple(dict.fromkeys(names)))
+
+
+def _some(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names, of many some that are evenly spread."""
+    if len(names) <= MOST_OBJECTS:
+        return names
+    return tuple(names[i] for i in np.linspace(0, len(names) - 1, MOST_OBJECTS).round().astype(int).tolist())
+
+
+def _check_new(options: Mapping[str, Options], law: Law) -> None:
+    """Refuse a new object whose coefficients nothing decides."""
+    if "object" in options:
+        raise CommonlawError("object names one that is known, and object.<property> describes a new one: vary either")
+    properties = law.explanation.properties if law.explanation else ()
+    for name in options:
+        head, dot, tail = name.partition(".")
+        if head == "object" and dot and tail not in properties:
+            raise CommonlawError(
+                f"{name} decides no coefficient of this law"
+                + (f", {' and '.join(properties)} do" if properties else ": have it explained first, law.explain()")
+            )
+    lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
+    if lacking:
+        raise CommonlawError(
+            f"a new object has more properties that decide its coefficients: vary {', '.join(lacking)} too"
+        )
+
+
+def _check_complete(options: Mapping[str, Options], law: Law) -> None:
+    """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
+    known = {*options, *law.schema.starts}
+    lacking = [name for name in (*law.terms.variables.states, *law.terms.variables.inputs) if name not in known]
+    if "times" not in options:
+        lacking += [name for name in ("duration",) if name not in options]
+        lacking += ["rate"] if not {"rate", "samples"} & {*options} else []
+    if lacking:
+        visited = law.provenance.domain.visited
+        shown = {"duration": "1..5", "rate": "10..100"}
+        shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in lacking if name in visited}
+        ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
+        raise CommonlawError(f"not all of an experiment is given: say with vary what can be set, for instance {ways}")
+    for name, least in (("duration", 0.0), ("rate", 0.0), ("samples", 1.0), ("repeats", 0.0)):
+        for number in numbers_of(options.get(name, ())):
+            if not number > least:
+                raise CommonlawError(f"{name} is {number:g}: give numbers above {least:g}")
+    for name in law.schema.logarithmic:
+        if any(not number > 0 for number in numbers_of(options.get(name, ()))):
+            raise CommonlawError(
+                f"{name} can start at zero or below, and this law follows its logarithm: give it above 0"
+            )
+    for name in law.schema.inputs:
+        for shape in options.get(f"{name}.shape", ()):  # type: ignore[union-attr]
+            if shape not in SHAPES:
+                raise unknown("shape of an input", shape, SHAPES)
