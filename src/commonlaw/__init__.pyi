@@ -54,6 +54,7 @@ from .library import (
     FamilyLibrary as FamilyLibrary,
     FourierLibrary as FourierLibrary,
     PolynomialLibrary as PolynomialLibrary,
+    RatioLibrary as RatioLibrary,
     RationalLibrary as RationalLibrary,
 )
 from .outcomes import (

@@ -42,7 +42,8 @@ _OPTIONS = (
         "--library",
         metavar="SPEC",
         help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with constants inside such as "
-        "saturating, sums such as 'poly:2 + saturating', or auto for all that occurs in laws.  "
+        "saturating, sums such as 'poly:2 + saturating', ratios of sums as in 'ratio(poly:2, poly:2)', or auto for "
+        "all that occurs in laws.  "
         "[default: poly:3]",
     ),
     _law(

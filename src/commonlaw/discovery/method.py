@@ -60,10 +60,11 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
         raise CommonlawError(
             f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
         )
-    if not method.takes_constants and (inside := structure.parametric(trials.schema)):
-        text = inside[0].text(law_variables(trials.schema, order))
+    inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
+    inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
+    if inside and not method.takes_constants:
         raise CommonlawError(
-            f"terms with constants inside, here {text}, do not go with {name}: give constants as numbers, or use "
+            f"terms with constants inside, here {inside[0]}, do not go with {name}: give constants as numbers, or use "
             "method=TrajectoryLikelihood()"
         )
     columns = trials.schema.noise_columns

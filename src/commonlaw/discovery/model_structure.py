@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
-from commonlaw.library import AbstractLibrary, ParametricTerm, PolynomialLibrary, Terms
+from commonlaw.library import AbstractLibrary, ParametricTerm, PolynomialLibrary, Ratios, Terms
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -71,6 +71,10 @@ class ModelStructure:
     def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
         """Return the candidate terms with constants inside that are to be found, see `AbstractLibrary.parametric`."""
         return self.library.parametric(law_variables(schema, self.order))
+
+    def ratios(self, schema: Schema) -> tuple[Ratios, ...]:
+        """Return the ratios of sums of terms that are candidates, see `AbstractLibrary.ratios`."""
+        return self.library.ratios(law_variables(schema, self.order))
 
     def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
         """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.

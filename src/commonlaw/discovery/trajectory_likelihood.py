@@ -220,11 +220,11 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _search_all(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the law of largest evidence among all terms, also those with constants inside."""
-        others = screened.whole.parametric(trials.schema)
-        if not others:
+        others, ratios = screened.whole.parametric(trials.schema), screened.whole.ratios(trials.schema)
+        if not others and not ratios:
             return self._search(screened, trials, progress)
         found = self._search(screened, trials, part(progress, 0.0, _PLAIN))
-        return with_parametric_terms(found, others, part(progress, _PLAIN, 1.0))
+        return with_parametric_terms(found, others, ratios, part(progress, _PLAIN, 1.0))
 
     def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""

@@ -6,7 +6,7 @@ curves that are nearer. The law without such terms stays unless the evidence pay
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -15,12 +15,15 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
+from commonlaw.inference.poles import has_poles
+from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, SearchState, evidence_about
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
+from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
-from commonlaw.library import Constant, ParametricTerm, Terms, parse_term
+from commonlaw.library import Constant, ParametricTerm, Ratios, Terms, parse_term
 from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior
 from commonlaw.progress import ProgressCallback, Stage
@@ -48,7 +51,9 @@ _MOST_FITTED = 30
 """Sets of an equation that are fitted in a round at most."""
 
 
-def with_parametric_terms(found: LawSearch, others: Sequence[ParametricTerm], progress: ProgressCallback) -> LawSearch:
+def with_parametric_terms(
+    found: LawSearch, others: Sequence[ParametricTerm], ratios: Sequence[Ratios], progress: ProgressCallback
+) -> LawSearch:
     """Return the law of largest evidence with some of these terms or without, with the others as its rivals.
 
     Parameters
@@ -57,15 +62,19 @@ def with_parametric_terms(found: LawSearch, others: Sequence[ParametricTerm], pr
         The law without such terms.
     others
         Terms with constants inside, or that are offered beside the plain ones of the law only.
+    ratios
+        Of sums of terms.
     progress
         Takes what is being done.
     """
-    search, curves = _Search(found, _base(found, len(others)), tuple(others)), _near(found)
+    count = len(others) + sum(len(each.above) + len(each.below) for each in ratios)
+    search, curves = _Search(found, _base(found, count), tuple(others), tuple(ratios)), _near(found)
     rows = search.rows_of_found()
     while True:
         best, rows = _searched(search, rows, curves, progress)
-        finer = resolved(best, progress).problem.points
-        if finer <= search.base.points or best.solver is not None:
+        worse = best.state.value >= search.found.state.value
+        finer = search.base.points if worse else resolved(best, progress).problem.points
+        if finer <= search.base.points:
             return best_of(search.listed())
         progress("fitting laws again on a finer mesh")
         search, near = search.on_finer_mesh(best, finer)
@@ -76,12 +85,13 @@ def _searched(
     search: "_Search", rows: "tuple[TermSet, ...]", curves: Sequence[Sequence[Estimate]], progress: ProgressCallback
 ) -> "tuple[LawSearch, tuple[TermSet, ...]]":
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
-    best = search.fit(rows, curves[0]) if any(row.others for row in rows) else None
+    departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
+    best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
     best, known = best or search.found, list[list[list[TermSet]]]()
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        known = [matching_sets(search.base, each, search.others) for each in curves] + known
+        known = [proposed for each in curves for proposed in search.proposed(each)] + known
         estimates, proposed = curves[0], [_in_turn(own) for own in zip(*known, strict=True)]
         listed = _joint(proposed) if len(rows) > 1 else []
         for j, own in enumerate(proposed):
@@ -156,7 +166,14 @@ class _Search:
     found: LawSearch
     base: SearchProblem
     others: tuple[ParametricTerm, ...]
+    ratios: tuple[Ratios, ...]
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
+
+    def proposed(self, estimates: Sequence[Estimate]) -> Iterator[list[list[TermSet]]]:
+        """Yield sets of terms of each equation, the most promising first: with others, and with ratios of sums."""
+        yield matching_sets(self.base, estimates, self.others)
+        if self.ratios:
+            yield matching_ratios(self.base, estimates, self.ratios)
 
     def rows_of_found(self) -> tuple[TermSet, ...]:
         """Return the terms of the law without others."""
@@ -199,7 +216,7 @@ class _Search:
             problem, best = _held(problem, best, prior)
         state = fit_with(problem, problem.allowed, NO_ERROR, best)
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
-        if not _is_settled(problem, state):
+        if not (_is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
             raise NotPositiveError
         law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
         law = replace(law, provenance=template.provenance)
@@ -216,7 +233,8 @@ class _Search:
         state = fit_supports(problem, plain.state.supports, ANY_ERROR)
         if not state.has_model_error:
             problem, state = to_scale(problem, state)
-        return _Search(replace(plain, problem=problem, state=state), base, self.others), base.starts
+        search = _Search(replace(plain, problem=problem, state=state), base, self.others, self.ratios)
+        return search, base.starts
 
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
@@ -305,7 +323,7 @@ def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
     whole = problem.models[0].terms
     variables, certain = whole.variables, np.nan_to_num(problem.known)
     plain = sorted({i for row in rows for i in row.plain} | {*np.flatnonzero(certain.any(axis=(0, 1))).tolist()})
-    names, written = list[str](), list[list[tuple[str, list[str]]]]()
+    names, written = list[str](), list[list[tuple[list[str], list[str]]]]()
     for row in rows:
         written.append([])
         for other in row.others:
@@ -313,9 +331,11 @@ def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
             for each in other.constants:
                 new.append(free_name(each, (*variables.measured, *names, *new)))
             names += new
-            written[-1].append((other.expression(variables, new), new))
+            written[-1].append((other.expressions(variables, new), new))
     variables = replace(variables, constants=tuple(names))
-    texts = list(dict.fromkeys(text for own in written for text, _ in own))  # Equations share those without constants
+    texts = list(
+        dict.fromkeys(text for own in written for listed, _ in own for text in listed)
+    )  # Equations share those without constants
     texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
     constants = (Constant(variables.index(name)) for name in names)
     terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *constants))
@@ -323,7 +343,9 @@ def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
     known[:, :, : len(plain)] = certain[:, :, plain]
     places, inside = [], []
     for j, (row, own) in enumerate(zip(rows, written, strict=True)):
-        places.append((*(plain.index(i) for i in row.plain), *(texts.index(text) for text, _ in own)))
+        places.append(
+            (*(plain.index(i) for i in row.plain), *(texts.index(text) for listed, _ in own for text in listed))
+        )
         inside.append(tuple(tuple(len(texts) + names.index(each) for each in new) for _, new in own))
         known[:, j, [*places[-1], *(i for each in inside[-1] for i in each)]] = np.nan
     return _Built(terms, known, tuple(places), tuple(inside))

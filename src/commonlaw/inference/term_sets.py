@@ -15,11 +15,11 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, Match
 from commonlaw.inference.search_problem import SearchProblem, spread
-from commonlaw.library import ParametricTerm
+from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
 
-_OBJECTS = 12
+OBJECTS = 12
 """Objects whose measurements are matched, evenly spread."""
 
 _MOST_PLAIN = 4
@@ -54,7 +54,7 @@ _SAME = 1e-9
 class Start:
     """What a fit begins with: coefficients of each object, shape (objects, terms), plain ones first, and constants.
 
-    Those of each of the other terms have the shape (objects, constants).
+    The terms of others come after these, in their order. Constants of each of them have the shape (objects, constants).
     """
 
     coefficients: Floats
@@ -63,19 +63,19 @@ class Start:
 
 @dataclass(frozen=True)
 class TermSet:
-    """A few terms of one equation: plain ones, by their index, and others, with constants inside.
+    """A few terms of one equation: plain ones, by their index, and others, with constants inside, or a ratio of sums.
 
     Equal sets have equal terms, whatever fits begin with.
     """
 
     plain: tuple[int, ...]
-    others: tuple[ParametricTerm, ...] = ()
+    others: tuple[ParametricTerm | Ratio, ...] = ()
     starts: tuple[Start, ...] = field(default=(), compare=False)
 
     @property
     def numbers(self) -> int:
         """How many numbers each object has in it."""
-        return len(self.plain) + sum(1 + len(each.constants) for each in self.others)
+        return len(self.plain) + sum(each.size + len(each.constants) for each in self.others)
 
 
 def matching_sets(
@@ -92,7 +92,7 @@ def matching_sets(
     others
         Terms with constants inside, or that are not taken together with many plain ones.
     """
-    indices = spread(len(problem.models), _OBJECTS)
+    indices = spread(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
     found = []
     for equation in range(len(problem.noise)):
@@ -221,7 +221,7 @@ class _Ranked:
         for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
             fits = [match.fitted(*key, own)[0] for match, own in zip(self.matches, constants, strict=True)]
             several = [np.array(fits), *(np.array(own) for own in zip(*constants, strict=True))]
-            first, *others = (_for_all(each, objects) for each in several)
+            first, *others = (for_all(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))
         return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
@@ -287,9 +287,9 @@ def _basis(columns: Floats) -> Floats:
     return np.asarray(basis[:, sizes > np.sqrt(INSIDE) * sizes[0]])
 
 
-def _for_all(found: Floats, objects: int) -> Floats:
+def for_all(found: Floats, objects: int) -> Floats:
     """Return values for all objects from those of the objects that were matched: typical ones for the others."""
-    where, every = spread(objects, _OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
+    where, every = spread(objects, OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
     if len(found) == len(where):
         every[where] = found
     return every

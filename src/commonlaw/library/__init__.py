@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial, reduce
 from operator import add, mul
 
+from commonlaw.errors import CommonlawError
 from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
 from commonlaw.library.constant import Constant
 from commonlaw.library.expression import Expression
@@ -14,12 +15,14 @@ from commonlaw.library.families import (
     FamilyLibrary,
     FourierLibrary,
     PolynomialLibrary,
+    RatioLibrary,
     RationalLibrary,
 )
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parametric import FAMILIES, ParametricTerm, parametric_term
 from commonlaw.library.parse import parse_term, parse_terms
 from commonlaw.library.product import Product
+from commonlaw.library.ratio import Ratio, Ratios
 from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
@@ -43,7 +46,10 @@ __all__ = [
     "PolynomialLibrary",
     "Product",
     "ProductLibrary",
+    "Ratio",
+    "RatioLibrary",
     "RationalLibrary",
+    "Ratios",
     "ReducedLibrary",
     "SelectedLibrary",
     "SumLibrary",
@@ -67,7 +73,8 @@ def parse_library(text: str) -> AbstractLibrary:
     text
         ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, a family of `FAMILIES`
         such as ``saturating``, or several of them joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
-        ``poly:1 * saturating:s``. Inside a library there are no such spaces: ``terms:1+x``, not ``terms:1 + x``.
+        ``poly:1 * saturating:s``. Inside a library there are no such spaces, but for parentheses: ``terms:1+x``, not
+        ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries.
         Variables are listed with commas: ``poly:3:x,v``. Names in terms that are no variables are constants, which are
         found with the law: ``poly:1 + terms:s/(K+s)``. ``auto``: see `AutoLibrary`.
 
@@ -90,18 +97,35 @@ def parse_library(text: str) -> AbstractLibrary:
         "auto": AutoLibrary,
         **{name: partial(FamilyLibrary, name) for name in FAMILIES},
     }
-    sums = [[parse_spec("library", each.strip(), makers) for each in part.split(" * ")] for part in text.split(" + ")]
+
+    def one(part: str) -> AbstractLibrary:
+        if not part.startswith("ratio("):
+            return parse_spec("library", part, makers)
+        sides = _pieces(part[len("ratio(") : -1], ",")
+        if not part.endswith(")") or len(sides) != 2:
+            raise CommonlawError(f"library {part!r} does not fit: write it as 'ratio(NUMERATOR, DENOMINATOR)'")
+        return RatioLibrary(*map(parse_library, sides))
+
+    sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(text, " + ")]
     return reduce(add, (reduce(mul, factors) for factors in sums))
 
 
 def _listed(expressions: str) -> AbstractLibrary:
-    """Return the library of expressions between commas; commas in parentheses or backticks do not count."""
-    pieces, depth, quoted = [""], 0, False
-    for each in str(expressions):
+    """Return the library of expressions between commas."""
+    return ExpressionLibrary(*_pieces(str(expressions), ","))
+
+
+def _pieces(text: str, separator: str) -> list[str]:
+    """Return what stands between separators; those in parentheses or backticks do not count."""
+    pieces, depth, quoted, position = [""], 0, False, 0
+    while position < len(text):
+        if depth == 0 and not quoted and text.startswith(separator, position):
+            pieces.append("")
+            position += len(separator)
+            continue
+        each = text[position]
         quoted ^= each == "`"
         depth += 0 if quoted else (each == "(") - (each == ")")
-        if each == "," and depth == 0 and not quoted:
-            pieces.append("")
-        else:
-            pieces[-1] += each
-    return ExpressionLibrary(*(piece.strip() for piece in pieces))
+        pieces[-1] += each
+        position += 1
+    return [each.strip() for each in pieces]

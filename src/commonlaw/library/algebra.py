@@ -1,11 +1,12 @@
 """Libraries: families of terms, their sums and products, and libraries without some of their terms."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.parametric import ParametricTerm, parametric_term
 from commonlaw.library.product import multiply
+from commonlaw.library.ratio import Ratios
 from commonlaw.library.terms import Terms, Variables
 
 _MOST_TERMS = 100_000
@@ -33,6 +34,10 @@ class AbstractLibrary(ABC):
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         """Return the family's terms that are offered besides: with constants inside that are to be found."""
+        return ()
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        """Return ratios of sums of terms that are offered besides."""
         return ()
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
@@ -64,6 +69,13 @@ class SumLibrary(AbstractLibrary):
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
 
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        return tuple(
+            replace(each, beside=(*each.beside, *plain.bind(variables).terms))
+            for own, plain in ((self.left, self.right), (self.right, self.left))
+            for each in own.ratios(variables)
+        )
+
 
 @dataclass(frozen=True)
 class ProductLibrary(AbstractLibrary):
@@ -87,6 +99,10 @@ class ProductLibrary(AbstractLibrary):
             for term in plain.bind(variables).terms
         ]
         return tuple(dict.fromkeys(parametric_term(each, variables) for each in texts))
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        above = self.bind(variables).terms
+        return tuple(Ratios(above, each.below) for own in (self.left, self.right) for each in own.ratios(variables))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from commonlaw.library.monomial import Monomial
 from commonlaw.library.parametric import FAMILIES, ParametricTerm, constants_in, parametric_term, terms_of_family
 from commonlaw.library.parse import parse_term
 from commonlaw.library.product import multiply, multiply_powers
+from commonlaw.library.ratio import Ratios
 from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 from commonlaw.validation import check_whole_number
@@ -153,6 +154,42 @@ class RationalLibrary(AbstractLibrary):
         above = [Monomial(each) for each in _monomials(columns, size, self.degree)]
         inverse = multiply_powers({parse_term(self.denominator, variables): -1}, size)
         return Terms(variables, tuple(multiply((each, inverse), size) for each in above))
+
+
+@dataclass(frozen=True)
+class RatioLibrary(AbstractLibrary):
+    """Ratios of two sums of terms, such as ``V s/(K + s)`` and ``V s^2/(K^2 + s^2)`` of enzymes.
+
+    An equation is a sum of some terms of the numerator divided by a sum of some of the denominator. The coefficients of
+    both are found with the law, each object's own; one in the denominator is 1. Nothing that is a factor of all terms
+    stays, and the denominator has no zero where trials have been, nor between. Without a denominator, an equation is a
+    sum of terms of the numerator.
+
+    Parameters
+    ----------
+    numerator
+        The library of the terms above.
+    denominator
+        That of the terms below.
+
+    Examples
+    --------
+    >>> (ratios,) = RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2)).ratios(Variables(("s",)))
+    >>> len(ratios.above), len(ratios.below)
+    (3, 3)
+    """
+
+    numerator: AbstractLibrary
+    denominator: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        return self.numerator.bind(variables)
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        below = self.denominator.bind(variables).terms
+        if not len(below) > 1:
+            raise CommonlawError("a denominator of one term is no sum: offer several, as in ratio(poly:2, poly:2)")
+        return (Ratios(self.bind(variables).terms, below),)
 
 
 @dataclass(frozen=True, init=False)

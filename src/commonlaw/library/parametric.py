@@ -35,6 +35,15 @@ class ParametricTerm:
         """Return ``s/(K + s)`` for `parametric_term`, with other names of its constants if they are given."""
         return self.term.expression((*variables.measured, *(constants or self.constants)))
 
+    @property
+    def size(self) -> int:
+        """How many terms it is, see `Ratio`."""
+        return 1
+
+    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
+        """Return its terms, see `Ratio`: the one."""
+        return [self.expression(variables, constants)]
+
 
 def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
     """Return the names inside of a term that are no variables: constants.

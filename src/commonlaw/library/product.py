@@ -54,6 +54,9 @@ class Product(AbstractTerm):
             return np.divide, _product(self.factors, (), self.size), _product(self.divisors, (), self.size)
         return np.multiply, _product(self.factors[:-1], (), self.size), self.factors[-1]
 
+    def below(self) -> tuple[AbstractTerm, ...]:
+        return self.divisors
+
     def columns(self) -> frozenset[int]:
         return frozenset().union(*(each.columns() for each in (*self.factors, *self.divisors)))
 

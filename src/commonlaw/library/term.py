@@ -34,6 +34,10 @@ class AbstractTerm(ABC):
         """Return `numpy.multiply` or `numpy.divide` and the two simpler terms that it makes into this one, if any."""
         return None
 
+    def below(self) -> tuple["AbstractTerm", ...]:
+        """Return what it is divided by."""
+        return ()
+
     @abstractmethod
     def columns(self) -> frozenset[int]:
         """Return the columns of the variables that the term depends on."""

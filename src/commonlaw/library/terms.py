@@ -122,8 +122,16 @@ class Terms:
 
     @cached_property
     def complexities(self) -> Floats:
-        """How many factors it takes to write each term, see `AbstractTerm.complexity`, shape (number of terms,)."""
-        return np.array([term.complexity() for term in self.terms], dtype=np.float64)
+        """How many factors it takes to write each term, see `AbstractTerm.complexity`, shape (number of terms,).
+
+        What terms are divided by counts once if there are constants in it: it is written below all of them.
+        """
+        first, seen, found = len(self.variables.measured), set[AbstractTerm](), list[float]()
+        for term in self.terms:
+            below = {each for each in term.below() if any(column >= first for column in each.columns())}
+            found.append(term.complexity() - sum(each.complexity() for each in below & seen))
+            seen |= below
+        return np.array(found)
 
     @cached_property
     def _plan(self) -> Plan:

@@ -9,6 +9,7 @@ const LIBRARIES = [
   ["poly:1", "the variables themselves, like x, y"],
   ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", "2"],
   ["poly:1 + fourier:1", "the variables, and sines and cosines of them"],
+  ["ratio(poly:2, poly:2)", "ratios of sums of these, like x/(K + x)"],
   ["auto", "all that occurs in laws: also saturation, roots, exponentials, powers (minutes)"],
 ];
 

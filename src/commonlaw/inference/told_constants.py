@@ -1,0 +1,34 @@
+"""Whether measurements tell the constants inside of terms."""
+
+import numpy as np
+
+from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.search_state import SearchState, evidence_about
+
+_SURE = 2.0
+"""Standard errors from zero, typically of an object, from which on a coefficient of a term that bends is told."""
+
+
+def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
+    """Return whether measurements tell the constants of a law apart from what stands before their terms.
+
+    Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
+    the one that is linearised about a fit, and evidence that is computed from that means nothing.
+    """
+    terms = problem.models[0].terms
+    equations, chosen = np.nonzero(state.supports)
+    constant = ~terms.is_factor[chosen]
+    bent = constant | np.array(terms.have_constants)[chosen]
+    squares = []
+    for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
+        columns = each.factor[:, np.flatnonzero(state.supports)]
+        found = estimate.coefficients[state.supports]
+        try:
+            inverse = np.linalg.inv(np.linalg.qr(columns, mode="r"))
+        except np.linalg.LinAlgError:
+            return False
+        squares.append(found**2 / np.sum(inverse**2, axis=1))
+    lost = bent & ~(np.mean(squares, axis=0) >= _SURE**2)
+    return not any(
+        lost[own].sum() > 1 and (lost & constant)[own].any() for own in equations == equations[:, np.newaxis]
+    )

@@ -1,0 +1,185 @@
+"""Ratios of two sums of terms: how they are offered and written, and the laws of discover that have some."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import curve_fit
+from scipy.special import lambertw
+
+import commonlaw as cl
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import prepare
+from commonlaw.inference.ratio_sets import matching_ratios
+from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
+
+S = Variables(("s",))
+ENZYMES = {"a": (1.0, 0.7), "b": (2.0, 1.5), "c": (1.5, 1.0)}
+QUADRATIC = "ratio(poly:2, poly:2)"
+
+
+def simulated(rates, objects, starts, times, noise, states=("s",), seed=0):
+    """Trials of objects with parameters, from each start, with noise as a share of how far a state moves."""
+    generator, parts = np.random.default_rng(seed), []
+    for name, own in objects.items():
+        for k, start in enumerate(starts):
+            exact = solve_ivp(
+                lambda _, y, own=own: rates(y, *own), times[[0, -1]], start, t_eval=times, rtol=1e-10, atol=1e-12
+            ).y
+            noisy = exact + noise * exact.std(axis=1, keepdims=True) * generator.standard_normal(exact.shape)
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | dict(zip(states, noisy, strict=True))))
+    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=list(states))
+
+
+def enzymes(power, noise):
+    times = np.linspace(0, 6, 40)
+    return simulated(
+        lambda s, rate, half: -rate * s**power / (half**power + s**power), ENZYMES, [[5.0], [2.5]], times, noise
+    )
+
+
+def logistic(noise):
+    objects = {"a": (1.0, 3.0), "b": (0.7, 4.0), "c": (1.2, 5.0)}
+    times = np.linspace(0, 8, 40)
+    return simulated(lambda n, rate, most: rate * n * (1 - n / most), objects, [[0.3], [0.8]], times, noise)
+
+
+def near(law, expected, errors=4.0):
+    """Whether letters are within so many standard errors of the values of each object."""
+    values, own = law.letter_values()
+    return (np.abs(values - np.array(expected)) < errors * own).all()
+
+
+def test_a_text_names_ratios_of_two_libraries_alone_or_in_a_sum():
+    assert parse_library(QUADRATIC) == RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
+    library = parse_library("poly:1 + ratio(poly:2 + terms:s**3, poly:1)")
+    (ratios,) = library.ratios(S)
+    named = [tuple(each.text(("s", "t")) for each in side) for side in (ratios.above, ratios.below, ratios.beside)]
+    assert named == [("1", "s", "s^2", "s^3"), ("1", "s"), ("1", "s")]
+    (ratios,) = parse_library("poly:1 * ratio(poly:1, poly:1)").ratios(S)
+    assert [each.text(("s", "t")) for each in ratios.above] == ["1", "s", "s^2"]
+
+
+@pytest.mark.parametrize("text", ["ratio(poly:2)", "ratio(poly:2, poly:2, poly:2)", "ratio(poly:2, poly:2"])
+def test_a_text_that_is_no_ratio_of_two_libraries_is_refused(text):
+    with pytest.raises(CommonlawError, match=r"write it as 'ratio\(NUMERATOR, DENOMINATOR\)'"):
+        parse_library(text)
+
+
+def test_a_denominator_of_one_term_is_refused():
+    with pytest.raises(CommonlawError, match="a denominator of one term is no sum"):
+        parse_library("ratio(poly:2, constant)").ratios(S)
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "coefficients", "written", "constants"),
+    [
+        ([1], [0, 1], [2.0, 4.0], ["(s)/(K + s)"], [0.5]),
+        ([2], [0, 2], [1.0, 4.0], ["(s**2)/(K**2 + s**2)"], [0.5]),
+        ([1, 2], [0, 1, 2], [1.0, 2.0, 4.0], ["(s)/(K + s + L*s**2)", "(s**2)/(K + s + L*s**2)"], [0.5, 2.0]),
+        ([1], [0, 2], [-1.0, 4.0], ["(s)/(K**2 + s**2)"], None),
+    ],
+)
+def test_the_first_coefficient_below_of_a_variable_is_one(above, below, coefficients, written, constants):
+    (ratios,) = parse_library(QUADRATIC).ratios(S)
+    ratio = ratios.ratio(above, below, S)
+    assert ratio.expressions(S, ratio.constants) == written
+    assert ratio.values_of_constants(np.array(coefficients)) == constants
+
+
+def test_constants_have_names_that_no_variable_has():
+    variables = Variables(("K",))
+    (ratios,) = parse_library("ratio(poly:1, poly:1)").ratios(variables)
+    assert ratios.ratio([1], [0, 1], variables).constants == ("K2",)
+
+
+def test_what_a_variable_divides_is_written_without_it():
+    (ratios,) = parse_library(QUADRATIC).ratios(S)
+    assert ratios.is_reduced([1], [0, 1])
+    assert not ratios.is_reduced([2], [1, 2])
+
+
+def test_a_denominator_that_terms_share_counts_once():
+    variables = Variables(("s",), constants=("K",))
+    terms = Terms(variables, tuple(parse_term(each, variables) for each in ("s/(K + s)", "s**2/(K + s)", "1/(1 + s)")))
+    assert terms.complexities.tolist() == [3, 2, 1]
+
+
+def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_poles():
+    trials = enzymes(2, noise=0.01)
+    problem = prepare(trials, PolynomialLibrary(2).bind(S), np.full((3, 1, 3), np.nan))
+    (sets,) = matching_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S))
+    found = next(each for each in sets if each.numbers == 2)
+    (ratio,) = found.others
+    assert ratio.expressions(S, ratio.constants) == ["(s**2)/(K**2 + s**2)"]
+    start = found.starts[0]
+    np.testing.assert_allclose(start.constants[0][:, 0], [half for _, half in ENZYMES.values()], rtol=0.1)
+    np.testing.assert_allclose(start.coefficients[:, 0], [-rate for rate, _ in ENZYMES.values()], rtol=0.1)
+    states = np.linspace(min(trial.states.min() for trial in trials), max(trial.states.max() for trial in trials), 500)
+    for each in (own for own in sets if len(own.others[0].below) == 2):
+        below = each.starts[0].constants[0][:, 0, np.newaxis] ** each.others[0].degree
+        rest = each.others[0].below[1].evaluate(np.column_stack([states, states]))
+        assert (np.abs(below + rest) > 0).all()
+
+
+@pytest.mark.parametrize(("power", "noise"), [(1, 0.01), (1, 0.05), (2, 0.01), (2, 0.05)])
+def test_the_kinetics_of_enzymes_are_found(power, noise):
+    law = cl.discover(enzymes(power, noise), library=QUADRATIC, cache=False)
+    assert law.structure() == (("s' = a s/(K + s)",) if power == 1 else ("s' = a s^2/(K^2 + s^2)",))
+    assert near(law, [(-rate, half) for rate, half in ENZYMES.values()])
+
+
+def test_they_agree_with_least_squares_on_the_exact_solution():
+    times, noise = np.linspace(0, 6, 60), 0.05
+
+    def solution(t, start, rate, half):
+        return half * lambertw(start / half * np.exp((start - rate * t) / half)).real
+
+    measured = solution(times, 4.0, 1.0, 0.8) + noise * np.random.default_rng(3).standard_normal(len(times))
+    trials = cl.Trials.from_frame(pd.DataFrame({"t": times, "s": measured}), time="t", states=["s"])
+    law = cl.discover(trials, library=QUADRATIC, method=cl.TrajectoryLikelihood(noise={"s": noise}), cache=False)
+    assert law.structure() == ("s' = a s/(K + s)",)
+    expected, covariance = curve_fit(solution, times, measured, [4.0, 1.0, 1.0], np.full(60, noise), True)
+    values, errors = law.letter_values()
+    np.testing.assert_allclose(values[0], expected[1:] * [-1, 1], rtol=1e-4)
+    np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_a_plain_law_stays_where_ratios_are_offered(noise):
+    law = cl.discover(logistic(noise), library=QUADRATIC, cache=False)
+    assert law.structure() == ("s' = a s + b s^2",)
+
+
+def test_a_law_whose_constants_trials_do_not_tell_is_not_taken():
+    decay = simulated(
+        lambda s, rate: -rate * s, {"a": (1.0,), "b": (0.7,), "c": (0.5,)}, [[5.0], [2.5]], np.linspace(0, 5, 40), 0.05
+    )
+    assert cl.discover(decay, library="poly:1 + terms:s/(K+s)", cache=False).structure() == ("s' = a s",)
+
+
+@pytest.mark.slow
+def test_equations_have_ratios_beside_plain_terms(tmp_path):
+    objects = {"a": (1.0, 4.0, 1.0, 1.0, 0.5, 0.25), "b": (1.2, 5.0, 1.2, 1.5, 0.6, 0.3)}
+
+    def predation(z, rate, most, eaten, half, share, death):
+        meals = eaten * z[0] * z[1] / (half + z[0])
+        return [rate * z[0] * (1 - z[0] / most) - meals, share * meals - death * z[1]]
+
+    times = np.linspace(0, 20, 80)
+    trials = simulated(predation, objects, [[2.0, 1.0], [0.5, 1.5]], times, 0.01, ("x", "y"))
+    law = cl.discover(trials, library="poly:2 + ratio(poly:2, poly:1)", cache=False)
+    first, second = law.structure()
+    assert first == "x' = a x + b x^2 + c x y/(K + x)"
+    assert second in ("y' = d y + f x y/(K2 + x)", "y' = d y + f y/(K2 + x)")  # The same: x/(K + x) = 1 - K/(K + x)
+    states = np.array([[0.5, 1.0, 0.0], [3.0, 2.0, 0.0]])
+    for name, own in objects.items():
+        expected = [predation(z[:2], *own) for z in states]
+        np.testing.assert_allclose(law.evaluate(name, states), expected, rtol=0.02, atol=0.01)
+    law.save(tmp_path / "law.json")
+    assert cl.Law.load(tmp_path / "law.json").equations("a") == law.equations("a")
+
+
+def test_a_method_that_finds_no_constants_refuses_ratios():
+    with pytest.raises(CommonlawError, match="here ratios of sums, do not go with DerivativeRegression"):
+        cl.discover(logistic(0.01), library=QUADRATIC, method=cl.DerivativeRegression())
