@@ -162,19 +162,19 @@ class Design(ShownInNotebooks):
         if self.aim.of_law and not self.tells_apart:
             return [
                 "No experiment in these ranges tells these laws apart: each can imitate the others within its errors. "
-                f"Made {MOST_REPEATS} times, the best leaves a chance of {self.limit:.2f}, and it is "
-                f"{self.chance_now:.2f} now."
+                f"Made {MOST_REPEATS} times, the best leaves a chance of {_floor(self.limit)}, and it is "
+                f"{_floor(self.chance_now)} now."
             ]
         chance = (
-            f"The chance that the most probable law is the right one is {self.chance_now:.2f} now, and "
-            f"{self.chance:.2f} after {_these(len(self.experiments))}."
+            f"The chance that the most probable law is the right one is {_floor(self.chance_now)} now, and "
+            f"{_floor(self.chance)} after {_these(len(self.experiments))}."
         )
         if not self.aim.of_law or self.repeats == 1:
             often = ""
         elif self.repeats is None:
             often = (
                 f"Even {MOST_REPEATS} repeats do not make it {SURE}; the best single experiment in these ranges, made "
-                f"so often, comes to {self.limit:.2f}."
+                f"so often, comes to {_floor(self.limit)}."
             )
         else:
             often = f"For {SURE}, make {_these(len(self.experiments))} {self.repeats} times."
@@ -218,6 +218,11 @@ class Design(ShownInNotebooks):
             row |= {"chance": each.chance} if len(self.laws) > 1 else {}
             rows.append(row | ({} if each.std is None else {"standard error": each.std}))
         return pd.DataFrame(rows)
+
+
+def _floor(chance: float | None) -> str:
+    """Return a chance as it is at least, so that 0.95 is said where it is reached."""
+    return f"{np.floor(100 * (chance or 0.0) + 1e-9) / 100:.2f}"
 
 
 def _these(count: int) -> str:

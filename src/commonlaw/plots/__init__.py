@@ -14,6 +14,7 @@ except ValueError as error:
 
 from commonlaw.notebooks import show_type
 from commonlaw.plots.coefficients import plot_coefficients
+from commonlaw.plots.design import plot_design
 from commonlaw.plots.discrepancy import plot_discrepancy
 from commonlaw.plots.errors import plot_errors
 from commonlaw.plots.forecast import plot_forecast
@@ -34,6 +35,7 @@ __all__ = [
     "ResidualPanels",
     "figure_format",
     "plot_coefficients",
+    "plot_design",
     "plot_discrepancy",
     "plot_errors",
     "plot_forecast",

@@ -1,0 +1,107 @@
+"""Whether designed experiments find the right law sooner than random ones, and as surely as they say beforehand."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+import commonlaw as cl
+from benchmarks.families import FAMILIES, Experiment
+from benchmarks.machine import machine
+from benchmarks.variational import Floats, solve
+from commonlaw.experiments.settings import Settings
+
+RANGES: Mapping[str, Mapping[str, object]] = {
+    "heights of balls": {"x": "20..60", "v": "-15..15", "duration": "1.6..6.4", "samples": 49},
+    "pendulum": {"x": "0.2..2.8", "y": "-1..1", "duration": "6..24", "samples": 150},
+    "Van der Pol": {"x": "-4..4", "y": "-4..4", "duration": "7..28", "samples": 150},
+    "Lotka-Volterra": {"x": "0.3..4", "y": "0.2..4", "duration": "6..24", "samples": 150},
+}
+"""Of the further experiments: about twice those of the first ones, with as many samples."""
+
+LEVELS = {"heights of balls": 0.05, "pendulum": 0.1, "Van der Pol": 0.1, "Lotka-Volterra": 0.1}
+"""Of the noise, as a share of each state's standard deviation: there laws are in doubt."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Whether the right law was found at first, and after each further experiment; what the first promised."""
+
+    right: tuple[bool, ...]
+    promised: float
+    now: float
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print how many draws have the right law, after how many experiments."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.next_experiment", description=__doc__)
+    parser.add_argument("--draws", type=int, default=50, help="of each family (default: %(default)s)")
+    parser.add_argument("--experiments", type=int, default=1, help="further ones of each ball (default: %(default)s)")
+    parser.add_argument("--family", default=",".join(RANGES), help="commas between several (default: all)")
+    chosen = parser.parse_args(arguments)
+    head = " | ".join(f"after {k}" for k in range(chosen.experiments + 1))
+    print(f"{machine()}\n\n| family | experiments | {head} | promised after 1 |")
+    print("|---" * (chosen.experiments + 4) + "|")
+    for name in chosen.family.split(","):
+        for designed in (True, False):
+            found = [drawn(name, seed, chosen.experiments, designed) for seed in range(chosen.draws)]
+            counts = [sum(each.right[k] for each in found) for k in range(chosen.experiments + 1)]
+            promised = f"{sum(each.promised for each in found):.1f}" if designed else "-"
+            kind = "designed" if designed else "random"
+            print(f"| {name} | {kind} | {' | '.join(map(str, counts))} | {promised} |", flush=True)
+
+
+def drawn(name: str, seed: int, count: int, designed: bool) -> Outcome:
+    """Return what one draw of coefficients, starts and noise gives with so many further experiments of each object."""
+    first, random = first_trials(name, seed), np.random.default_rng([seed, designed])
+    noise = first.noise(LEVELS[name])
+    trials = first.measured(LEVELS[name], seed)
+    law = first.discover(trials)
+    right, promised, now = [first.estimates(law) is not None], 1.0, law.plausible[0].probability
+    for k in range(count):
+        vary = {**RANGES[name], "object": "each"}
+        if designed:
+            design = cl.design(law, vary, seed=seed)
+            settings = design.experiments[0].experiment.settings
+            promised = design.chance if k == 0 else promised
+        else:
+            space = Settings.of(law, vary, {})
+            settings = space.at(random.uniform(size=len(space.varied)))
+        trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
+        law = first.discover(trials)
+        right.append(first.estimates(law) is not None)
+    return Outcome(tuple(right), promised, now)
+
+
+def first_trials(name: str, seed: int, objects: int = 5, trials: int = 2) -> Experiment:
+    """Return objects of a family, others for every seed."""
+    family, generator = FAMILIES[name], np.random.default_rng([*name.encode(), seed])
+    coefficients = np.array([family.coefficients(generator) for _ in range(objects)])
+    runs = tuple(
+        tuple(
+            solve(family.variables, family.equations, own, np.array(family.start(generator)), family.times)
+            for _ in range(trials)
+        )
+        for own in coefficients
+    )
+    return Experiment(family, coefficients, runs)
+
+
+def made(
+    first: Experiment, settings: Mapping[str, object], noise: Floats, random: np.random.Generator, label: str
+) -> list[cl.Trial]:
+    """Return a further trial of each object with these settings, as the true law and the noise have it."""
+    family = first.family
+    start = np.array([float(str(settings[each])) for each in family.variables])
+    times = np.linspace(0, float(str(settings["duration"])), round(float(str(settings["samples"]))))
+    found = []
+    for i, own in enumerate(first.coefficients):
+        clean = solve(family.variables, family.equations, own, start, times).states[:, : len(family.equations)]
+        states = clean + noise * random.standard_normal(clean.shape)
+        found.append(cl.Trial(f"object {i + 1}", label, times, states))
+    return found
+
+
+if __name__ == "__main__":
+    main()

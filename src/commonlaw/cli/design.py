@@ -1,0 +1,131 @@
+"""`commonlaw design`: which experiment next."""
+
+from math import inf
+
+import click
+
+from commonlaw.cli.command import command
+from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.options import by_name, numbers
+from commonlaw.cli.output import print_json, say
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
+from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.working import working
+
+
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@with_source
+@click.option(
+    "--vary",
+    metavar="NAME=VALUES",
+    multiple=True,
+    help="What can be set: a range x=5..60, a list rate=15,30, or one value; NAME is a state or rate where trials "
+    "start, duration, rate, samples, repeats, object (names, or each), object.PROPERTY of a new object, an input, "
+    "INPUT.shape or INPUT.period; repeat for more.",
+)
+@click.option(
+    "--within",
+    metavar="NAME=RANGE",
+    multiple=True,
+    help="A trial ends where a state leaves this range: x=0..100; repeat for more.",
+)
+@click.option(
+    "--cost",
+    metavar="NAME=PRICE",
+    multiple=True,
+    help="Price of a trial, a sample, a unit of anything that is set, or a trial of an object by its name; repeat for "
+    "more.  [default: 1 for each trial]",
+)
+@click.option("--budget", type=click.FloatRange(0, min_open=True), default=inf, help="What all may cost together.")
+@click.option(
+    "--at-most", type=click.IntRange(1), default=1, help="Experiments; fewer where the law is settled before."
+)
+@click.option(
+    "--for",
+    "about",
+    metavar="WHAT",
+    help="What is to be learned: law, coefficients, one of them ('c of Ball 3'), or a forecast ('x at t=10 from 100')."
+    "  [default: law, if that is in doubt, else coefficients]",
+)
+@click.option(
+    "--against",
+    metavar="LAW.json",
+    multiple=True,
+    type=ReadFile(),
+    help="Another law that is as probable; repeat for more.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of random numbers.")
+@click.option("--save", type=WrittenFile(), metavar="DESIGN.csv", help="Write a table of the experiments.")
+@click.option(
+    "--plot",
+    type=WrittenFigure(),
+    metavar="FIGURE",
+    help="Write a figure of what the laws forecast of them (.png, .svg, .pdf).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def design(
+    law_path: str,
+    source: Source,
+    vary: tuple[str, ...],
+    within: tuple[str, ...],
+    cost: tuple[str, ...],
+    budget: float,
+    at_most: int,
+    about: str | None,
+    against: tuple[str, ...],
+    seed: int,
+    save: str | None,
+    plot: str | None,
+    as_json: bool,
+) -> None:
+    """Say which experiment would tell most: which law is right, what its coefficients are, or what one wants to know.
+
+    Every law that remains plausible says what an experiment would measure, with all errors; what laws can imitate in
+    each other does not count. With FILE, what is not varied is as in its trials.
+
+    \b
+    Examples:
+      commonlaw design law.json drops.csv --vary "x=5..60" --vary "duration=1..4" --within "x=0..60"
+      commonlaw design law.json --vary x=5..60 --vary v=-10..0 --vary duration=1..6 --vary rate=15..240 --at-most 3
+      commonlaw design law.json drops.csv --vary "x=5..60" --for "x at t=10 from 100"
+    """
+    import commonlaw as cl
+
+    laws = [cl.Law.load(path) for path in (law_path, *against)]
+    with working("Looking for experiments ...") as show:
+        given = source.path or source.dataset
+        trials = source.select(source.load(laws[0].schema)) if given else None
+        found = cl.design(
+            laws,
+            by_name("--vary", vary),
+            trials=trials,
+            within=by_name("--within", within),
+            cost=numbers("--cost", cost) if cost else None,
+            budget=budget,
+            experiments=at_most,
+            about=about,
+            seed=seed,
+            progress=show,
+        )
+        later = LaterSteps()
+        later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
+        later.draw(plot, lambda plots: plots.plot_design(found))
+    if as_json:
+        laws_ = [{"equations": list(each.law.structure()), "probability": each.probability} for each in found.laws]
+        table = found.to_frame().to_dict(orient="records")
+        texts = [each.text for each in found.experiments]
+        print_json(
+            {
+                "laws": laws_,
+                "experiments": [row | {"text": text} for row, text in zip(table, texts, strict=True)],
+                "chance now": found.chance_now,
+                "chance": found.chance,
+                "repeats": found.repeats,
+                "cost": found.cost,
+                "sentences": list(found.sentences),
+            }
+        )
+    else:
+        say(str(found))
+    later.end(trials.notes if trials else (), silent=as_json)

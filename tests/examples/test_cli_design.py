@@ -1,0 +1,48 @@
+"""`commonlaw design` as a user meets it."""
+
+import json
+
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+
+
+@pytest.fixture
+def laws(tmp_path):
+    """Two laws of the same noisy drops, and their table."""
+    drops = cl.datasets.linear_drag(noise=0.5)
+    drops.to_csv(tmp_path / "drops.csv")
+    cl.fit("x'' = -g - c v", drops).save(tmp_path / "linear.json")
+    cl.fit("x'' = -g + b v^2", drops).save(tmp_path / "quadratic.json")
+
+
+@pytest.mark.usefixtures("laws")
+def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_path):
+    given = ("linear.json", "drops.csv", "--against", "quadratic.json", "--vary", "x=20..60", "--vary", "duration=1..4")
+    files = ("--within", "x=0..100", "--save", "design.csv", "--plot", "design.svg")
+    code, out, _ = run("design", *given, *files)
+    assert code == 0
+    assert "0.50  x'' = -g - c v" in out
+    assert "The experiment to make next:" in out
+    assert (tmp_path / "design.svg").stat().st_size > 0
+    assert 20 <= pd.read_csv(tmp_path / "design.csv").loc[0, "x"] <= 60
+    found = json.loads(run("design", *given, "--at-most", "3", "--json")[1])
+    assert found["chance now"] == 0.5
+    assert found["chance"] > 0.6
+    assert found["cost"] == len(found["experiments"])
+
+
+@pytest.mark.usefixtures("laws")
+def test_what_is_wanted_and_what_it_costs_is_said_in_options(run):
+    given = ("design", "linear.json", "--vary", "x=40", "--vary", "v=-5..0", "--vary", "duration=2", "--vary", "rate=9")
+    code, out, _ = run(*given, "--for", "c of Ball 3", "--cost", "trial=2", "--cost", "sample=0.1")
+    assert code == 0
+    assert "cost 3.9" in out
+    assert "its standard error is then" in out
+    code, _, err = run("design", "linear.json", "--vary", "x=40")
+    assert code == 1
+    assert "not all of an experiment is given" in err
+    assert "v=" in err
+    code, _, err = run(*given, "--cost", "height=2")
+    assert (code, "unknown price 'height'" in err) == (1, True)
