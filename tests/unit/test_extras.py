@@ -23,6 +23,7 @@ OPTIONAL = {
     "latex2mathml": "report",
     "starlette": "app",
     "uvicorn": "app",
+    "distributed": "cluster",
 }
 
 WITHOUT_EXTRAS = """

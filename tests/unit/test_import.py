@@ -8,7 +8,7 @@ import pytest
 
 import commonlaw
 
-HEAVY = {"click", "matplotlib", "pandas", "pint", "pyarrow", "rich", "scipy", "sympy"}
+HEAVY = {"click", "dask", "distributed", "matplotlib", "pandas", "pint", "pyarrow", "rich", "scipy", "sympy"}
 
 
 def test_importing_commonlaw_imports_nothing_heavy() -> None:

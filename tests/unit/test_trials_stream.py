@@ -1,7 +1,11 @@
+import pickle
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.formulation import MOST_GROUPS, law_variables, merged_rows, rows_by_object
 from commonlaw.trials import stream
 
 
@@ -38,3 +42,51 @@ def test_a_stream_needs_its_roles_named_and_a_parquet_file(tmp_path):
         cl.TrialStream.from_parquet(tmp_path / "drops.csv")
     with pytest.raises(cl.CommonlawError, match=r"there is no file 'gone.parquet'"):
         cl.TrialStream.from_parquet(tmp_path / "gone.parquet")
+
+
+@pytest.fixture
+def drops(tmp_path):
+    """Drops in a file, and the same in files of folders that name the objects."""
+    frame = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=4).to_frame()
+    frame.to_parquet(tmp_path / "all.parquet")
+    for (name, trial), own in frame.groupby(["object", "trial"]):
+        folder = tmp_path / "runs" / f"object={str(name).replace(' ', '%20')}"
+        folder.mkdir(parents=True, exist_ok=True)
+        own.drop(columns="object").to_parquet(folder / f"{trial}.parquet")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["runs", "runs/*/*.parquet", "runs/**/*.parquet"])
+def test_files_in_folders_are_one_stream_and_each_can_be_sent(drops, monkeypatch, name):
+    monkeypatch.chdir(drops)
+    roles = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
+    whole = list(cl.TrialStream.from_parquet("all.parquet", **roles))
+    stream = cl.TrialStream.from_parquet(name, **roles)
+    assert len(stream.parts) == 8
+    sent = [trial for part in pickle.loads(pickle.dumps(stream.parts)) for trial in part]
+    for one, other, there in zip(whole, stream, sent, strict=True):
+        assert one.label == other.label == there.label
+        np.testing.assert_array_equal(one.states, other.states)
+        np.testing.assert_array_equal(one.states, there.states)
+
+
+def test_a_pattern_that_names_no_file_is_refused(drops):
+    with pytest.raises(cl.CommonlawError, match=r"there is no Parquet file in '.*\*.csv'"):
+        cl.TrialStream.from_parquet(drops / "*.csv")
+
+
+@pytest.mark.parametrize("cuts", [[1], [40], [3, 35, 36, 70]])
+def test_rows_of_an_object_are_the_same_however_its_trials_are_divided(cuts):
+    trials = cl.datasets.linear_drag(drag=(-0.2,), trials=80)
+    form, terms = cl.StrongForm(cl.FiniteDifference(), 2), cl.PolynomialLibrary(1).bind(law_variables(trials.schema, 2))
+    whole = rows_by_object(trials, form, terms, segments=2, sampled=True)["Ball 1"]
+    edges = [0, *cuts, len(trials)]
+    parts = [rows_by_object(trials[a:b], form, terms, segments=2, sampled=True) for a, b in pairwise(edges)]
+    divided = merged_rows(parts)["Ball 1"]
+    assert (divided.count, len(divided.groups)) == (whole.count, MOST_GROUPS) == (80, 32)
+    np.testing.assert_array_equal(divided.extremes, whole.extremes)
+    assert [trial.name for trial in divided.samples] == ["1", "2", "3", "4"]
+    for one, other in zip(divided.groups, whole.groups, strict=True):
+        for mine, theirs in zip(one, other, strict=True):
+            assert mine.rows == theirs.rows
+            np.testing.assert_allclose(mine.factor.T @ mine.factor, theirs.factor.T @ theirs.factor, rtol=1e-12)

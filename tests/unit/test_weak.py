@@ -15,7 +15,16 @@ from commonlaw import (
     datasets,
     discover,
 )
-from commonlaw.formulation import LeastSquaresProblem, StrongForm, WeakForm, compress, law_variables, merge, reweight
+from commonlaw.formulation import (
+    CompressedTrials,
+    LeastSquaresProblem,
+    StrongForm,
+    WeakForm,
+    law_variables,
+    merge,
+    reweight,
+    rows_by_object,
+)
 from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
@@ -263,7 +272,7 @@ def test_solvers_find_the_law_in_compressed_trials():
     trials = Trials((exact[0], Trial("it", "2", *_noisy(7)), Trial("other", "1", *_noisy(8))), exact.schema)
     terms = PolynomialLibrary(2).bind(law_variables(trials.schema, 1))
     form, _ = reweight(trials, terms, WeakForm())
-    data = compress(trials, trials.schema, form, terms, segments=4)
+    data = CompressedTrials.of(rows_by_object(trials, form, terms, segments=4), trials.schema)
     names = [{"x", "y"}, {"x", "y", "x z"}, {"z", "x y"}]
     for equation, wanted in enumerate(names):
         path = BestSubset().path(data.problems, equation, np.ones(10, dtype=bool))

@@ -1,11 +1,11 @@
 """Several files, each with a law of its own, and one table of all: `commonlaw discover --each`."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import click
 
@@ -15,13 +15,13 @@ from commonlaw.cli.output import print_table, say
 from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
 from commonlaw.cli.source import Source
-from commonlaw.cli.workers import in_processes
+from commonlaw.cli.workers import in_processes, in_words
+from commonlaw.cluster import counting, current_cluster
 from commonlaw.names import as_text
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.wording import counted
 
-if TYPE_CHECKING:
-    pass
+Piece = tuple[Source, Question]
 
 COLUMNS = (
     "file", "object", "equation", "term", "value", "standard error", "low", "high", "unit", "verdict", "error",
@@ -66,7 +66,7 @@ class Batch:
     out: str | None
     workers: int | None
 
-    def check(self, source: Source, given: Sequence[str]) -> None:
+    def check(self, source: Source, given: Sequence[str], cluster: str | None) -> None:
         """Refuse what does not go together; `given` are options that are for a single file."""
         if not self.each:
             if self.more:
@@ -76,25 +76,40 @@ class Batch:
                 )
             if self.out or self.workers:
                 raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
+        elif cluster and self.workers:
+            raise click.UsageError("--workers is for this machine: leave it out, --cluster has the workers that it has")
         elif not source.path or source.dataset:
             raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --out results.csv")
         elif given:
             raise click.UsageError(f"{' and '.join(given)} for a single file: with --each, results go to --out")
 
     def run(self, source: Source, question: Question, show: ProgressCallback) -> "Results":
-        """Find the laws of all files."""
+        """Find the laws of all files, by the workers of a cluster if there is one."""
+        paths = [path for path in (source.path, *self.more) if path]
+        pieces = [(replace(source, path=str(Path(path).absolute())), question) for path in paths]
+        results: list[tuple[Found | None, str]] = [(None, "")] * len(paths)
+        with closing(self._ended(pieces, show)) as ended:
+            for number, found, failure in ended:
+                results[number] = found, in_options(failure)
+        return Results(paths, results)
+
+    def _ended(self, pieces: Sequence[Piece], show: ProgressCallback) -> Generator[tuple[int, Found | None, str]]:
+        """Yield the number of each file as soon as it is done, with what was found or why nothing was."""
+        cluster = current_cluster()
+        if cluster is not None:
+            tell = counting(show, "files", len(pieces), cluster)
+            for done, (number, found, error) in enumerate(cluster.each(_found, pieces), start=1):
+                yield number, found, in_words(error) if error else ""
+                tell(done)
+            return
         from joblib import cpu_count
 
-        paths = [path for path in (source.path, *self.more) if path]
-        pieces = [(replace(source, path=path), question) for path in paths]
-        results: list[tuple[Found | None, str]] = [(None, "")] * len(paths)
-        at_once = min(self.workers or cpu_count(), len(paths))
-        show(Stage(f"{at_once} processes for {len(paths)} files", 0.0))
+        at_once = min(self.workers or cpu_count(), len(pieces))
+        show(Stage(f"{at_once} processes for {len(pieces)} files", 0.0))
         with closing(in_processes(_found, pieces, at_once)) as ended:
-            for done, (number, found, failure) in enumerate(ended, start=1):
-                results[number] = found, in_options(failure)
-                show(Stage(f"{done} of {len(paths)} files", done / len(paths)))
-        return Results(paths, results)
+            for done, each in enumerate(ended, start=1):
+                yield each
+                show(Stage(f"{done} of {len(pieces)} files", done / len(pieces)))
 
 
 @dataclass(frozen=True)
@@ -138,7 +153,7 @@ with_batch = as_one("batch", Batch, _OPTIONS)
 """Adds further files and the options for them to a command, which receives them as `batch`."""
 
 
-def _found(piece: tuple[Source, Question]) -> Found:
+def _found(piece: Piece) -> Found:
     """Return what is found in a file."""
     from commonlaw.law.coefficients_csv import coefficient_rows
 

@@ -4,10 +4,11 @@ from commonlaw.cli.batch import Batch, with_batch
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
+from commonlaw.cli.on_cluster import few_trials, on_cluster_at, stream_of_workers, with_cluster
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
-from commonlaw.progress import part
+from commonlaw.progress import ProgressCallback, part
 
 
 @command
@@ -15,11 +16,13 @@ from commonlaw.progress import part
 @with_question
 @with_outputs
 @with_batch
-def discover(source: Source, question: Question, outputs: Outputs, batch: Batch) -> None:
+@with_cluster
+def discover(source: Source, question: Question, outputs: Outputs, batch: Batch, cluster: str | None) -> None:
     """Find the law that the objects in FILE share.
 
     FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
-    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from.
+    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from. With
+    --cluster it is a Parquet file, a folder of such, or a pattern in quotes.
 
     \b
     Examples:
@@ -28,21 +31,44 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch)
       commonlaw discover drops.csv --order 2 --exclude trial=3 --learn-until 1.5
       commonlaw discover drops.csv --order 2 --property diameter --property mass --explain
       commonlaw discover monday.csv tuesday.csv --each --order 2 --out results.csv
+      commonlaw discover 'runs/*.parquet' --object car --trial run --time t --state x --cluster tcp://host:8786
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
-    batch.check(source, outputs.named)
-    if batch.each:
-        with working("Discovering ...") as show:
+    batch.check(source, outputs.named, cluster)
+    if cluster and not batch.each:
+        source.check_streams()
+        question.check_streams()
+    with working("Discovering ...") as show, on_cluster_at(cluster, show):
+        if batch.each:
             results = batch.run(source, question, show)
+        else:
+            learned, later = (_on_cluster if cluster else _here)(source, question, outputs, show)
+    if batch.each:
         results.give(batch.out, LaterSteps())
-        return
-    with working("Discovering ...") as show:
-        show("reading the table")
-        trials, later = source.load(), LaterSteps()
-        training = source.select(trials)
-        law = question.answer(training, part(show, 0.05, 0.9))
-        outputs.keep(law, later)
-        law = question.explained(law, show, later)
-        show("checking the law by forecasts")
-        learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
-    outputs.give(learned, later)
+    else:
+        outputs.give(learned, later)
+
+
+def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCallback) -> tuple[Learned, LaterSteps]:
+    """Find a law in a table."""
+    show("reading the table")
+    trials, later = source.load(), LaterSteps()
+    training = source.select(trials)
+    law = question.answer(training, part(show, 0.05, 0.9))
+    outputs.keep(law, later)
+    law = question.explained(law, show, later)
+    show("checking the law by forecasts")
+    return Learned.check(law, source, trials, training, bool(outputs.plot), later), later
+
+
+def _on_cluster(
+    source: Source, question: Question, outputs: Outputs, show: ProgressCallback
+) -> tuple[Learned, LaterSteps]:
+    """Find a law in files that workers read; it is checked by forecasts of a few trials."""
+    show("listing the files")
+    stream, later = stream_of_workers(source), LaterSteps()
+    law = question.answer(stream, part(show, 0.05, 0.9))
+    outputs.keep(law, later)
+    show("checking the law by forecasts of a few trials")
+    few = few_trials(stream)
+    return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from commonlaw.law import Law
     from commonlaw.plots import Figure
-    from commonlaw.trials import Trials
+    from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import Findings
 
 _output = partial(option, "Output")
@@ -77,15 +77,26 @@ with_outputs = as_one("outputs", Outputs, _OPTIONS)
 
 @dataclass(frozen=True)
 class Learned:
-    """What was found out about a law, the true law if it is known, and laws compared, see `commonlaw.compare`."""
+    """What was found out about a law, the true law if it is known, and laws compared, see `commonlaw.compare`.
+
+    Of a law that was learned from a stream, the findings are about a few of its trials.
+    """
 
     findings: "Findings"
     truth: "Law | None"
     compared: "pd.DataFrame | None" = None
+    stream: "TrialStream | None" = None
 
     @classmethod
     def check(
-        cls, law: "Law", source: Source, trials: "Trials", training: "Trials", bands: bool, later: LaterSteps
+        cls,
+        law: "Law",
+        source: Source,
+        trials: "Trials",
+        training: "Trials",
+        bands: bool,
+        later: LaterSteps,
+        stream: "TrialStream | None" = None,
     ) -> "Learned":
         """Return a law with its findings, forecasts with bands if wanted, and the true law of a data set."""
         from commonlaw.datasets import truth_of
@@ -95,7 +106,7 @@ class Learned:
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
         unchecked = Findings(law, trials, training)
         findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
-        return cls(findings, truth)
+        return cls(findings, truth, stream=stream)
 
     @property
     def law(self) -> "Law":
@@ -112,10 +123,11 @@ class Learned:
         from commonlaw.law.tables import BAYES_FACTOR, readable_candidates
 
         law, training = self.law, self.findings.training
-        say(
-            f"{counted(len(training), 'trial')} of {counted(len(law.objects), 'object')}, "
-            f"{counted(sum(map(len, training)), 'sample')}\n"
-        )
+        if self.stream is None:
+            of = f"{counted(len(training), 'trial')} of", f", {counted(sum(map(len, training)), 'sample')}"
+        else:
+            of = f"{counted(len(self.stream.parts), 'file')} with", ""
+        say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
         if law.shared and law.explanation is None:
             say("\n".join((*map(in_line, law.structure()), "")))
             columns = self._coefficient_columns()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from commonlaw.discovery.known_physics import Base
     from commonlaw.discovery.orders import Order
     from commonlaw.law import Law
-    from commonlaw.trials import Trials
+    from commonlaw.trials import Trials, TrialStream
 
 _law = partial(option, "Law")
 
@@ -85,7 +85,12 @@ class Question:
     no_cache: bool
     method: "AbstractMethod | None"
 
-    def answer(self, training: "Trials", show: Callable[[str], None]) -> "Law":
+    def check_streams(self) -> None:
+        """Refuse what does not go with files that are streamed."""
+        if self.explain:
+            raise click.UsageError("--explain with --cluster: leave it out, files of a stream have no properties")
+
+    def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
         """Return the law of trials; `show` takes the text of each step."""
         import commonlaw as cl
 

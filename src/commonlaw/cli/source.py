@@ -11,7 +11,7 @@ import click
 from commonlaw.cli.options import as_one, by_name, in_options, number_or_text, option, pairs
 from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
-from commonlaw.trials import Schema, Trials
+from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.sources import read_table
 
@@ -127,6 +127,28 @@ class Source:
         if self.exclude:
             trials = trials.split(**_conditions("--exclude", self.exclude, trials))[1]
         return trials.clip_irregular() if self.clip else trials
+
+    def check_streams(self) -> None:
+        """Refuse what does not go with files that are streamed."""
+        given = {
+            "--dataset": self.dataset, "--object-name": self.object_name, "--property": self.properties,
+            "--wide": self.wide, "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where,
+            "--exclude": self.exclude, "--clip": self.clip, "--hold-out": self.hold_out,
+            "--learn-until": self.learn_until,
+        }  # fmt: skip
+        if refused := [name for name, value in given.items() if value]:
+            raise click.UsageError(f"{', '.join(refused)} with --cluster: leave it out, files are taken whole")
+        if not self.path:
+            raise click.UsageError("give Parquet files: commonlaw discover 'runs/*.parquet' --cluster ...")
+
+    def stream(self) -> TrialStream:
+        """Return the trials of Parquet files as a stream."""
+        roles: dict[str, Any] = {
+            "object": self.object, "trial": self.trial, "time": self.time, "states": self.states,
+            "inputs": self.inputs, "noise_columns": by_name("--noise-column", self.noise_columns),
+            "units": by_name("--unit", self.units),
+        }  # fmt: skip
+        return TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
 
     def select(self, trials: Trials) -> Trials:
         """Return the trials that fit ``--where`` and not ``--hold-out``, up to the time of ``--learn-until``."""

@@ -107,9 +107,14 @@ def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
 def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:
     try:
         return work(piece), ""
-    except CommonlawError as error:
-        return None, str(error)
-    except MemoryError:
-        return None, "there is not enough memory for this: take fewer trials or a smaller library"
     except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
-        return None, f"{type(error).__name__}: {error}"
+        return None, in_words(error)
+
+
+def in_words(error: Exception) -> str:
+    """Return why a piece of work gave nothing."""
+    if isinstance(error, CommonlawError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this: take fewer trials or a smaller library"
+    return f"{type(error).__name__}: {error}"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
+from commonlaw.cluster import on_cluster
 from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
@@ -33,6 +34,7 @@ from commonlaw.trials.check import exact_copies
 from commonlaw.trials.trial import shown
 
 if TYPE_CHECKING:
+    from distributed import Client
     from sklearn.utils import Tags
 
     from commonlaw.forecast import Forecast
@@ -68,6 +70,9 @@ class LawDiscovery:
     cache
         Whether the law is kept in the user's cache folder, and taken from there if the same was asked of the same
         trials before. The environment variable ``COMMONLAW_CACHE`` names another folder, or with ``off`` keeps none.
+    client
+        A ``distributed.Client``, whose workers read the files of a `TrialStream` and compress them. The law is the same
+        for any number of workers, to rounding.
 
     Attributes
     ----------
@@ -95,6 +100,7 @@ class LawDiscovery:
         universal: Sequence[Key] = (),
         progress: ProgressCallback | None = None,
         cache: bool = True,
+        client: "Client | None" = None,
     ) -> None:
         self.order = order
         self.library = library
@@ -103,11 +109,12 @@ class LawDiscovery:
         self.universal = universal
         self.progress = progress
         self.cache = cache
+        self.client = client
 
     def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
         """Find the law of these trials.
 
-        A stream is gone through once, and a second time for the accuracy of its rows when a law is to be chosen.
+        A stream is gone through once.
 
         Raises
         ------
@@ -120,13 +127,22 @@ class LawDiscovery:
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
                 "Trials.read"
             )
+        if self.client is not None and isinstance(trials, Trials):
+            raise CommonlawError(
+                "client=... is for files, which its workers read: give TrialStream.from_parquet(...), or leave it out"
+            )
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
         progress = self.progress or on_terminal()
-        if self.cache and isinstance(trials, Trials):
-            self.law_ = found_once(trials, question, lambda: self._found(trials, progress), progress)
-        else:
-            self.law_ = self._found(trials, progress)
+        with on_cluster(self.client):
+            self.law_ = self._found_or_kept(trials, question, progress)
         return self
+
+    def _found_or_kept(
+        self, trials: Trials | TrialStream, question: dict[str, object], progress: ProgressCallback
+    ) -> Law:
+        if self.cache and isinstance(trials, Trials):
+            return found_once(trials, question, lambda: self._found(trials, progress), progress)
+        return self._found(trials, progress)
 
     def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
         (order, *others), told = self._orders(trials)
@@ -238,7 +254,7 @@ class LawDiscovery:
 
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
-_CHANGE_NOTHING = ("progress", "cache")
+_CHANGE_NOTHING = ("progress", "cache", "client")
 """Parameters that change nothing in a law."""
 
 

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -10,12 +9,21 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.cluster import counting, current_cluster
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.formulation import MOST_GROUPS, AbstractFormulation, CompressedTrials, compress
+from commonlaw.formulation import (
+    MOST_GROUPS,
+    AbstractFormulation,
+    CompressedTrials,
+    ObjectRows,
+    merged_rows,
+    rows_by_object,
+    some_trials,
+)
 from commonlaw.law import Law, Provenance
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import check_n_jobs
@@ -40,9 +48,11 @@ from commonlaw.solvers import (
     StepwiseSelection,
     parse_solver,
 )
-from commonlaw.trials import Trial, Trials, TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.validation import check_whole_number
 from commonlaw.wording import counted
+
+RowsByObject = dict[str, ObjectRows]
 
 _MANY_TERMS = 60
 """More are too many for the solvers that look closely."""
@@ -52,9 +62,6 @@ _MERGERS, _EVALUATIONS = 3, 4
 
 _SECONDS_AN_OBJECT, _SECONDS_OF_CUBE = 4e-3, 1e-6
 """Of choosing terms: for each object and equation, and for the cube of the number of terms."""
-
-_TRIALS_FOR_ACCURACY = 4
-"""Trials of an object that the accuracy of its rows is estimated from."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +119,7 @@ class AbstractRegression(AbstractMethod):
         _check_effort(trials, len(terms), segments)
         progress("turning trials into regression rows")
         formulation = self.formulation(trials, structure)
-        data = compress(trials, schema, formulation, terms, segments=segments, n_jobs=self.n_jobs)
+        data = self._compressed(trials, partial(rows_by_object, form=formulation, terms=terms), segments, progress)
         known = structure.known_coefficients(schema, data.objects)
         law = Law(
             terms,
@@ -130,7 +137,7 @@ class AbstractRegression(AbstractMethod):
         else:
             listed = _default_solvers(len(terms)) if solver is None else (solver,)
             solvers = [_sharing(each, universal) for each in listed]
-            accuracy = Accuracy(formulation, terms, _some_trials(trials, data.objects))
+            accuracy = Accuracy(formulation, terms, data.samples)
             choose = partial(
                 select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples, seed=self.seed
             )
@@ -141,6 +148,21 @@ class AbstractRegression(AbstractMethod):
                 found = chosen_law(law, choose(scores=scores))
         outcomes = (*found.outcomes, *ill_conditions(found, data.problems), *_unit_outcomes(solver))
         return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
+
+    def _compressed(
+        self, trials: Trials | TrialStream, rows: partial[RowsByObject], segments: int, progress: ProgressCallback
+    ) -> CompressedTrials:
+        """Return the rows of trials compressed; of files by the workers of a cluster, if there is one."""
+        cluster = current_cluster()
+        if isinstance(trials, Trials):
+            data = CompressedTrials.of(rows(trials, segments=segments, n_jobs=self.n_jobs), trials.schema)
+            return replace(data, samples=some_trials(trials, data.objects))
+        rows = partial(rows, segments=segments, sampled=segments > 1)
+        if cluster is None:
+            return CompressedTrials.of(rows(trials, n_jobs=self.n_jobs), trials.schema)
+        parts = trials.parts or (trials,)
+        done = counting(progress, "compressing files", len(parts), cluster)
+        return CompressedTrials.of(cluster.merged(rows, parts, merged_rows, done), trials.schema)
 
 
 def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> None:
@@ -185,15 +207,6 @@ def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
         equal = tuple(int(term) for term in np.flatnonzero(universal[equation]))
         solver = ConstrainedSolver(solver, equal, equation=int(equation))
     return solver
-
-
-def _some_trials(trials: Iterable[Trial], objects: Sequence[str]) -> list[list[Trial]]:
-    """Return the first few trials of each object, from which the accuracy of its rows is estimated."""
-    found: dict[str, list[Trial]] = {name: [] for name in objects}
-    for trial in trials:
-        if len(found[trial.object]) < _TRIALS_FOR_ACCURACY:
-            found[trial.object].append(trial)
-    return list(found.values())
 
 
 def _forecast_scores(

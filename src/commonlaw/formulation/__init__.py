@@ -4,9 +4,12 @@ from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.compress import (
     MOST_GROUPS,
     CompressedTrials,
-    compress,
+    ObjectRows,
+    merged_rows,
     refuse_constant_states,
     refuse_vanishing_states,
+    rows_by_object,
+    some_trials,
 )
 from commonlaw.formulation.discrete import DiscreteForm
 from commonlaw.formulation.explained import explained
@@ -29,10 +32,10 @@ __all__ = [
     "CompressedTrials",
     "DiscreteForm",
     "LeastSquaresProblem",
+    "ObjectRows",
     "StrongForm",
     "WeakForm",
     "column_scales",
-    "compress",
     "differentiation_bias",
     "effective_share",
     "explained",
@@ -40,8 +43,11 @@ __all__ = [
     "least_squares_of_each",
     "leave_one_out",
     "merge",
+    "merged_rows",
     "plain_rates",
     "refuse_constant_states",
     "refuse_vanishing_states",
     "reweight",
+    "rows_by_object",
+    "some_trials",
 ]

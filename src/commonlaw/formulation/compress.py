@@ -1,8 +1,7 @@
 """Trials compressed, object by object, as they come."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,15 +11,55 @@ from commonlaw.ending import end_with_parent
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
+from commonlaw.formulation.row_accuracy import SAMPLES
 from commonlaw.library import Terms
 from commonlaw.trials import Schema, Trial, Trials
 
 MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
 
+_TRIALS_FOR_ACCURACY = 4
+"""Trials of an object that the accuracy of its rows is estimated from."""
 
 _SMALLEST = 1e-50
 """Of the largest value of a state: the square of its cube is still a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectRows:
+    """What the rows of an object's trials come to; those of later trials are added with ``+``.
+
+    Parameters
+    ----------
+    groups
+        For each of its trials (or of 32 groups of trials, if there are more), the problems of segments that follow each
+        other in time.
+    count
+        How many trials there are.
+    extremes
+        The least and the largest value of every state, shape (2, states).
+    samples
+        Some of the first trials, or of long ones some samples in the middle.
+    """
+
+    groups: tuple[tuple[LeastSquaresProblem, ...], ...]
+    count: int
+    extremes: Floats
+    samples: tuple[Trial, ...] = ()
+
+    def __add__(self, later: "ObjectRows") -> "ObjectRows":
+        """Return what both come to: trial k is in group k modulo 32, however the trials were divided."""
+        groups = list(self.groups)
+        for index, own in enumerate(later.groups, self.count):
+            if index < MOST_GROUPS:
+                groups.append(own)
+            else:
+                slot = index % MOST_GROUPS
+                groups[slot] = tuple(one + other for one, other in zip(groups[slot], own, strict=True))
+        (least, most), (low, high) = self.extremes, later.extremes
+        extremes = np.stack([np.minimum(least, low), np.maximum(most, high)])
+        samples = (*self.samples, *later.samples)[:_TRIALS_FOR_ACCURACY]
+        return ObjectRows(tuple(groups), self.count + later.count, extremes, samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +71,33 @@ class CompressedTrials:
     objects
         Names, in order of first appearance.
     groups
-        For each object, for each of its trials (or of 32 groups of trials, if there are more), the problems of
-        segments that follow each other in time.
+        For each object, the groups of `ObjectRows`.
+    samples
+        For each object, some of its trials, if they were asked for.
     """
 
     objects: tuple[str, ...]
     groups: tuple[tuple[tuple[LeastSquaresProblem, ...], ...], ...]
+    samples: tuple[tuple[Trial, ...], ...] = ()
+
+    @classmethod
+    def of(cls, found: dict[str, ObjectRows], schema: Schema) -> "CompressedTrials":
+        """Return the rows of all objects.
+
+        Raises
+        ------
+        CommonlawError
+            If a state of an object never changes.
+        """
+        refuse_constant_states({name: each.extremes for name, each in found.items()}, schema)
+        each = found.values()
+        return cls(tuple(found), tuple(own.groups for own in each), tuple(own.samples for own in each))
 
     def subtract(self, coefficients: Floats) -> "CompressedTrials":
         """Return the problems with targets that coefficients, shape (objects, equations, terms), do not explain."""
         pairs = zip(self.groups, coefficients, strict=True)
         groups = tuple(tuple(tuple(block.subtract(own) for block in trial) for trial in each) for each, own in pairs)
-        return CompressedTrials(self.objects, groups)
+        return replace(self, groups=groups)
 
     @cached_property
     def problems(self) -> tuple[LeastSquaresProblem, ...]:
@@ -51,53 +105,67 @@ class CompressedTrials:
         return tuple(merge(problem for trial in trials for problem in trial) for trials in self.groups)
 
 
-def compress(
+def rows_by_object(
     trials: Iterable[Trial],
-    schema: Schema,
     form: AbstractFormulation,
     terms: Terms,
     *,
     segments: int = 1,
+    sampled: bool = False,
     n_jobs: int = 1,
-) -> CompressedTrials:
-    """Compress trials one by one; they may come from a stream that is larger than memory.
+) -> dict[str, ObjectRows]:
+    """Return what the rows of each object come to, of trials that may come from a stream larger than memory.
 
     Parameters
     ----------
     trials
-        In any order of objects.
-    schema
-        Names of the states.
+        In any order of objects; or some of all, see `merged_rows`.
     form
         How a trial becomes rows.
     terms
         The library.
     segments
         Segments of time into which a trial is cut.
+    sampled
+        Whether some trials of each object are kept, of long ones some samples in the middle.
     n_jobs
         Processes that share the work; 1 stays in this one.
 
     Raises
     ------
     CommonlawError
-        If a trial cannot be used, or a state of an object never changes.
+        If a trial cannot be used.
     """
-    found: dict[str, list[list[LeastSquaresProblem]]] = {}
-    counts: Counter[str] = Counter()
-    extremes: dict[str, Floats] = {}
+    found = dict[str, ObjectRows]()
     for trial, problems in _with_problems(trials, form, terms, segments, n_jobs):
-        groups = found.setdefault(trial.object, [])
-        index = counts[trial.object] % MOST_GROUPS
-        if index < len(groups):
-            groups[index] = [one + other for one, other in zip(groups[index], problems, strict=True)]
-        else:
-            groups.append(problems)
-        counts[trial.object] += 1
-        ends = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
-        before = extremes.get(trial.object, ends)
-        extremes[trial.object] = np.stack([np.minimum(before[0], ends[0]), np.maximum(before[1], ends[1])])
-    refuse_constant_states(extremes, schema)
-    return CompressedTrials(tuple(found), tuple(tuple(map(tuple, groups)) for groups in found.values()))
+        extremes = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
+        kept = (_middle(trial),) if sampled else ()
+        _add(found, {trial.object: ObjectRows((tuple(problems),), 1, extremes, kept)})
+    return found
+
+
+def merged_rows(parts: Iterable[dict[str, ObjectRows]]) -> dict[str, ObjectRows]:
+    """Return what the rows of each object come to in several parts of the trials, in their order."""
+    found = dict[str, ObjectRows]()
+    for part in parts:
+        _add(found, part)
+    return found
+
+
+def _add(found: dict[str, ObjectRows], part: dict[str, ObjectRows]) -> None:
+    for name, own in part.items():
+        found[name] = found[name] + own if name in found else own
+
+
+def some_trials(trials: Trials, objects: Sequence[str]) -> tuple[tuple[Trial, ...], ...]:
+    """Return the first few trials of each object, from which the accuracy of its rows is estimated."""
+    return tuple(trials.of_object(name)[:_TRIALS_FOR_ACCURACY] for name in objects)
+
+
+def _middle(trial: Trial) -> Trial:
+    """Return the samples of a trial that tell how accurate its rows are."""
+    left_out = max(0, len(trial) - SAMPLES) // 2
+    return trial.rows(slice(left_out, left_out + SAMPLES)) if left_out else trial
 
 
 def _with_problems(

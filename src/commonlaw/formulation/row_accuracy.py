@@ -13,7 +13,7 @@ from commonlaw.trials import Trial
 _SHARE_OF_SPREAD = 1e-3
 """Height of the impulse in standard deviations of the state: small enough for methods that are linear only locally."""
 
-_SAMPLES = 4096
+SAMPLES = 4096
 """Samples of a trial that are looked at, at most."""
 
 
@@ -34,7 +34,7 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
     CommonlawError
         If the trial cannot be differentiated; the message names it.
     """
-    middle = slice(max(0, (len(trial) - _SAMPLES) // 2), (len(trial) + _SAMPLES) // 2)
+    middle = slice(max(0, (len(trial) - SAMPLES) // 2), (len(trial) + SAMPLES) // 2)
     times, states = trial.times[middle], trial.states[middle]
     pushed = states.copy()
     pushed[len(states) // 2] += _SHARE_OF_SPREAD * states.std(axis=0)

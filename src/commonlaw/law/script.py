@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.law.calls import readable
 from commonlaw.trials import Schema
 
-_NOT_SAID = ("n_jobs", "progress", "cache")
+_NOT_SAID = ("n_jobs", "progress", "cache", "client")
 """Arguments that change nothing in a law."""
 
 

@@ -1,16 +1,18 @@
 """Trials that come one after the other from a file that may be larger than memory."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Unpack, cast
+from urllib.parse import unquote
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import MOST_CELLS
+from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
 from commonlaw.trials.roles import Reading, Roles, checked
@@ -31,63 +33,124 @@ class TrialStream:
         Names and units of the variables.
     source
         Returns an iterator over the trials.
+    parts
+        The streams of single files, which follow each other in this one, if it is one of files; each can be pickled.
     """
 
     schema: Schema
     source: Callable[[], Iterator[Trial]]
+    parts: Sequence["TrialStream"] = ()
 
     def __iter__(self) -> Iterator[Trial]:
         return self.source()
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
-        """Return the trials of a Parquet file in which the rows of each trial follow each other, without properties.
+        """Return the trials of Parquet files in which the rows of each trial follow each other, without properties.
 
-        Rows without a measured state are left out, and with them trials that have no other row.
+        Rows without a measured state are left out, and with them trials that have no other row. A trial lies in one
+        file: what goes on in the next counts as a further one.
 
         Parameters
         ----------
         path
-            The file. One written by `Trials.to_parquet` says itself which column is what.
+            A file; a folder, of which all files ``*.parquet`` within are taken, also those in folders; or a pattern
+            such as ``"runs/*.parquet"``. Folders named ``object=ball``, as Hive partitions tables, stand for a column
+            ``object``. A file written by `Trials.to_parquet` says itself which column is what; the first says it.
         **roles
             Which column is what, see `Roles`; object, trial, time and states must be named here or in the file.
 
         Raises
         ------
         CommonlawError
-            If pyarrow is not installed, the file cannot be read, a role is missing, or, while the trials are gone
-            through, a value cannot be used, a state was measured in too few samples, or the rows of a trial do not
-            follow each other.
+            If pyarrow is not installed, there is no such file, it cannot be read, a role is missing, or, while the
+            trials are gone through, a value cannot be used, a state was measured in too few samples, or the rows of a
+            trial do not follow each other.
         """
-        _, kept = opened(path)
+        files = [_File(each, _partition(each)) for each in _files(path)]
+        _, kept = opened(files[0].path)
         known = cast(Reading, {**kept, **checked(roles), "properties": []})
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
-        begin = next(batch_tables(path, 1), None)
+        begin = next(files[0].tables(1), None)
         if begin is None:
-            raise CommonlawError(f"{path} has no rows: give it the measured rows")
+            raise CommonlawError(f"{files[0].path} has no rows: give it the measured rows")
         refuse_dates(begin, begin.find(str(known["time"])))
-        first = read_rows(begin, "object", known)
-        return cls(first.data.schema, lambda: _trials(Path(path), known))
+        schema = read_rows(begin, "object", known).data.schema
+        parts = [cls(schema, _TrialsOfFile(each, known)) for each in files]
+        return cls(schema, _OneAfterTheOther(parts), parts)
 
 
-def _trials(path: Path, roles: Reading) -> Iterator[Trial]:
-    """Yield the trials of a file; the last one of a batch may go on in the next."""
-    done: set[tuple[str, str]] = set()
-    batches = (read_rows(each, "object", roles) for each in batch_tables(path, _ROWS))
-    trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
-    for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
-        parts, states = zip(*_held(path, group), strict=True)
-        if key in done:
-            raise CommonlawError(
-                f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, time"
-            )
-        done.add(key)
-        arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
-        trial = Trial(*key, *map(np.concatenate, arrays))
-        check_measured([trial], states[0])
-        yield trial
+@dataclass(frozen=True)
+class _OneAfterTheOther:
+    """Yields the trials of several streams; it can be sent to another process."""
+
+    parts: Sequence[TrialStream]
+
+    def __call__(self) -> Iterator[Trial]:
+        return chain.from_iterable(self.parts)
+
+
+@dataclass(frozen=True)
+class _File:
+    """A Parquet file, and what the names of its folders say of all its rows."""
+
+    path: Path
+    partition: dict[str, str]
+
+    def tables(self, rows: int) -> Iterator[Table]:
+        """Yield the tables in so many rows after the other."""
+        for table in batch_tables(self.path, rows):
+            said = {name: np.full(len(table), value, dtype=object) for name, value in self.partition.items()}
+            yield replace(table, columns={**said, **table.columns}) if said else table
+
+
+@dataclass(frozen=True)
+class _TrialsOfFile:
+    """Yields the trials of a file; the last one of a batch may go on in the next."""
+
+    file: _File
+    roles: Reading
+
+    def __call__(self) -> Iterator[Trial]:
+        path, done = self.file.path, set[tuple[str, str]]()
+        batches = (read_rows(each, "object", self.roles) for each in self.file.tables(_ROWS))
+        trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
+        for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
+            parts, states = zip(*_held(path, group), strict=True)
+            if key in done:
+                raise CommonlawError(
+                    f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, "
+                    "time"
+                )
+            done.add(key)
+            arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
+            trial = Trial(*key, *map(np.concatenate, arrays)) if len(parts) > 1 else parts[0]
+            check_measured([trial], states[0])
+            yield trial
+
+
+def _files(path: str | os.PathLike[str]) -> list[Path]:
+    """Return the files that a path names, in order of their names."""
+    given = Path(path)
+    if given.is_dir():
+        found = [*given.rglob("*.parquet")]
+    elif any(each in str(path) for each in "*?[") and not given.exists():
+        root = Path(given.anchor or ".")
+        found = [*root.glob(str(given.relative_to(root)))]
+    else:
+        return [given.absolute()]
+    files = sorted(each.absolute() for each in found if each.is_file())
+    if not files:
+        raise CommonlawError(f"there is no Parquet file in {str(path)!r}: name a file, a folder, or a pattern of files")
+    return files
+
+
+def _partition(file: Path) -> dict[str, str]:
+    """Return the values by column that the folders of a file are named after."""
+    pairs = (part.split("=", 1) for part in file.absolute().parent.parts if "=" in part)
+    return {name: unquote(value) for name, value in pairs if name}
 
 
 def _held(path: Path, group: Iterable[tuple[Trial, tuple[str, ...]]]) -> Iterator[tuple[Trial, tuple[str, ...]]]:

@@ -1,0 +1,62 @@
+"""The option that has the workers of a cluster do the work, and what is brought here to check a law."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+from commonlaw.cli.options import option
+from commonlaw.cli.source import Source
+from commonlaw.cluster import connected, current_cluster, on_cluster
+from commonlaw.progress import ProgressCallback
+from commonlaw.trials import Trial, Trials, TrialStream
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_TRIALS, _SAMPLES = 10, 2000
+"""Trials that a law is checked by, and samples of each, from its start."""
+
+with_cluster = option(
+    "Cluster",
+    "--cluster",
+    metavar="ADDRESS",
+    help="Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
+    "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
+    "the workers see them.",
+)
+"""Adds the option to a command, which receives it as `cluster`."""
+
+
+@contextmanager
+def on_cluster_at(address: str | None, show: ProgressCallback) -> Iterator[None]:
+    """Let what is within be done by the cluster at an address, if there is one."""
+    if address is None:
+        yield
+        return
+    show(f"connecting to {address}")
+    with connected(address) as client, on_cluster(client):
+        yield
+
+
+def stream_of_workers(source: Source) -> TrialStream:
+    """Return the trials of files as a stream; a worker lists them, as they need not be here."""
+    here = replace(source, path=str(Path(str(source.path)).absolute()))
+    return _by_a_worker(Source.stream, here)
+
+
+def few_trials(stream: TrialStream) -> Trials:
+    """Return the first trials of the first file of a stream, as a worker reads them."""
+    return Trials(_by_a_worker(_first, stream.parts[0]), stream.schema)
+
+
+def _by_a_worker(function: Callable[[T], R], item: T) -> R:
+    cluster = current_cluster()
+    assert cluster is not None
+    return cluster.merged(function, [item], lambda found: found[0])
+
+
+def _first(stream: TrialStream) -> tuple[Trial, ...]:
+    return tuple(trial.cut(_SAMPLES) for trial in islice(stream, _TRIALS))

@@ -1,0 +1,319 @@
+"""Work on a dask cluster: pieces are done by workers, where their data are, and only what they come to travels."""
+
+import logging
+import sys
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
+from commonlaw.parallel import threads
+from commonlaw.progress import ProgressCallback, Stage
+from commonlaw.wording import counted
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_SAME = ("commonlaw", "numpy", "scipy", "pandas", "pyarrow", "dask", "distributed")
+"""Packages that must be of the same version here and on the workers, as must the first two numbers of Python's."""
+
+_MERGED = 8
+"""Results that are merged at a time: the tree is the same whatever the number of workers, and so is its rounding."""
+
+_PATIENCE = 30.0
+"""Seconds to wait for the scheduler, and for the first worker."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """The workers of a dask client.
+
+    A worker that ends is made up for by the others, or by the one that its nanny starts in its place.
+
+    Parameters
+    ----------
+    client
+        Connected to a scheduler.
+    """
+
+    client: Any
+
+    def __str__(self) -> str:
+        """Return how many workers there are, with how much memory, and where dask shows what they do."""
+        workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
+        limits = [each["memory_limit"] for each in workers if each["memory_limit"]]
+        each = f" of {min(limits) / 1e9:.1f} GB" if limits else ""
+        return f"{counted(len(workers), 'worker')}{each}, dashboard {self.client.dashboard_link}"
+
+    def check(self) -> None:
+        """Refuse workers whose versions are not those of this process, and a cluster without a worker."""
+        with self._lost_in_words():
+            try:
+                self.client.wait_for_workers(1, timeout=_PATIENCE)
+            except TimeoutError:
+                raise CommonlawError(
+                    f"no worker has come to the scheduler at {self._address} in {_PATIENCE:g} s: start some"
+                ) from None
+            found = self.client.run(_versions, on_error="return")
+        here = _versions()
+        for address, there in found.items():
+            if isinstance(there, Exception):
+                raise CommonlawError(
+                    f"the worker {address} cannot load commonlaw ({there}): install it there, as it is here"
+                )
+            if there != here:
+                differ = ", ".join(
+                    f"{name} {there[name]} (here {own})" for name, own in here.items() if own != there[name]
+                )
+                raise CommonlawError(
+                    f"the worker {address} has {differ}: install the same versions, or results would differ"
+                )
+
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T]
+    ) -> Generator[tuple[int, R | None, Exception | None], None, None]:
+        """Yield the index of each item as soon as it is done, with what the function gave or raised.
+
+        What is not done yet is cancelled when the generator is closed.
+
+        Raises
+        ------
+        CommonlawError
+            If the connection is lost.
+        """
+        futures = self._submitted(function, items)
+        indices = {future.key: index for index, future in enumerate(futures)}
+        with self._cancelling(futures):
+            for future in self._as_completed(futures):
+                failure = self._failure(future)
+                if failure is None:
+                    yield indices[future.key], future.result(), None
+                else:
+                    yield indices[future.key], None, failure
+                future.release()
+
+    def merged(
+        self,
+        function: Callable[[T], R],
+        items: Sequence[T],
+        merge: Callable[[Sequence[R]], R],
+        done: Callable[[int], None] = lambda _: None,
+    ) -> R:
+        """Return what a function gives for items, merged on the workers in a tree.
+
+        Parameters
+        ----------
+        function
+            What is done with each item.
+        items
+            At least one.
+        merge
+            Merges a few results that follow each other.
+        done
+            Takes how many items are done.
+
+        Raises
+        ------
+        CommonlawError
+            If the connection is lost, or a worker ends each time that it works on one of the items.
+        Exception
+            What the function raises.
+        """
+        leaves = self._submitted(function, items)
+        level = leaves
+        while len(level) > 1:
+            level = [
+                self.client.submit(_OneThread(merge), level[i : i + _MERGED], pure=False)
+                for i in range(0, len(level), _MERGED)
+            ]
+        (root,) = level
+        with self._cancelling([root]):
+            watched = self._as_completed(leaves)
+            del leaves, level  # Whatever nobody holds is freed on the workers as soon as it is merged
+            for count, future in enumerate(watched, start=1):
+                if (failure := self._failure(future)) is not None:
+                    raise failure
+                done(count)
+                del future
+            with self._lost_in_words():
+                result: R = root.result()
+                return result
+
+    @property
+    def _address(self) -> str:
+        return str(self.client.scheduler.address if self.client.scheduler else "an unknown address")
+
+    def _submitted(self, function: Callable[[T], R], items: Sequence[T]) -> list[Any]:
+        with self._lost_in_words():
+            futures: list[Any] = self.client.map(_OneThread(function), items, pure=False)
+            return futures
+
+    def _as_completed(self, futures: Sequence[Any]) -> Iterator[Any]:
+        import distributed
+
+        completed: Any = distributed.as_completed
+        return iter(completed(futures, loop=self.client.loop))
+
+    @contextmanager
+    def _cancelling(self, futures: Sequence[Any]) -> Iterator[None]:
+        """Cancel what is left of some work when it is broken off."""
+        try:
+            yield
+        except BaseException:
+            with suppress(Exception):  # There may be no connection any more
+                self.client.cancel(futures, force=True)
+            raise
+
+    @contextmanager
+    def _lost_in_words(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, CancelledError) as error:
+            raise self._lost() from error
+
+    def _lost(self) -> CommonlawError:
+        return CommonlawError(
+            f"the connection to the cluster at {self._address} was lost: is the scheduler still there? Start it, and "
+            "do the same again"
+        )
+
+    def _failure(self, future: Any) -> Exception | None:
+        """Return what a piece of work raised, if it did; a worker that ended is told of in words.
+
+        Raises
+        ------
+        CommonlawError
+            If the connection is lost.
+        """
+        from distributed.scheduler import KilledWorker
+
+        if future.status in ("cancelled", "lost"):
+            raise self._lost()
+        failure: Exception | None = future.exception()
+        if isinstance(failure, KilledWorker):
+            return CommonlawError(
+                "workers ended by themselves, again and again, over one piece of work: is there enough memory in each?"
+            )
+        return failure
+
+
+@dataclass(frozen=True)
+class _OneThread:
+    """A function as a worker calls it: with one thread, as its others have work too."""
+
+    function: Callable[[Any], Any]
+
+    def __call__(self, item: Any) -> Any:
+        with threads(1):
+            return self.function(item)
+
+
+@contextmanager
+def on_cluster(client: "Client | None") -> Iterator[None]:
+    """Let what is within be done by the workers of a dask client, where it is done in pieces; here, if there is none.
+
+    Raises
+    ------
+    CommonlawError
+        If it is not connected, or a worker has other versions than this process.
+    """
+    if client is None:
+        yield
+        return
+    cluster = Cluster(client)
+    cluster.check()
+    token = _CLUSTER.set(cluster)
+    try:
+        yield
+    finally:
+        _CLUSTER.reset(token)
+
+
+def current_cluster() -> Cluster | None:
+    """Return the cluster that work is done by, see `on_cluster`; None if it is done here."""
+    return _CLUSTER.get()
+
+
+@contextmanager
+def connected(address: str) -> Iterator["Client"]:
+    """Connect to a scheduler, ``"tcp://host:8786"`` or ``"tls://host:8786"``, or start workers here, ``"local:4"``.
+
+    TLS, limits of time and all else is set as dask's configuration says. Workers that are started here have one thread
+    each, their share of the memory, and talk by TLS with a key of this process, so that nobody else can use them.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such scheduler, or dask is not installed.
+    """
+    distributed, own = optional_import("distributed", "work on a cluster", "cluster"), None
+    with _silent():
+        try:
+            if address.startswith("local:"):
+                own = _started(distributed, address.removeprefix("local:"))
+            client = distributed.Client(own or address, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError, RuntimeError, TypeError) as error:
+            raise CommonlawError(
+                f"no cluster at {address!r} ({error}): give the address that the scheduler shows, such as "
+                "tcp://host:8786, or local:4 for four processes of this machine"
+            ) from None
+        try:
+            yield client
+        finally:
+            patience = _PATIENCE if client.status == "running" else 1.0
+            for each in (client, own):
+                with suppress(TimeoutError):  # Of a scheduler that is not there any more
+                    if each is not None:
+                        each.close(timeout=patience)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Leave out what dask says of connections that break: that is said in one line."""
+    logger = logging.getLogger("distributed")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _started(distributed: Any, count: str) -> Any:
+    """Return workers on this machine."""
+    if not count.isdecimal() or not int(count):
+        raise ValueError(f"{count!r} is no number of workers")
+    return distributed.LocalCluster(
+        n_workers=int(count),
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        security=True,
+        silence_logs=logging.CRITICAL,
+    )
+
+
+def counting(progress: ProgressCallback, what: str, total: int, cluster: Cluster) -> Callable[[int], None]:
+    """Return what takes how many of all pieces are done, and tells it."""
+    where = str(cluster)
+    progress(Stage(f"{what} on {where}", 0.0))
+    return lambda done: progress(Stage(f"{what}, {done} of {total}, on {where}", done / total))
+
+
+def _versions() -> dict[str, str]:
+    """Return the versions of this process."""
+    modules = {name: import_module(name) for name in _SAME}
+    return {"Python": "{}.{}".format(*sys.version_info)} | {
+        name: str(each.__version__) for name, each in modules.items()
+    }
+
+
+_CLUSTER: ContextVar[Cluster | None] = ContextVar("_CLUSTER", default=None)

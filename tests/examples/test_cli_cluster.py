@@ -1,0 +1,51 @@
+"""`commonlaw discover --cluster`: files that workers read."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+
+pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.xdist_group("cluster"),
+    pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def test_files_of_a_pattern_give_one_law(run, tmp_path):
+    drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.001, trials=6)
+    for name in drops.objects:
+        drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
+    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--cluster", "local:1"]
+    code, out, err = run("discover", *words, "--save", "law.json", "-v")
+    assert code == 0, err
+    assert "2 files with 2 objects" in out
+    assert "Forecasts of 6 trials it was learned from" in out
+    assert "2 of 2, on 1 worker" in err
+    law = cl.Law.from_json((tmp_path / "law.json").read_text())
+    expected = cl.discover(drops, order=2, library="poly:1", method=cl.DerivativeRegression())
+    np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
+
+
+def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
+    cl.datasets.linear_drag(drag=(-0.2,), noise=0.01, trials=2).to_csv(tmp_path / "0.csv")
+    (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
+    words = ["0.csv", "bad.csv", "--each", "--order", "2", "--library", "poly:1", "--state", "x"]
+    assert run("discover", *words, "--out", "here.parquet")[0] == 0
+    code, out, _ = run("discover", *words, "--out", "there.parquet", "--cluster", "local:1")
+    assert (code, out.splitlines()[-2:]) == (0, ["1 law in 2 files", "Wrote there.parquet"])
+    pd.testing.assert_frame_equal(pd.read_parquet("there.parquet"), pd.read_parquet("here.parquet"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.parquet", "--where", "trial=1", "--clip"], "--where, --clip with --cluster"),
+        (["a.parquet", "--explain"], "--explain with --cluster"),
+        (["a.csv", "--each", "--workers", "2"], "--workers is for this machine"),
+    ],
+)
+def test_what_does_not_go_with_a_cluster_is_refused(run, words, said):
+    code, _, err = run("discover", *words, "--cluster", "local:1")
+    assert (code, said in " ".join(err.split())) == (2, True)

@@ -1,0 +1,152 @@
+"""Work on a dask cluster: a real scheduler and two worker processes on this machine."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from functools import partial
+from threading import Timer
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.cluster import Cluster, connected, on_cluster
+
+pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.xdist_group("cluster"),
+    pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning"),
+]
+
+METHOD = cl.DerivativeRegression(differentiation="finite:6")
+
+
+@pytest.fixture(scope="module")
+def client():
+    with connected("local:2") as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Twelve files of drops, in folders named after their objects."""
+    folder = tmp_path_factory.mktemp("runs")
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=40, noise=0.001).to_frame()
+    for (name, part), own in drops.groupby(["object", drops["trial"].astype(int) % 4]):
+        (folder / f"object={name}").mkdir(exist_ok=True)
+        own.drop(columns="object").to_parquet(folder / f"object={name}" / f"{part}.parquet")
+    return folder
+
+
+def streamed(folder):
+    return cl.TrialStream.from_parquet(folder, object="object", trial="trial", time="t", states=["x"])
+
+
+def found(folder, **settings):
+    return cl.discover(streamed(folder), order=2, library="poly:2", method=METHOD, **settings)
+
+
+def slow_square(seconds, number):
+    time.sleep(seconds)
+    return number**2
+
+
+def refused(_):
+    raise cl.CommonlawError("nothing can be done with it")
+
+
+def ends(_):
+    os._exit(1)
+
+
+def tasks_left(client):
+    return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
+
+
+def test_workers_find_the_law_that_is_found_here(client, runs):
+    told = []
+    law = found(runs, client=client, progress=told.append)
+    here = found(runs)
+    assert law.objects == here.objects == ("Ball 1", "Ball 2", "Ball 3")
+    np.testing.assert_array_equal(law.support, here.support)
+    np.testing.assert_allclose(law.coefficients, here.coefficients, rtol=1e-9)
+    assert any("12 of 12, on 2 workers" in each and "/status" in each for each in told)
+
+
+def test_what_is_broken_off_leaves_the_cluster_clean(client):
+    with closing(Cluster(client).each(partial(slow_square, 0.2), range(200))) as done:
+        next(done)
+    for _ in range(50):
+        if not tasks_left(client):
+            break
+        time.sleep(0.1)
+    assert tasks_left(client) == 0
+
+
+def test_other_versions_are_refused_by_name(client, monkeypatch):
+    monkeypatch.setattr(cl, "__version__", "99.1")
+    with (
+        pytest.raises(cl.CommonlawError, match=r"the worker tls://\S+ has commonlaw \S+ \(here 99.1\)"),
+        on_cluster(client),
+    ):
+        pass
+
+
+def test_a_stream_is_what_a_cluster_takes(client):
+    with pytest.raises(cl.CommonlawError, match=r"give TrialStream.from_parquet"):
+        cl.discover(cl.datasets.linear_drag(), order=2, client=client)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "local:0", "nowhere:at:all"])
+def test_a_cluster_that_is_not_there_is_an_error_in_words(address, monkeypatch):
+    monkeypatch.setattr("commonlaw.cluster._PATIENCE", 1.0)
+    with pytest.raises(cl.CommonlawError, match="local:4"), connected(address):
+        pass
+
+
+def test_a_worker_that_is_killed_costs_time_only(client, runs):
+    victim = next(iter(client.run(os.getpid).values()))
+    killed = []
+
+    def kill(step):
+        if not killed and ", 1 of 12" in step:
+            os.kill(victim, signal.SIGKILL)
+            killed.append(step)
+
+    law = found(runs, client=client, progress=kill)
+    assert killed
+    np.testing.assert_array_equal(law.coefficients, found(runs, client=client).coefficients)
+
+
+def test_each_item_gives_its_result_or_why_there_is_none(client):
+    client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
+    assert [result for _, result, _ in sorted(Cluster(client).each(partial(slow_square, 0), range(3)))] == [0, 1, 4]
+    ((_, _, failure),) = Cluster(client).each(ends, [1])
+    assert "workers ended by themselves" in str(failure)
+    ((_, nothing, failure),) = Cluster(client).each(refused, [0])
+    assert (nothing, str(failure)) == (None, "nothing can be done with it")
+    with pytest.raises(cl.CommonlawError, match="nothing can be done with it"):
+        Cluster(client).merged(refused, [0, 1], max)
+
+
+def test_a_scheduler_that_stops_is_an_error_in_words(tmp_path):
+    words = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    file = tmp_path / "scheduler.json"
+    with subprocess.Popen([sys.executable, *words, "--scheduler-file", file], stderr=subprocess.DEVNULL) as scheduler:
+        try:
+            while not file.exists():
+                time.sleep(0.05)
+            with connected(json.loads(file.read_text())["address"]) as client:
+                work = Cluster(client).each(partial(slow_square, 0), range(5))
+                killing = Timer(0.5, scheduler.kill)
+                killing.start()
+                with pytest.raises(cl.CommonlawError, match=r"the connection to the cluster at tcp://.* was lost"):
+                    next(work)
+                lost = time.monotonic()
+        finally:
+            scheduler.kill()
+    assert time.monotonic() - lost < 10
