@@ -8,6 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.app import serve
+from commonlaw.cluster import connected
 from commonlaw.extras import optional_import
 from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
@@ -86,6 +87,7 @@ FEATURES = {
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
     "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
     "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy(["x", "t"])),
+    "work on a cluster": ("distributed", lambda _: connected("local:1").__enter__()),
     **{f"the app without {name}": (name, lambda _: serve()) for name, extra in OPTIONAL.items() if extra == "app"},
     **{f"making a report without {name}": (name, a_page) for name, extra in OPTIONAL.items() if extra == "report"},
 }
