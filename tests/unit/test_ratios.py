@@ -76,13 +76,14 @@ def test_a_denominator_of_one_term_is_refused():
     [
         ([1], [0, 1], [2.0, 4.0], ["(s)/(K + s)"], [0.5]),
         ([2], [0, 2], [1.0, 4.0], ["(s**2)/(K**2 + s**2)"], [0.5]),
-        ([1, 2], [0, 1, 2], [1.0, 2.0, 4.0], ["(s)/(K + s + L*s**2)", "(s**2)/(K + s + L*s**2)"], [0.5, 2.0]),
+        ([1, 2], [0, 1, 2], [1.0, 4.0, 2.0], ["(s)/(K + s + L*s**2)", "(s**2)/(K + s + L*s**2)"], [0.25, 0.5]),
         ([1], [0, 2], [-1.0, 4.0], ["(s)/(K**2 + s**2)"], None),
+        ([1], [0, 1, 2], [1.0, 0.1, 4.0], ["(s)/(K + L*s + s**2)"], [0.25, 0.025]),
     ],
 )
-def test_the_first_coefficient_below_of_a_variable_is_one(above, below, coefficients, written, constants):
+def test_the_largest_coefficient_below_before_a_variable_is_one(above, below, coefficients, written, constants):
     (ratios,) = parse_library(QUADRATIC).ratios(S)
-    ratio = ratios.ratio(above, below, S)
+    ratio = ratios.ratio(above, below, S, np.abs(coefficients))
     assert ratio.expressions(S, ratio.constants) == written
     assert ratio.values_of_constants(np.array(coefficients)) == constants
 

@@ -316,7 +316,10 @@ class _Ranked:
     def _with_starts(self, shape: _Shape, score: _Score) -> TermSet | None:
         """Return a shape with what fits begin with: what each object has by itself, and with what is typical below."""
         variables, terms = self.problem.models[0].terms.variables, self._terms(shape)
-        ratio, plain = self.offered.ratio(shape.above, shape.below, variables), self.problem.models[0].terms.terms
+        norms = [np.sqrt(np.mean(each.below[:, shape.below] ** 2, axis=0)) for each in self.sides]
+        sizes = np.median(np.abs(score.below) * norms, axis=0)
+        ratio = self.offered.ratio(shape.above, shape.below, variables, sizes)
+        plain = self.problem.models[0].terms.terms
         scaled = score.below / score.below[:, [ratio.reference]]
         objects, starts = len(self.problem.models), list[Start]()
         for below in (scaled, np.tile(np.median(scaled, axis=0), (len(scaled), 1)))[: len(scaled)]:

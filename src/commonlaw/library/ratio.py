@@ -26,12 +26,15 @@ class Ratio:
         The terms of the numerator.
     below
         Those of the denominator.
+    reference
+        Which term below has the coefficient one, by its index.
     constants
         The names of the coefficients below, in the order of their terms, but for that of `reference`.
     """
 
     above: tuple[AbstractTerm, ...]
     below: tuple[AbstractTerm, ...]
+    reference: int
     constants: tuple[str, ...]
 
     @property
@@ -40,16 +43,11 @@ class Ratio:
         return len(self.above)
 
     @property
-    def reference(self) -> int:
-        """Which term below has the coefficient one, by its index: the first that is not 1."""
-        return next(i for i, each in enumerate(self.below) if each.columns())
-
-    @property
     def degree(self) -> int:
-        """The power of the constant that stands alone below: 2 in ``K^2 + s^2``, so that K is a value of s."""
-        first = self.below[self.reference]
-        pure = isinstance(first, Monomial) and len(first.columns()) == 1
-        return int(first.complexity()) if pure else 1
+        """The power of a constant beside one term below: 2 in ``K^2 + s^2``, so that K is a value of s."""
+        other = self.below[self.reference]
+        pure = isinstance(other, Monomial) and len(other.columns()) == 1 and len(self.below) == 2
+        return int(other.complexity()) if pure else 1
 
     def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
         """Return each of its terms for `parse_term`, with these names of its constants."""
@@ -97,12 +95,20 @@ class Ratios:
     below: tuple[AbstractTerm, ...]
     beside: tuple[AbstractTerm, ...] = ()
 
-    def ratio(self, above: Sequence[int], below: Sequence[int], variables: Variables) -> Ratio:
-        """Return the ratio of sums of some terms above and some below, by their indices."""
-        letters = list[str]()
+    def ratio(
+        self, above: Sequence[int], below: Sequence[int], variables: Variables, sizes: Floats | None = None
+    ) -> Ratio:
+        """Return the ratio of sums of some terms above and some below, by their indices.
+
+        Of those below that hold a variable, the one that is largest by these sizes has the coefficient one, so that no
+        other is far from being of its size; without sizes it is the first.
+        """
+        terms, letters = tuple(self.below[i] for i in below), list[str]()
+        sizes = np.ones(len(terms)) if sizes is None else sizes
+        reference = max((i for i, each in enumerate(terms) if each.columns()), key=lambda i: float(sizes[i]))
         for letter in _LETTERS[: len(below) - 1]:
             letters.append(free_name(letter, (*variables.measured, *letters)))
-        return Ratio(tuple(self.above[i] for i in above), tuple(self.below[i] for i in below), tuple(letters))
+        return Ratio(tuple(self.above[i] for i in above), terms, reference, tuple(letters))
 
     def is_reduced(self, above: Sequence[int], below: Sequence[int]) -> bool:
         """Whether no variable cancels in a ratio: ``s/(K + s)``, but not ``s^2/(K s + s^2)``."""
