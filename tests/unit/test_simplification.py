@@ -160,3 +160,46 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
 def test_what_cannot_be_simplified_is_refused(law, tolerance, message):
     with pytest.raises(cl.CommonlawError, match=message):
         law.simplify(tolerance)
+
+
+def fraction_law(a, b, half, objects=("u", "v")):
+    """A law with a fraction, of values that these objects have in common, known to one percent."""
+    names = {"a": a, "b": b, "K": half}
+    law = cl.Law.from_text("s' = a + b/(K + s)", {name: dict.fromkeys(objects, value) for name, value in names.items()})
+    errors = np.abs(law.coefficients[:, law.support]) / 100
+    covariances = errors[:, :, np.newaxis] * errors[:, np.newaxis, :] * np.eye(errors.shape[1])
+    return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.array([0.1])))
+
+
+def test_a_part_of_a_fraction_that_vanishes_within_its_error_goes():
+    found = fraction_law(-1.2374, 0.631, 0.5113).simplify()
+    assert found.equations == ("s' = a*s/(K + s)",)
+    assert [(each.letter, each.form) for each in found.replaced] == [("b", "-K*a")]
+    sizes = np.array([1.2374, 0.631, 0.5113]) / 100
+    left = 0.5113 * -1.2374 + 0.631
+    variance = (0.5113 * sizes[0]) ** 2 + sizes[1] ** 2 + (1.2374 * sizes[2]) ** 2
+    assert found.chi_square == pytest.approx(2 * left**2 / variance, rel=1e-6)
+    assert found.degrees_of_freedom == 2
+
+
+def test_what_remains_of_a_fraction_follows_as_by_least_squares():
+    found = fraction_law(-1.2374, 0.631, 0.5113, objects=("u",)).simplify()
+    given, sizes = np.array([-1.2374, 0.631, 0.5113]), np.array([1.2374, 0.631, 0.5113]) / 100
+
+    def distance(own):
+        return np.sum(((np.array([own[0], -own[0] * own[1], own[1]]) - given) / sizes) ** 2)
+
+    best = minimize(distance, [-1.2, 0.5], tol=1e-14)
+    values = dict(zip(found.letters, found.values[0], strict=True))
+    assert [values["a"], values["K"]] == pytest.approx(best.x, rel=1e-4)
+
+
+def test_a_part_of_a_fraction_that_does_not_vanish_stays():
+    found = fraction_law(-1.2374, 0.731, 0.5113).simplify()
+    assert found.equations == ("s' = a + b/(K + s)",)
+    assert not found.replaced
+
+
+def test_the_same_law_in_other_words_gets_the_same_form():
+    law = law_of("s' = V - V K/(K + s)", {"V": 1.2374, "K": 0.5372}, [0.0, 0.0, 0.01, 0.01])
+    assert law.simplify().equations == ("s' = V*s/(K + s)",)

@@ -359,8 +359,9 @@ class AbstractDelegates(AbstractAverages):
         opposite, where that is shorter to write than its digits that are known (minimum description length; Rissanen
         1983): 0.667 ± 0.001 becomes 2/3, and 0.67 ± 0.05 stays. The numbers that remain follow by the covariance.
         Numbers with units become zero or each other, as what else they are depends on units. Equations are in the
-        shortest form among equivalent ones. What several objects have is replaced for all of them, and what `explain`
-        said of them does not enter.
+        shortest form among equivalent ones; where a part of a fraction vanishes within its error, a number goes: of
+        ``a + b/(K + s)`` with b near ``-K a`` remains ``a s/(K + s)``. What several objects have is replaced for all of
+        them, and what `explain` said of them does not enter.
 
         Parameters
         ----------

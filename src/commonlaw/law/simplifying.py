@@ -3,17 +3,16 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.equivalent_forms import right_hand_sides, shortest, symbol, symbolic
 from commonlaw.law.law import Law
 from commonlaw.law.simplification import Replacement, Simplification, p_value
-from commonlaw.library.naming import quoted
+from commonlaw.law.vanishing_parts import without_vanishing_part
 
 if TYPE_CHECKING:
     import sympy
@@ -31,6 +30,8 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     if not law.shared:
         raise CommonlawError("the objects of this law have terms of their own: simplify that of one, law.select([...])")
     start = _Estimates.of(law)
+    if shorter := without_vanishing_part(law, start.values[:-1], start.covariances[:-1], tolerance):
+        return shorter.added_to(simplified(shorter.law, tolerance))
     found, constraints = start, list[_Constraint]()
     while True:
         free = [each for each in _candidates(law, found, constraints) if each.gain(found, tolerance) > 0]
@@ -97,6 +98,11 @@ class _Constraint:
         if self.other is None:
             return str(self.number)
         return f"{'-' if self.number < 0 else ''}{letters[self.other]}"
+
+    def expression(self, letters: Sequence[str]) -> "sympy.Expr":
+        """Return what takes the place of the letter."""
+        number = symbolic().Rational(self.number.numerator, self.number.denominator)
+        return number if self.other is None else number * symbol(letters[self.other])
 
     def replacement(self, letters: Sequence[str], estimates: "_Estimates") -> Replacement:
         """Return what to say of it."""
@@ -199,52 +205,8 @@ def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
 
 
 def _shortest(law: Law, constraints: Sequence[_Constraint]) -> tuple[str, ...]:
-    """Return each equation in the equivalent form of fewest operations if `commonlaw.fit` reads it, else as a sum."""
-    sympy = optional_import("sympy", "the simplest form of a law", "symbolic")
-    forms = (sympy.factor, sympy.factor_terms, sympy.together, sympy.collect_const, sympy.simplify)
-    plain, short = list[str](), list[str]()
-    for left, right in zip(law.left_hand_sides, _right_hand_sides(law, constraints, sympy), strict=True):
-        found = [
-            (each.count_ops(), f"{left} = {_written(sympy.sstr(each, order=order))}")
-            for each in (form(right) for form in (sympy.expand, *forms))
-            for order in ("lex", "rev-lex")
-        ]
-        plain.append(found[0][1])
-        short.append(min((operations, len(text), text) for operations, text in found)[2])
-    try:
-        read_equations(short, law.schema)
-    except CommonlawError:
-        return tuple(plain)
-    return tuple(short)
-
-
-def _right_hand_sides(law: Law, constraints: Sequence[_Constraint], sympy: Any) -> "list[sympy.Expr]":
-    """Return what the equations give, with symbols for letters but those that are replaced."""
-    letters = {name: sympy.Symbol(quoted(name), real=True) for name in (*law.terms.variables.names, *law.letters)}
-    columns = [letters[name] for name in law.terms.variables.names]
-    products = {(each.equation, each.term): each for each in law.named_products}
-    found = []
-    for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
-        product = products.get((j, k))
-        factors = [letters[name] ** power for name, power in product.coefficients] if product else []
-        number = product.factor if product else float(law.coefficients[0, j, k])
-        found.append((j, sympy.Mul(_exact(number, sympy), *factors, law.terms.terms[k].sympy(columns))))
-    sums = [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.states))]
+    """Return each equation in its shortest form, with what takes the place of letters that are replaced."""
+    sums = right_hand_sides(law)
     for each in constraints:
-        number = sympy.Rational(each.number.numerator, each.number.denominator)
-        new = number if each.other is None else number * letters[law.letters[each.other]]
-        sums = [own.subs(letters[each.letter], new) for own in sums]
-    return sums
-
-
-def _exact(number: float, sympy: Any) -> "sympy.Expr":
-    """Return a number as a ratio of whole numbers where it is one of small ones."""
-    near = Fraction(number).limit_denominator(1000)
-    return sympy.Rational(near.numerator, near.denominator) if float(near) == number else sympy.Float(number)
-
-
-def _written(text: str) -> str:
-    """Return what SymPy writes in the words of equations."""
-    for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan(")):
-        text = text.replace(theirs, ours)
-    return text
+        sums = [own.subs(symbol(each.letter), each.expression(law.letters)) for own in sums]
+    return shortest(law, sums)
