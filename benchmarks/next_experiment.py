@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,16 +12,34 @@ from benchmarks.machine import machine
 from benchmarks.variational import Floats, solve
 from commonlaw.experiments.settings import Settings
 
-RANGES: Mapping[str, Mapping[str, object]] = {
-    "heights of balls": {"x": "20..60", "v": "-15..15", "duration": "1.6..6.4", "samples": 49},
-    "pendulum": {"x": "0.2..2.8", "y": "-1..1", "duration": "6..24", "samples": 150},
-    "Van der Pol": {"x": "-4..4", "y": "-4..4", "duration": "7..28", "samples": 150},
-    "Lotka-Volterra": {"x": "0.3..4", "y": "0.2..4", "duration": "6..24", "samples": 150},
-}
-"""Of the further experiments: about twice those of the first ones, with as many samples."""
 
-LEVELS = {"heights of balls": 0.05, "pendulum": 0.1, "Van der Pol": 0.1, "Lotka-Volterra": 0.1}
-"""Of the noise, as a share of each state's standard deviation: there laws are in doubt."""
+@dataclass(frozen=True)
+class Beginning:
+    """What was measured first, so little that laws are in doubt, and what can be set in further experiments.
+
+    Parameters
+    ----------
+    objects, trials, samples, end
+        Of the first experiments: how many objects, trials of each, and samples until when.
+    level
+        Of the noise, as a share of each state's standard deviation.
+    ranges
+        Of further experiments: about twice those of the first ones, with as many samples.
+    """
+
+    objects: int
+    trials: int
+    samples: int
+    end: float
+    level: float
+    ranges: Mapping[str, object]
+
+
+BEGINNINGS: Mapping[str, Beginning] = {
+    "heights of balls": Beginning(5, 2, 49, 3.2, 0.07, {"x": "20..60", "v": "-15..15", "duration": "1.6..6.4"}),
+    "Lotka-Volterra": Beginning(3, 1, 30, 12.0, 0.1, {"x": "0.3..4", "y": "0.2..4", "duration": "6..24"}),
+    "pendulum": Beginning(3, 1, 30, 6.0, 0.2, {"x": "0.2..2.8", "y": "-1..1", "duration": "3..12"}),
+}
 
 
 @dataclass(frozen=True)
@@ -38,29 +56,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.next_experiment", description=__doc__)
     parser.add_argument("--draws", type=int, default=50, help="of each family (default: %(default)s)")
     parser.add_argument("--experiments", type=int, default=1, help="further ones of each ball (default: %(default)s)")
-    parser.add_argument("--family", default=",".join(RANGES), help="commas between several (default: all)")
+    parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
     chosen = parser.parse_args(arguments)
     head = " | ".join(f"after {k}" for k in range(chosen.experiments + 1))
-    print(f"{machine()}\n\n| family | experiments | {head} | promised after 1 |")
-    print("|---" * (chosen.experiments + 4) + "|")
+    print(f"{machine()}\n\n| family | experiments | {head} | promised now | after 1 |")
+    print("|---" * (chosen.experiments + 5) + "|")
     for name in chosen.family.split(","):
         for designed in (True, False):
             found = [drawn(name, seed, chosen.experiments, designed) for seed in range(chosen.draws)]
             counts = [sum(each.right[k] for each in found) for k in range(chosen.experiments + 1)]
-            promised = f"{sum(each.promised for each in found):.1f}" if designed else "-"
+            promised = f"{sum(each.now for each in found):.1f} | {sum(each.promised for each in found):.1f}"
+            promised = promised if designed else " | "
             kind = "designed" if designed else "random"
             print(f"| {name} | {kind} | {' | '.join(map(str, counts))} | {promised} |", flush=True)
 
 
 def drawn(name: str, seed: int, count: int, designed: bool) -> Outcome:
     """Return what one draw of coefficients, starts and noise gives with so many further experiments of each object."""
+    beginning = BEGINNINGS[name]
     first, random = first_trials(name, seed), np.random.default_rng([seed, designed])
-    noise = first.noise(LEVELS[name])
-    trials = first.measured(LEVELS[name], seed)
+    noise, trials = first.noise(beginning.level), first.measured(beginning.level, seed)
     law = first.discover(trials)
     right, promised, now = [first.estimates(law) is not None], 1.0, law.plausible[0].probability
     for k in range(count):
-        vary = {**RANGES[name], "object": "each"}
+        vary = {**beginning.ranges, "samples": beginning.samples, "object": "each"}
         if designed:
             design = cl.design(law, vary, seed=seed)
             settings = design.experiments[0].experiment.settings
@@ -74,14 +93,15 @@ def drawn(name: str, seed: int, count: int, designed: bool) -> Outcome:
     return Outcome(tuple(right), promised, now)
 
 
-def first_trials(name: str, seed: int, objects: int = 5, trials: int = 2) -> Experiment:
+def first_trials(name: str, seed: int) -> Experiment:
     """Return objects of a family, others for every seed."""
-    family, generator = FAMILIES[name], np.random.default_rng([*name.encode(), seed])
-    coefficients = np.array([family.coefficients(generator) for _ in range(objects)])
+    beginning, generator = BEGINNINGS[name], np.random.default_rng([*name.encode(), seed])
+    family = replace(FAMILIES[name], samples=beginning.samples, end=beginning.end)
+    coefficients = np.array([family.coefficients(generator) for _ in range(beginning.objects)])
     runs = tuple(
         tuple(
             solve(family.variables, family.equations, own, np.array(family.start(generator)), family.times)
-            for _ in range(trials)
+            for _ in range(beginning.trials)
         )
         for own in coefficients
     )

@@ -36,7 +36,7 @@ from .formulation import (
     StrongForm as StrongForm,
     WeakForm as WeakForm,
 )
-from .inference import compare as compare, refine as refine
+from .inference import Bounds as Bounds, compare as compare, refine as refine
 from .integration import (
     Event as Event,
     Trajectory as Trajectory,

@@ -24,6 +24,7 @@ _COMMANDS = (
     "explain",
     "check",
     "discrepancy",
+    "bounds",
     "design",
     "report",
     "app",
@@ -64,6 +65,7 @@ def commonlaw() -> None:
       commonlaw explain law.json --property diameter,mass
       commonlaw check law.json drops.csv --plot residuals.png
       commonlaw discrepancy law.json drops.csv --of v
+      commonlaw bounds law.json drops.csv --term v^2
       commonlaw design law.json drops.csv --vary height=5..60 --within height=0..60
       commonlaw report drops.csv --object ball --trial drop --time t --state height --order 2
       commonlaw app drops.csv

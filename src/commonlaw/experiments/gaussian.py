@@ -8,7 +8,7 @@ fitted again, within its errors, before it is compared (Box and Hill 1967), and 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -45,33 +45,33 @@ class Gaussian:
     common: Floats | None = None
     repeats: float = 1.0
 
-    @cached_property
+    @property
     def root(self) -> Floats:
         """The lower factor of the covariance of the mean of all repeats, at given unknowns, shape (n, n)."""
         common = 0.0 if self.common is None else self.common
         return np.asarray(np.linalg.cholesky(self.noise / self.repeats + common))
 
-    @cached_property
-    def contrasts(self) -> Floats:
-        """What of the measurements does not depend on the start, in units of its noise, shape (q, n)."""
-        return np.asarray(self._split[0])
-
-    @property
-    def constant(self) -> float:
-        """Minus twice the logarithm of the density's factor, but for what all hypotheses have in common."""
-        return float(2 * np.log(np.diag(self.root)).sum() + 2 * np.log(self._split[1]).sum())
-
-    @cached_property
-    def slopes(self) -> Floats:
-        """Derivatives of the contrasts by the unknowns, shape (q, p)."""
-        return np.asarray(self.contrasts @ self.by_unknowns)
-
-    @cached_property
-    def _split(self) -> tuple[Floats, Floats]:
-        turn = np.linalg.inv(self.root)
+    def whitened(self) -> "Whitened":
+        """Return what of the measurements does not depend on the start."""
+        root = self.root
+        turn = np.linalg.inv(root)
         left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
         told = sizes > _RANK * sizes.max(initial=0.0)
-        return left[:, int(told.sum()) :].T @ turn, sizes[told]
+        contrasts = left[:, int(told.sum()) :].T @ turn
+        constant = float(2 * np.log(np.diag(root)).sum() + 2 * np.log(sizes[told]).sum())
+        return Whitened(contrasts, contrasts @ self.by_unknowns, constant)
+
+
+class Whitened(NamedTuple):
+    """What of measurements does not depend on the start.
+
+    Contrasts of them whose noise is standard normal, shape (q, n); their derivatives by the unknowns, shape (q, p); and
+    minus twice the logarithm of the density's factor, but for what all hypotheses have in common.
+    """
+
+    contrasts: Floats
+    slopes: Floats
+    constant: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +123,11 @@ class Evidence:
         made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
         deviance, pulls, information = [], [], []
         for each in hypotheses:
-            off = (made - each.mean) @ each.contrasts.T
-            deviance.append(np.sum(off**2, axis=2) + each.constant)
-            pulls.append(off @ each.slopes)
-            information.append(each.slopes.T @ each.slopes)
+            own = each.whitened()
+            off = (made - each.mean) @ own.contrasts.T
+            deviance.append(np.sum(off**2, axis=2) + own.constant)
+            pulls.append(off @ own.slopes)
+            information.append(own.slopes.T @ own.slopes)
         return cls(np.array(deviance).swapaxes(0, 1), tuple(pulls), tuple(information))
 
     def __add__(self, other: "Evidence") -> "Evidence":

@@ -15,8 +15,9 @@ from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 
-MOST_TIMES = 64
-"""Times of a trial that are looked at: where there are more, each stands for several, with less noise."""
+MOST_TIMES, _LEAST_TIMES, _TOGETHER = 64, 16, 128
+"""Times of a trial that are looked at: where there are more, each stands for several, with less noise. Where each
+object makes a trial, so many together, but no fewer of each than the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +162,9 @@ class _Planned:
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = experiment.times
-    if len(times) > MOST_TIMES:
-        times = times[np.unique(np.linspace(0, len(times) - 1, MOST_TIMES).round().astype(int))]
+    most = min(MOST_TIMES, max(_LEAST_TIMES, _TOGETHER // len(experiment.objects)))
+    if len(times) > most:
+        times = times[np.unique(np.linspace(0, len(times) - 1, most).round().astype(int))]
     is_new = bool(experiment.properties)
     if is_new:
         (name,), states = experiment.objects, np.zeros((1, len(law.states)))

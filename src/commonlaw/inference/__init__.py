@@ -27,6 +27,7 @@ from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.unseen import Bounds, bounds
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "HUBER_THRESHOLD",
     "MOST_SAMPLES",
     "PATH",
+    "Bounds",
     "CandidateLaw",
     "CovarianceKind",
     "ErrorKind",
@@ -42,6 +44,7 @@ __all__ = [
     "as_followed",
     "begin_search",
     "beyond_white_noise",
+    "bounds",
     "can_be_carried",
     "candidate_law",
     "candidate_laws",

@@ -5,7 +5,7 @@ rooms by name when they are called, and do nothing else:
 
 ============================  =======================
 simulate, predict, score      `commonlaw.forecast`
-adapt                         `commonlaw.inference`
+adapt, bounds                 `commonlaw.inference`
 residuals, discrepancy        `commonlaw.discrepancy`
 simplify                      `commonlaw.law.simplifying`
 verdict                       `commonlaw.verdict`
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.patterns import Residuals
+    from commonlaw.inference.unseen import Bounds
     from commonlaw.verdict.law_verdict import LawVerdict
 
 
@@ -185,6 +186,17 @@ class AbstractDelegates(AbstractAverages):
         """
         adapted: Self = resolve_name("commonlaw.inference:adapt")(self, trials)
         return adapted
+
+    def bounds(self, trials: Trials, terms: Sequence[str] | None = None, *, level: float = 0.95) -> "Bounds":
+        """Say how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
+
+        Raises
+        ------
+        CommonlawError
+            If there are more than 30 such terms, or one is named that is in the law or cannot be read.
+        """
+        found: Bounds = resolve_name("commonlaw.inference:bounds")(self, trials, terms, level=level)
+        return found
 
     def discrepancy(
         self,

@@ -91,6 +91,37 @@ def mixture_interval(
     return ends[0], ends[1]
 
 
+def upper_bound(center: ArrayLike, scale: ArrayLike, degrees_of_freedom: ArrayLike, level: float) -> Floats:
+    """Return what the size of a number stays below with this probability, by Student's t about an estimate.
+
+    Parameters
+    ----------
+    center, scale, degrees_of_freedom
+        Of the distribution; what broadcasts to one shape.
+    level
+        The probability.
+
+    Raises
+    ------
+    CommonlawError
+        If the level is not between 0 and 1.
+
+    Examples
+    --------
+    >>> upper_bound([0.0, 5.0], 1.0, np.inf, 0.95).round(2).tolist()
+    [1.96, 6.64]
+    """
+    reach = two_sided(level, degrees_of_freedom)
+    middle, width, degrees = np.broadcast_arrays(np.asarray(center), np.asarray(scale), degrees_of_freedom)
+    if not np.any(width):
+        return np.asarray(np.abs(middle))
+
+    def below(values: Floats) -> Floats:
+        return _cumulative((values - middle) / width, degrees) - _cumulative((-values - middle) / width, degrees)
+
+    return _bisected(below, np.zeros_like(middle, dtype=np.float64), np.abs(middle) + reach * width, level)
+
+
 def _bisected(below: Callable[[Floats], Floats], low: Floats, high: Floats, wanted: float) -> Floats:
     for _ in range(_HALVINGS):
         middle = (low + high) / 2

@@ -10,6 +10,7 @@ from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.plan import Design
+from commonlaw.inference import Bounds
 from commonlaw.law import Forecast, History, Law
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
@@ -32,7 +33,9 @@ _STEPS = ["stage", "choice", "reason"]
 """Columns of a history."""
 
 
-def notebook_html(value: Law | Trials | Forecast | History | LawVerdict | Residuals | Discrepancy[Law] | Design) -> str:
+def notebook_html(
+    value: Law | Trials | Forecast | History | LawVerdict | Residuals | Discrepancy[Law] | Bounds | Design,
+) -> str:
     """Return a value as HTML for a notebook; figures of many objects show the first ones."""
     match value:
         case History():
@@ -46,6 +49,8 @@ def notebook_html(value: Law | Trials | Forecast | History | LawVerdict | Residu
             return _page("Residuals", str(value).splitlines(), "Tests", value.tests())
         case Discrepancy():
             return _page("Discrepancy", value.sentences, "Coordinates by evidence", value.coordinates_frame())
+        case Bounds():
+            return _page("Terms that are not in the law", value.sentences, "Bounds", value.to_frame())
         case Design():
             return _page("What to measure next", value.sentences, "Experiments", value.to_frame())
         case Law():

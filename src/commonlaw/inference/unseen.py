@@ -1,0 +1,231 @@
+"""How large the coefficient of a term that is not in a law could be, without the measurements showing it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.candidates import candidate_law
+from commonlaw.law import Law, Provenance
+from commonlaw.law.quantiles import two_sided, upper_bound
+from commonlaw.library import Terms, parse_term, parse_terms
+from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.progress import ProgressCallback, Stage, on_terminal
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MOST = 30
+"""Terms that are fitted one by one unless they are named: each takes as long as a fit."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What the measurements say of the coefficient that an object would have of a term that is not in the law.
+
+    Parameters
+    ----------
+    equation, term, object
+        Whose coefficient.
+    coefficient, error
+        As it is fitted beside the terms of the law, and its standard error.
+    low, high
+        The ends of its interval.
+    at_most
+        What its size stays below with the probability of the interval, if beforehand all values were as probable.
+    effect
+        What the term then adds to the equation at most, over the trajectories of the trials.
+    unit
+        Of the coefficient; empty where the units of the variables do not tell it.
+    """
+
+    equation: str
+    term: str
+    object: str
+    coefficient: float
+    error: float
+    low: float
+    high: float
+    at_most: float
+    effect: float
+    unit: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether the interval does not hold zero."""
+        return self.low > 0 or self.high < 0
+
+
+@dataclass(frozen=True)
+class Bounds(ShownInNotebooks):
+    """How large coefficients of absent terms could be, without the trials showing it; it prints as sentences.
+
+    Each term is fitted beside those of the law, with free starts and all errors, and objects learn from each other as
+    in `commonlaw.refine`. A coefficient stays below its bound with the probability `level`, if beforehand all values
+    were as probable; beside it stands what the term then adds to the equation at most, over the trajectories of the
+    trials.
+
+    Parameters
+    ----------
+    bounds
+        One for each equation, term and object.
+    level
+        Of bounds and intervals.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> print(cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"]))
+    v^2 in x'': its coefficient is at most 0.0045 1/m, of Ball 3, at 95%, and adds 3.2 at most.
+    """
+
+    bounds: tuple[Bound, ...]
+    level: float
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a table with a row for each equation, term and object."""
+        import pandas as pd
+
+        rows = [
+            {
+                "equation": each.equation,
+                "term": each.term,
+                "object": each.object,
+                "coefficient": each.coefficient,
+                "standard error": each.error,
+                "low": each.low,
+                "high": each.high,
+                "at most": each.at_most,
+                "adds at most": each.effect,
+                "unit": each.unit,
+                "seen": each.seen,
+            }
+            for each in self.bounds
+        ]
+        return pd.DataFrame(rows)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the measurements say of each term, in words."""
+        return tuple(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        for equation, term in dict.fromkeys((each.equation, each.term) for each in self.bounds):
+            own = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
+            largest, seen = max(own, key=lambda each: each.effect), [each.object for each in own if each.seen]
+            among = f" of {', '.join(seen)}" if len(own) > 1 else ""
+            beyond = f" An interval{among} does not hold zero: the term may be there." if seen else ""
+            size = f"{largest.at_most:.2g} {largest.unit}".rstrip()
+            whose = f", of {largest.object}," if len(own) > 1 else ""
+            yield (
+                f"{term} in {equation}: its coefficient is at most {size}{whose} at {self.level:.0%}, and adds "
+                f"{largest.effect:.2g} at most.{beyond}"
+            )
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+
+def bounds(
+    law: Law,
+    trials: Trials,
+    terms: Sequence[str] | None = None,
+    *,
+    level: float = 0.95,
+    progress: ProgressCallback | None = None,
+) -> Bounds:
+    """Return how large coefficients of absent terms could be, see `Law.bounds`."""
+    two_sided(level)
+    progress = on_terminal() if progress is None else progress
+    if law.order == 0 or not law.shared:
+        raise CommonlawError("bounds are those of terms beside a law of order 1 or 2 whose objects share their terms")
+    pairs = _absent(law, terms)
+    if terms is None and len(pairs) > _MOST:
+        raise CommonlawError(
+            f"{len(pairs)} terms of the library are not in this law, and each takes a fit: name those to look at, "
+            "terms=['v^2']"
+        )
+    values = _visited(law, trials)
+    found: list[Bound] = []
+    for i, (equation, name) in enumerate(pairs):
+        progress(Stage(f"fitting the law with {name}", i / len(pairs)))
+        found += _of_term(law, trials, equation, name, values, level)
+    return Bounds(tuple(found), level)
+
+
+def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
+    """Return equations and terms that are not in them: those of the library, or those that are named."""
+    if terms is None:
+        factors = np.flatnonzero(law.terms.is_factor).tolist()
+        return [(j, law.terms.names[k]) for j in range(len(law.states)) for k in factors if not law.support[j, k]]
+    names = law.terms.variables.names
+    wanted = [parse_term(text, law.terms.variables).text(names) for text in terms]
+    listed = [(j, name) for name in wanted for j in range(len(law.states))]
+    there = [(j, law.terms.names[k]) for j, k in np.argwhere(law.support).tolist()]
+    for pair in listed:
+        if pair in there and len(law.states) == 1:
+            raise CommonlawError(f"{pair[1]} is in the law: its intervals say how large its coefficient is")
+    return [pair for pair in listed if pair not in there]
+
+
+def _visited(law: Law, trials: Trials) -> Floats:
+    """Return the variables along the law's trajectories of the trials, shape (n, variables)."""
+    forecast = law.predict(trials, averaged=False)
+    rows = []
+    for trial, found in zip(forecast.trials, forecast.trajectories, strict=True):
+        rows.append(law.terms.variables.natural(np.column_stack([found.states, trial.inputs, trial.times])))
+    whole = np.concatenate(rows)
+    return np.asarray(whole[np.isfinite(whole).all(axis=1)])
+
+
+def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
+    wider = _with_term(law, name)
+    index = wider.terms.index(name)
+    support = wider.support.copy()
+    support[equation, index] = True
+    fitted = candidate_law(wider, trials, support).law
+    place = fitted.terms.index(name)
+    units = fitted.coefficient_units()
+    reach = float(fitted.uncertainty.reach(len(law.states), level)[equation])
+    known = fitted.uncertainty.degrees_of_freedom
+    degrees = np.inf if known is None else float(known[equation])
+    plain = replace(law.terms.variables, constants=())
+    expression = wider.terms.terms[index].expression(law.terms.variables.names)
+    sizes = np.abs(parse_terms([expression], plain).evaluate(values))
+    left = law.left_hand_sides[equation]
+    for o, owner in enumerate(fitted.objects):
+        coefficient, error = (
+            float(fitted.coefficients[o, equation, place]),
+            float(fitted.standard_errors[o, equation, place]),
+        )
+        at_most = float(upper_bound(coefficient, error, degrees, level))
+        ends = coefficient - reach * error, coefficient + reach * error
+        yield Bound(
+            left,
+            name,
+            owner,
+            coefficient,
+            error,
+            *ends,
+            at_most,
+            at_most * float(sizes.max()),
+            units.get((left, name), ""),
+        )
+
+
+def _with_term(law: Law, name: str) -> Law:
+    """Return a law with a term in its library, which it may have already."""
+    bare = replace(
+        law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=())
+    )
+    if name in law.terms.names:
+        return bare
+    own, constants = law.terms.terms, len(law.terms.constants)
+    at = len(own) - constants
+    terms = Terms(law.terms.variables, (*own[:at], parse_term(name, law.terms.variables), *own[at:]))
+    return replace(bare, terms=terms, coefficients=np.insert(law.coefficients, at, 0.0, axis=2))
