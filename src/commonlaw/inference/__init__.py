@@ -27,7 +27,8 @@ from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
-from commonlaw.inference.unseen import Bounds, bounds
+from commonlaw.inference.unseen import bounds
+from commonlaw.inference.unseen_bounds import Bounds
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [

@@ -1,134 +1,22 @@
 """How large the coefficient of a term that is not in a law could be, without the measurements showing it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.candidates import candidate_law
+from commonlaw.inference.unseen_bounds import Bound, Bounds
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.library import Terms, parse_term, parse_terms
-from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.progress import ProgressCallback, Stage, on_terminal
 from commonlaw.trials import Trials
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _MOST = 30
 """Terms that are fitted one by one unless they are named: each takes as long as a fit."""
-
-
-@dataclass(frozen=True)
-class Bound:
-    """What the measurements say of the coefficient that an object would have of a term that is not in the law.
-
-    Parameters
-    ----------
-    equation, term, object
-        Whose coefficient.
-    coefficient, error
-        As it is fitted beside the terms of the law, and its standard error.
-    low, high
-        The ends of its interval.
-    at_most
-        What its size stays below with the probability of the interval, if beforehand all values were as probable.
-    effect
-        What the term then adds to the equation at most, over the trajectories of the trials.
-    unit
-        Of the coefficient; empty where the units of the variables do not tell it.
-    """
-
-    equation: str
-    term: str
-    object: str
-    coefficient: float
-    error: float
-    low: float
-    high: float
-    at_most: float
-    effect: float
-    unit: str
-
-    @property
-    def seen(self) -> bool:
-        """Whether the interval does not hold zero."""
-        return self.low > 0 or self.high < 0
-
-
-@dataclass(frozen=True)
-class Bounds(ShownInNotebooks):
-    """How large coefficients of absent terms could be, without the trials showing it; it prints as sentences.
-
-    Each term is fitted beside those of the law, with free starts and all errors, and objects learn from each other as
-    in `commonlaw.refine`. A coefficient stays below its bound with the probability `level`, if beforehand all values
-    were as probable; beside it stands what the term then adds to the equation at most, over the trajectories of the
-    trials.
-
-    Parameters
-    ----------
-    bounds
-        One for each equation, term and object.
-    level
-        Of bounds and intervals.
-
-    Examples
-    --------
-    >>> import commonlaw as cl
-    >>> drops = cl.datasets.linear_drag(noise=0.05)
-    >>> print(cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"]))
-    v^2 in x'': its coefficient is at most 0.0045 1/m, of Ball 3, at 95%, and adds 3.2 at most.
-    """
-
-    bounds: tuple[Bound, ...]
-    level: float
-
-    def to_frame(self) -> "pd.DataFrame":
-        """Return a table with a row for each equation, term and object."""
-        import pandas as pd
-
-        rows = [
-            {
-                "equation": each.equation,
-                "term": each.term,
-                "object": each.object,
-                "coefficient": each.coefficient,
-                "standard error": each.error,
-                "low": each.low,
-                "high": each.high,
-                "at most": each.at_most,
-                "adds at most": each.effect,
-                "unit": each.unit,
-                "seen": each.seen,
-            }
-            for each in self.bounds
-        ]
-        return pd.DataFrame(rows)
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """What the measurements say of each term, in words."""
-        return tuple(self._sentences())
-
-    def _sentences(self) -> Iterator[str]:
-        for equation, term in dict.fromkeys((each.equation, each.term) for each in self.bounds):
-            own = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
-            largest, seen = max(own, key=lambda each: each.effect), [each.object for each in own if each.seen]
-            among = f" of {', '.join(seen)}" if len(own) > 1 else ""
-            beyond = f" An interval{among} does not hold zero: the term may be there." if seen else ""
-            size = f"{largest.at_most:.2g} {largest.unit}".rstrip()
-            whose = f", of {largest.object}," if len(own) > 1 else ""
-            yield (
-                f"{term} in {equation}: its coefficient is at most {size}{whose} at {self.level:.0%}, and adds "
-                f"{largest.effect:.2g} at most.{beyond}"
-            )
-
-    def __str__(self) -> str:
-        return "\n".join(self.sentences)
 
 
 def bounds(
