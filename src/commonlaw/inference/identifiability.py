@@ -16,7 +16,7 @@ prefers laws whose coefficients differ from trial to trial.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations, islice
 
 import numpy as np
@@ -227,38 +227,41 @@ class _IntegralForm:
         Errors are white noise and a part that is correlated in time, of the same share and memory in all trials; these
         are chosen by the restricted likelihood, which knows what all terms and the starts have taken.
         """
+        share, memory = min(self._deviances, key=lambda each: each[1][equation])[0]
+        if not share:
+            return self
+        return self._made(self.terms, [tuple(_whitened(each, share, memory) for each in own) for own in self.objects])
+
+    @cached_property
+    def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:
+        """Return minus twice the restricted log-likelihood of each equation by shares and memories of errors."""
         step = float(np.median(np.concatenate([np.diff(each.times) for own in self.objects for each in own])))
         memories = [(share, step * steps) for share in _SHARES for steps in _MEMORIES]
         few = [own[:_MOST_FOR_ERRORS] for own in self.objects[:_MOST_FOR_ERRORS]]
         mixed = [(own, self._mixture(own)) for own in few]
-        share, memory = min(
-            [(0.0, step), *memories],
-            key=lambda each: sum(self._restricted_deviance(*own, equation, each) for own in mixed),
-        )
-        if not share:
-            return self
-        return self._made(self.terms, [tuple(_whitened(each, share, memory) for each in own) for own in self.objects])
+        return [
+            (errors, np.sum([self._restricted_deviances(*own, errors) for own in mixed], axis=0))
+            for errors in [(0.0, step), *memories]
+        ]
 
     def _mixture(self, own: Sequence[_Rows]) -> Floats:
         """Return the mixture of terms that is orthonormal over an object's trials."""
         scale, mixed = _independent(np.concatenate([each.without_start[:, : len(self.terms)] for each in own]))
         return mixed / scale[:, np.newaxis]
 
-    def _restricted_deviance(
-        self, own: Sequence[_Rows], mixture: Floats, equation: int, errors: tuple[float, float]
-    ) -> float:
-        """Return minus twice the restricted log-likelihood of an object's trials, given share and memory of errors."""
-        white = [_whitened(each, *errors) for each in own]
-        count, column = len(self.terms), len(self.terms) + equation
+    def _restricted_deviances(self, own: Sequence[_Rows], mixture: Floats, errors: tuple[float, float]) -> Floats:
+        """Return minus twice the restricted log-likelihoods of an object's trials, given share and memory of errors."""
+        white, count = [_whitened(each, *errors) for each in own], len(self.terms)
         starts = [np.asarray(np.linalg.qr(each.start, mode="r")) for each in white]
         rows = np.concatenate([each.without_start for each in white])
-        columns = rows[:, :count] @ mixture
+        columns, targets = rows[:, :count] @ mixture, rows[:, count:]
         basis, triangle = np.linalg.qr(columns)
-        rest = rows[:, column] - basis @ (basis.T @ rows[:, column])
+        rest = targets - basis @ (basis.T @ targets)
         freedom = max(len(rows) - sum(each.start.shape[1] for each in own) - columns.shape[1], 1)
         information = sum(float(np.sum(np.log(np.abs(np.diag(each))))) for each in (*starts, triangle))
         determinant = sum(_log_determinant(each.times, *errors) for each in own)
-        return float(determinant + 2 * information + freedom * np.log(max(float(rest @ rest), 1e-300)))
+        squares = np.maximum(np.sum(rest**2, axis=0), 1e-300)
+        return np.asarray(determinant + 2 * information + freedom * np.log(squares))
 
 
 def _one_equation(form: _IntegralForm, equation: int, used: Sequence[int]) -> _Found | None:

@@ -63,8 +63,9 @@ def _empty(times: Any, states: Any) -> NDArray[np.int64]:
         return np.empty(0, dtype=np.int64)
     if not values.size or values.ndim not in (1, 2) or np.shape(times) != (len(values),):
         return np.empty(0, dtype=np.int64)
-    measured = np.flatnonzero(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
-    return np.setdiff1d(np.arange(measured[-1]), measured) if len(measured) else measured
+    measured = np.asarray(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
+    last = len(measured) - int(measured[::-1].argmax())
+    return np.flatnonzero(~measured[:last]) if measured.any() else np.empty(0, dtype=np.int64)
 
 
 def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:

@@ -170,7 +170,8 @@ class Trial:
 
     def measured(self) -> "Trial":
         """Return the trial without samples in which no state was measured."""
-        return self.rows(np.asarray(np.isfinite(self.states).any(axis=1)))
+        kept = np.asarray(np.isfinite(self.states).any(axis=1))
+        return self if kept.all() else self.rows(kept)
 
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
