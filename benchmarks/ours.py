@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.problem import Problem
-from commonlaw.formulation import law_variables, merge
+from commonlaw.formulation import law_variables, merge, redrawn
 from commonlaw.library import Terms
 
 Floats = NDArray[np.float64]
@@ -67,17 +67,15 @@ def bootstrap_rows(problem: Problem) -> Run:
 
 
 def bootstrap_blocks(problem: Problem) -> Run:
-    """Bootstrap of segments of time: their problems are merged, each as often as it is drawn."""
+    """Bootstrap of segments of time: their problems count as often as they are drawn."""
 
     def run() -> Floats:
         form, terms, (trial,) = _compressing(problem)
         parts = form.problems(trial, terms, SEGMENTS)
-        generator, models = np.random.default_rng(0), []
-        for _ in range(problem.models):
-            counts = np.bincount(generator.integers(SEGMENTS, size=SEGMENTS), minlength=SEGMENTS)
-            system = merge(part.weighted(count) for part, count in zip(parts, counts, strict=True) if count)
-            models.append(_solved([system], problem.thresholds[0]))
-        return np.stack(models)
+        generator = np.random.default_rng(0)
+        draws = (generator.integers(SEGMENTS, size=SEGMENTS) for _ in range(problem.models))
+        counts = np.array([np.bincount(drawn, minlength=SEGMENTS) for drawn in draws], dtype=np.float64)
+        return np.stack([_solved([system], problem.thresholds[0]) for system in redrawn(parts, counts)])
 
     return run
 

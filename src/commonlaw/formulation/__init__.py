@@ -20,6 +20,7 @@ from commonlaw.formulation.least_squares_problem import (
     least_squares_of_each,
     leave_one_out,
     merge,
+    redrawn,
 )
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
@@ -45,6 +46,7 @@ __all__ = [
     "merge",
     "merged_rows",
     "plain_rates",
+    "redrawn",
     "refuse_constant_states",
     "refuse_vanishing_states",
     "reweight",

@@ -9,6 +9,7 @@ from operator import add
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation.preconditioned import PreconditionedGram, can_precondition
 
 _NARROW, _WIDE = 8, 16
 """Columns that are reduced together, in problems of few and of many columns; blocks of rows are in cache, where narrow
@@ -16,8 +17,15 @@ panels are three times faster."""
 
 _MANY_COLUMNS = 128
 
+_PRECONDITIONED = 64
+"""Columns from which on Cholesky factorisation of preconditioned rows is faster than orthogonal transformations."""
+
 BLOCK = 2048
 """Rows that are absorbed together."""
+
+_FEWER = 1e-2
+"""Of the largest: the least diagonal entry of a factor that comes from a preconditioned Gram matrix, whose rounding is
+then magnified ten thousand times."""
 
 _SINGULAR = 1e-14
 """Columns, scaled to unit norm, whose reciprocal condition is below this depend on each other."""
@@ -30,7 +38,9 @@ class LeastSquaresProblem:
     Least squares on a problem equals least squares on all of its rows to rounding, for every subset of the terms:
     the rows are ``Q @ factor`` with orthonormal ``Q``, so all inner products of columns are those of the factor
     (Golub and Van Loan, Matrix Computations, section 5.3). Householder reflections make its error small in every column
-    by itself, so that badly scaled libraries lose nothing. Problems of the same library merge with ``+``.
+    by itself, so that badly scaled libraries lose nothing; where rows are like those before them, Cholesky
+    factorisation of preconditioned rows does as well (`PreconditionedGram`). Problems of the same library merge with
+    ``+``.
 
     Parameters
     ----------
@@ -83,10 +93,16 @@ class LeastSquaresProblem:
             Number of all columns.
         """
         factor, rows = np.zeros((columns, columns), order="F"), 0
+        gram: PreconditionedGram | None = None
         for block in blocks:
-            factor = _absorb(factor, block, workspace=True)
             rows += len(block)
-        return cls(factor, terms, rows)
+            if gram is not None and gram.add(block):
+                if gram.is_full:
+                    gram = PreconditionedGram(gram.joined())
+                continue
+            factor = _absorb(factor if gram is None else gram.joined(), block, workspace=True)
+            gram = PreconditionedGram(factor) if columns >= _PRECONDITIONED and can_precondition(factor) else None
+        return cls(factor if gram is None else gram.joined(), terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the problem of both sets of rows."""
@@ -197,6 +213,41 @@ def column_scales(columns: Floats) -> Floats:
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the problem of the rows of all of these, of which there is at least one."""
     return reduce(add, problems)
+
+
+def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[LeastSquaresProblem]:
+    """Return for each draw of several problems the one in which each of them counts as often as it was drawn.
+
+    The Gram matrices of the problems' factors, preconditioned by the factor of all of them, are summed by one matrix
+    product for all draws, see `PreconditionedGram`. A draw in which columns are much less independent than in all
+    problems is merged by orthogonal transformations.
+
+    Parameters
+    ----------
+    problems
+        Of the same library.
+    counts
+        How often each was drawn, shape (draws, problems).
+    """
+    from scipy.linalg import lapack, solve_triangular
+
+    factor, rows = merge(problems).factor, counts @ np.array([problem.rows for problem in problems])
+    if not can_precondition(factor):
+        return [_merged_as_drawn(problems, own) for own in counts]
+    mixed = np.array([solve_triangular(factor, each.factor.T, trans="T").T for each in problems])
+    grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
+    found = list[LeastSquaresProblem]()
+    for own, number, gram in zip(counts, rows, (counts @ grams).reshape(-1, *factor.shape), strict=True):
+        upper, failed = lapack.dpotrf(gram)
+        if failed or upper.diagonal().min() < _FEWER * upper.diagonal().max():
+            found.append(_merged_as_drawn(problems, own))
+        else:
+            found.append(LeastSquaresProblem(np.triu(upper) @ factor, problems[0].terms, int(number)))
+    return found
+
+
+def _merged_as_drawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSquaresProblem:
+    return merge(problem.weighted(count) for problem, count in zip(problems, counts, strict=True) if count)
 
 
 def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresProblem]:

@@ -7,9 +7,12 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import LeastSquaresProblem, merge
+from commonlaw.formulation import LeastSquaresProblem, redrawn
 from commonlaw.selection.cross_validation import ProblemGroups
 from commonlaw.solvers import Candidate
+
+_HELD = 2**24
+"""Numbers in the factors of resamples that are held at a time."""
 
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 """From one problem for each object to candidates, from the most terms to the fewest."""
@@ -71,11 +74,16 @@ def stability(
     if min(map(len, blocks)) < 2:
         raise CommonlawError("an object has one trial in one segment: cut it into more segments to draw from")
     generator = np.random.default_rng(seed)
-    drawn = ([_draw(own, generator) for own in blocks] for _ in range(n_resamples))
-    return Stability(tuple(tuple(each.support for each in path(problems)) for problems in drawn))
+    drawn = [[_counts(len(own), generator) for own in blocks] for _ in range(n_resamples)]
+    at_once = max(1, _HELD // sum(own[0].factor.size for own in blocks))
+    supports = list[tuple[Bools, ...]]()
+    for i in range(0, n_resamples, at_once):
+        by_object = zip(*drawn[i : i + at_once], strict=True)
+        problems = [redrawn(own, np.array(counts)) for own, counts in zip(blocks, by_object, strict=True)]
+        supports += [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]
+    return Stability(tuple(supports))
 
 
-def _draw(blocks: Sequence[LeastSquaresProblem], generator: np.random.Generator) -> LeastSquaresProblem:
-    """Return the problem of as many blocks as there are, drawn with replacement."""
-    counts = np.bincount(generator.integers(len(blocks), size=len(blocks)), minlength=len(blocks))
-    return merge(block.weighted(count) for block, count in zip(blocks, counts, strict=True) if count)
+def _counts(blocks: int, generator: np.random.Generator) -> Floats:
+    """Return how often each of some blocks is drawn, with replacement, in as many draws as there are."""
+    return np.bincount(generator.integers(blocks, size=blocks), minlength=blocks).astype(np.float64)

@@ -1,0 +1,121 @@
+"""Rows compressed by Cholesky factorisation of preconditioned rows, against orthogonal transformations of all rows."""
+
+import numpy as np
+import pytest
+
+from commonlaw.formulation import LeastSquaresProblem, merge, redrawn
+from commonlaw.formulation.least_squares_problem import BLOCK
+from commonlaw.formulation.preconditioned import PreconditionedGram, can_precondition
+
+TERMS = 70
+
+
+def monomials(states):
+    """All products of up to five of the columns x and y, and more of them with a third one: badly conditioned."""
+    x, y, z = states.T
+    return np.column_stack([x**i * y**j * z**k for i in range(6) for j in range(6 - i) for k in range(6)])[:, :TERMS]
+
+
+def walk(rows, seed=0):
+    """A slow walk: blocks that follow each other are not alike."""
+    generator = np.random.default_rng(seed)
+    return 3 * np.sin(np.cumsum(0.05 * generator.normal(size=(rows, 3)), axis=0)) + 1
+
+
+def solved(library, target):
+    """Least squares on all rows by a factorisation of all rows with columns of unit norm."""
+    norms = np.linalg.norm(library, axis=0)
+    return np.linalg.lstsq(library / norms, target, rcond=1e-15)[0]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+def test_coefficients_are_those_of_all_rows(scale):
+    library = monomials(walk(20 * BLOCK)) * scale ** np.linspace(-1, 1, TERMS)
+    truth = np.random.default_rng(1).normal(size=TERMS) / np.linalg.norm(library, axis=0)
+    target = library @ truth + np.random.default_rng(2).normal(size=len(library))
+    problem = LeastSquaresProblem.of(library, target[:, np.newaxis])
+    norms = np.linalg.norm(library, axis=0)
+    assert problem.rows == len(library)
+    np.testing.assert_allclose(problem.norms, norms, rtol=1e-11)
+    expected = solved(library, target)
+    found = problem.least_squares(np.ones(TERMS, dtype=bool), 0) * norms
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+    assert problem.rss(found / norms, 0) == pytest.approx(np.sum((target - library / norms @ expected) ** 2), rel=1e-10)
+
+
+def test_a_small_residual_is_as_accurate_as_by_orthogonal_transformations():
+    library = monomials(walk(10 * BLOCK))
+    truth = np.zeros(TERMS)
+    truth[[1, 7, 12]] = 1, -2, 0.5
+    noise = 1e-6 * np.random.default_rng(3).normal(size=len(library))
+    problem = LeastSquaresProblem.of(library, (library @ truth + noise)[:, np.newaxis])
+    support = truth != 0
+    assert problem.rss(problem.least_squares(support, 0), 0) == pytest.approx(float(noise @ noise), rel=1e-3)
+
+
+@pytest.mark.parametrize("change", ["louder", "constant at first", "zero at first", "dependent", "missing"])
+def test_rows_unlike_the_first_ones_are_taken_otherwise(change):
+    library = np.random.default_rng(4).normal(size=(6 * BLOCK, TERMS))
+    begin = slice(BLOCK)
+    if change == "louder":
+        library[BLOCK:, 5] *= 1e9
+    elif change == "constant at first":
+        library[begin, 5] = 1 + 1e-13 * library[begin, 5]
+        library[:, 6] = 1
+    elif change == "zero at first":
+        library[begin, 5] = 0
+    elif change == "dependent":
+        library[:, 9] = library[:, 4] - library[:, 5]
+    else:
+        library[-1, 3] = np.nan
+    problem = LeastSquaresProblem.of(library, library[:, :1] * 2)
+    if change == "missing":
+        assert not np.isfinite(problem.factor).all()
+        return
+    scale = np.linalg.norm(library, axis=0)
+    own, expected = problem.factor[:, :TERMS] / scale, library / scale
+    np.testing.assert_allclose(own.T @ own, expected.T @ expected, atol=1e-12)
+
+
+def test_the_rows_so_far_become_the_preconditioner_of_more():
+    rows = np.asfortranarray(np.random.default_rng(5).normal(size=(200, 30)))
+    gram = PreconditionedGram(np.asfortranarray(np.linalg.qr(rows)[1]))
+    assert gram.add(np.asfortranarray(rows * 50))
+    assert not gram.is_full
+    assert not gram.add(np.asfortranarray(rows * 1e4))
+    assert all(gram.add(np.asfortranarray(rows * 90)) for _ in range(2))
+    assert gram.is_full
+    joined = gram.joined()
+    np.testing.assert_allclose(joined.T @ joined, (1 + 50**2 + 2 * 90**2) * rows.T @ rows, rtol=1e-10)
+    assert can_precondition(joined)
+    assert not can_precondition(np.triu(np.ones((3, 3)), 1))
+
+
+@pytest.mark.parametrize("columns", [5, 40])
+def test_draws_of_blocks_are_the_merger_of_what_was_drawn(columns):
+    generator = np.random.default_rng(6)
+    blocks = [LeastSquaresProblem.of(*np.split(generator.normal(size=(90, columns)), [-2], axis=1)) for _ in range(30)]
+    only = generator.normal(size=(90, columns))
+    only[:, 1] *= 1e6  # A draw without it is of quite other columns
+    blocks.append(LeastSquaresProblem.of(*np.split(only, [-2], axis=1)))
+    counts = np.array([np.bincount(generator.integers(31, size=31), minlength=31) for _ in range(12)], dtype=np.float64)
+    assert (counts[:, -1] == 0).any()
+    for found, own in zip(redrawn(blocks, counts), counts, strict=True):
+        merged = merge(block.weighted(count) for block, count in zip(blocks, own, strict=True) if count)
+        assert found.terms == merged.terms
+        scale = np.linalg.norm(merged.factor, axis=0)
+        mine, theirs = found.factor / scale, merged.factor / scale
+        np.testing.assert_allclose(mine.T @ mine, theirs.T @ theirs, atol=1e-11)
+        for target in range(2):
+            support = np.ones(columns - 2, dtype=bool)
+            expected = merged.least_squares(support, target)
+            np.testing.assert_allclose(found.least_squares(support, target), expected, rtol=1e-7)
+
+
+def test_draws_of_blocks_with_dependent_columns_are_merged():
+    library = np.random.default_rng(7).normal(size=(400, 6))
+    library[:, 3] = library[:, 2]
+    blocks = [LeastSquaresProblem.of(library[i : i + 50], library[i : i + 50, :1]) for i in range(0, 400, 50)]
+    (found,) = redrawn(blocks, np.ones((1, 8)))
+    np.testing.assert_allclose(found.factor.T @ found.factor, merge(blocks).factor.T @ merge(blocks).factor, atol=1e-9)
+    assert found.rows == 400
