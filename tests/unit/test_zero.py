@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.linspace(0, 10, 41)
@@ -47,6 +48,20 @@ def test_a_power_on_a_scale_whose_zero_was_agreed_upon_is_said_unless_lower_powe
         assert found == []
     else:
         assert found[0].startswith(f"scale (x'): {named} hangs on the zero of the scale of x, {unit}; give x in kelvin")
+
+
+@pytest.mark.parametrize(
+    ("equation", "values", "named"),
+    [
+        ("x' = -V x/(K + x)", {"V": 5.0, "K": 20.0}, "x/(K + x) hangs on the zero of the scale of x, degC"),
+        ("x' = a + b/(K + x)", {"a": -1.0, "b": 5.0, "K": 20.0}, None),
+        ("x' = a - b exp(x/U)", {"a": 1.0, "b": 0.1, "U": 20.0}, None),
+    ],
+)
+def test_a_constant_inside_of_a_term_may_make_up_for_the_zero(equation, values, named):
+    law = cl.Law.from_text(equation, values, units={"x": "degC", "t": "s"})
+    found = [str(each) for each in with_outcomes_of_zero((), law, course(COOLING, "degC"))]
+    assert found == [] if named is None else named in found[0]
 
 
 def test_a_product_with_an_input_on_such_a_scale_is_said():
