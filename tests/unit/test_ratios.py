@@ -1,5 +1,7 @@
 """Ratios of two sums of terms: how they are offered and written, and the laws of discover that have some."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare
 from commonlaw.inference.ratio_sets import matching_ratios
+from commonlaw.law import Provenance
 from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
 
 S = Variables(("s",))
@@ -130,7 +133,24 @@ def test_the_kinetics_of_enzymes_are_found(power, noise):
     assert near(law, [(-rate, half) for rate, half in ENZYMES.values()])
 
 
-def test_they_agree_with_least_squares_on_the_exact_solution():
+def test_fractions_of_one_denominator_are_written_as_one():
+    given = "s' = -c s + (a + b s)/(K + s)"
+    law = cl.Law.from_text(given, {"a": 0.5, "b": -1.5, "K": 2.0, "c": 0.1})
+    found = replace(law, provenance=Provenance())
+    assert found.structure() == ("s' = a s + (b + c s)/(K + s)",)
+    assert found.equations() == ("s' = -0.1 s + (0.5 - 1.5 s)/(2 + s)",)
+    assert r"\frac{0.5 - 1.5\, s}{K + s}" in found.to_latex()
+    again = cl.Law.from_text(found.structure(), {"a": -0.1, "b": 0.5, "c": -1.5, "K": 2.0})
+    states = np.array([[0.3, 0.0], [4.0, 0.0]])
+    np.testing.assert_allclose(again.evaluate("object", states), law.evaluate("object", states))
+
+
+def test_a_fraction_without_variables_above_has_its_coefficient_there():
+    law = cl.Law.from_text("s' = a/(K + s)", {"a": 0.5, "K": 2.0})
+    assert replace(law, provenance=Provenance()).structure() == ("s' = a/(K + s)",)
+
+
+def test_they_agree_with_least_squares_on_the_exact_solution(tmp_path):
     times, noise = np.linspace(0, 6, 60), 0.05
 
     def solution(t, start, rate, half):
@@ -144,6 +164,9 @@ def test_they_agree_with_least_squares_on_the_exact_solution():
     values, errors = law.letter_values()
     np.testing.assert_allclose(values[0], expected[1:] * [-1, 1], rtol=1e-4)
     np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
+    law.save(tmp_path / "law.json")
+    assert cl.Law.load(tmp_path / "law.json").equations() == law.equations()
+    assert 'library="ratio(poly:2, poly:2)"' in law.to_script().replace("'", '"')
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05])

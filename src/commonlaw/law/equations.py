@@ -167,7 +167,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
             If the object is not named and there are several, or errors are asked for that are not known.
         """
         left = text.latex_left_hand_sides(self.states, self.order)
-        terms = [text.latex_factor(term, self.terms.variables.names) for term in self.terms.terms]
+        terms = self.terms.latex_factors(self.terms.variables.names)
         constants = [latex_name(each) for each in self.terms.variables.constants]
         if name is None and self._is_explained:
             return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))

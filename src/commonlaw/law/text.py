@@ -1,7 +1,7 @@
 """Equations and coefficients as people write them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, groupby
 from string import ascii_lowercase
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
-from commonlaw.library import AbstractTerm
+from commonlaw.library.fraction import Fraction
 from commonlaw.library.naming import latex_name
 from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
@@ -76,12 +76,6 @@ def left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
     return tuple(f"{state}{mark}" for state in states)
 
 
-def latex_factor(term: AbstractTerm, names: Sequence[str]) -> str:
-    """Return a term as LaTeX that stands behind a coefficient."""
-    latex = term.latex(names)
-    return rf"\left({latex}\right)" if term.is_sum else latex
-
-
 def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
     """Return what each equation gives, as LaTeX."""
     form = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")[order]
@@ -90,10 +84,10 @@ def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
 
 def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
     """Return the form of each equation, with a letter for each coefficient in the support: ``x'' = a + b v``."""
-    parts: list[list[str]] = [[] for _ in lefts]
+    parts: list[list[Addend]] = [[] for _ in lefts]
     for letter, (j, k) in zip(letters, np.argwhere(support), strict=True):
-        parts[j].append(letter if names[k] == "1" else f"{letter} {names[k]}")
-    return tuple(f"{left} = {' + '.join(each) or '0'}" for left, each in zip(lefts, parts, strict=True))
+        parts[j].append(Addend(False, letter, names[k]))
+    return tuple(f"{left} = {summed(each, ' ')}" for left, each in zip(lefts, parts, strict=True))
 
 
 def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
@@ -147,12 +141,29 @@ def printed(
 
 
 def summed(addends: Iterable[Addend], times: str) -> str:
-    """Return the sum of these: their signs, numbers and names."""
+    """Return the sum of these: their signs, numbers and names; fractions of one denominator are one fraction."""
     text = ""
-    for negative, number, name in addends:
-        sign = (" - " if negative else " + ") if text else ("-" if negative else "")
-        text += sign + (number if name == "1" else f"{number}{times}{name}" if number else name)
+    for each in _together(list(addends), times):
+        sign = (" - " if each.negative else " + ") if text else ("-" if each.negative else "")
+        text += sign + _multiplied(each.number, times, each.name)
     return text or "0"
+
+
+def _together(addends: Sequence[Addend], times: str) -> Iterator[Addend]:
+    """Yield addends, those one after the other that have the same denominator as one."""
+    for _, group in groupby(enumerate(addends), key=lambda each: getattr(each[1].name, "below", each[0])):
+        own = [each for _, each in group]
+        fractions = [each.name for each in own if isinstance(each.name, Fraction)]
+        if len(fractions) > 1:
+            above = (each._replace(name=name.above) for each, name in zip(own, fractions, strict=True))
+            own = [Addend(False, "", fractions[0].over(summed(above, times)))]
+        yield from own
+
+
+def _multiplied(number: str, times: str, name: str) -> str:
+    if name == "1" or not number:
+        return number or name
+    return name.behind(number, times) if isinstance(name, Fraction) else f"{number}{times}{name}"
 
 
 def _addends(

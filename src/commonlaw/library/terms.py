@@ -1,6 +1,6 @@
 """Named variables, and terms over them, evaluated together."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.constant import Constant
 from commonlaw.library.evaluation import Plan
+from commonlaw.library.fraction import LATEX, PLAIN, fraction
 from commonlaw.library.program import Program
 from commonlaw.library.term import AbstractTerm
 
@@ -117,8 +118,17 @@ class Terms:
 
     def factors_over(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return them over other names of the variables, or numbers in place of constants."""
-        pairs = ((term, term.text(names)) for term in self.terms)
-        return tuple(f"({text})" if term.is_sum else text for term, text in pairs)
+        return self._factors(lambda term: term.text(names), "({})", PLAIN)
+
+    def latex_factors(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return them as LaTeX."""
+        return self._factors(lambda term: term.latex(names), r"\left({}\right)", LATEX)
+
+    def _factors(self, write: Callable[[AbstractTerm], str], brackets: str, form: str) -> tuple[str, ...]:
+        measured = len(self.variables.measured)
+        plain = (brackets.format(write(term)) if term.is_sum else write(term) for term in self.terms)
+        pairs = zip(self.terms, plain, strict=True)
+        return tuple(fraction(term, write, form, measured) or name for term, name in pairs)
 
     @cached_property
     def complexities(self) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.text import Addend, aligned, latex_factor, latex_left_hand_sides
+from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
 from commonlaw.library.naming import latex_name
 from commonlaw.report.markup import code, formula, literal
 
@@ -62,7 +62,7 @@ def _has_numbers(law: Law) -> bool:
 def _structure_latex(law: Law) -> str:
     """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
     rows: list[list[Addend]] = [[] for _ in law.states]
-    terms = [latex_factor(term, law.terms.variables.names) for term in law.terms.terms]
+    terms = law.terms.latex_factors(law.terms.variables.names)
     for letter, (j, k) in zip(law.letters, np.argwhere(law.support).tolist(), strict=True):
         if law.terms.is_factor[k]:
             rows[j].append(Addend(False, latex_name(letter), "1" if law.terms.names[k] == "1" else terms[k]))
