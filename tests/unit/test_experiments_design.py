@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.experiments import suggestions
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.forecast.model_error import model_error_std
@@ -73,7 +74,8 @@ def test_what_is_said_of_measurements_agrees_with_forecasts():
     np.testing.assert_allclose(found.mean, forecast.trajectories[0].states[:, 0], rtol=1e-6)
     assert forecast.std is not None
     np.testing.assert_allclose(np.linalg.norm(found.by_unknowns, axis=1), forecast.std[0][:, 0], rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(found.noise, np.eye(9) * np.asarray(law.noise) ** 2)
+    np.testing.assert_allclose(found.noise, np.asarray(law.noise) ** 2 * np.ones(9))
+    assert found.coloured is None
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,7 @@ def test_errors_of_the_law_add_up_as_in_forecasts(errors):
     trial = cl.Trial("ball", "1", times, np.full((61, 1), 1.0))
     states = law.simulate(times, [40.0, 0.0])["ball"].states
     wanted = model_error_std(law, trial, Inputs.of(times, np.empty((61, 0))), states)[:, 0]
-    np.testing.assert_allclose(np.sqrt(np.diag(found.noise) - NOISE**2)[10:], wanted[10:], rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.coloured))[10:], wanted[10:], rtol=0.05)
 
 
 def test_repeats_reach_what_they_promise():
@@ -228,3 +230,18 @@ def test_a_design_shows_itself_in_a_notebook():
     shown = cl.design(falling(), {"x": 10, "v": 0, "duration": 1, "rate": 10})._repr_html_()
     assert "What to measure next" in shown
     assert "bits" in shown
+
+
+def test_what_to_measure_next_is_suggested_within_what_was_visited():
+    drops = cl.datasets.linear_drag(noise=0.5)
+    law = cl.fit("x'' = -g - c v", drops)
+    found = suggestions(law, drops, most=2)
+    assert [each.purpose for each in found] == [
+        "To know all coefficients better",
+        "To know c of Ball 1 better, the coefficient that is known worst",
+    ]
+    low, high = law.provenance.domain.visited["x"]
+    for each in found:
+        assert len(each.design.experiments) == 2
+        assert all(low <= own.experiment.start[0] <= high for own in each.design.experiments)
+    assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == ()

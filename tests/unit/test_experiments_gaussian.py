@@ -13,13 +13,13 @@ NOTHING = np.zeros((1, 0))
 
 def point(mean, slopes, noise=1.0):
     """Return what a hypothesis says of one measurement without a start of its own."""
-    return Gaussian(np.array([mean]), np.array([slopes], dtype=float), NOTHING, np.array([[noise**2]]))
+    return Gaussian(np.array([mean]), np.array([slopes], dtype=float), NOTHING, np.array([noise**2]))
 
 
 def test_evidence_is_that_of_normal_densities():
     random = np.random.default_rng(0)
     parts = [
-        Gaussian(random.normal(size=5), random.normal(size=(5, p)), np.zeros((5, 0)), np.diag(random.uniform(1, 2, 5)))
+        Gaussian(random.normal(size=5), random.normal(size=(5, p)), np.zeros((5, 0)), random.uniform(1, 2, 5))
         for p in (2, 3)
     ]
     draws = Draws.of((2, 3), 5, 4, (1,), 0)
@@ -27,16 +27,18 @@ def test_evidence_is_that_of_normal_densities():
     for i, (made, own) in enumerate(zip(parts, draws.unknowns, strict=True)):
         values = made.mean + own @ made.by_unknowns.T + draws.noise @ made.root.T
         for k, each in enumerate(parts):
-            wanted = multivariate_normal(each.mean, each.noise + each.by_unknowns @ each.by_unknowns.T).logpdf(values)
+            wanted = multivariate_normal(each.mean, np.diag(each.noise) + each.by_unknowns @ each.by_unknowns.T).logpdf(
+                values
+            )
             np.testing.assert_allclose(found.log_densities[i, :, k] - 2.5 * np.log(2 * np.pi), wanted, rtol=1e-10)
 
 
 def test_trials_that_share_coefficients_add_up_as_if_they_were_one():
     random = np.random.default_rng(1)
     slopes, means = random.normal(size=(6, 2)), random.normal(size=(2, 6))
-    whole = [Gaussian(mean, slopes, np.zeros((6, 0)), np.eye(6)) for mean in means]
+    whole = [Gaussian(mean, slopes, np.zeros((6, 0)), np.ones(6)) for mean in means]
     parts = [
-        [Gaussian(m[own], slopes[own], np.zeros((3, 0)), np.eye(3)) for m in means] for own in (slice(3), slice(3, 6))
+        [Gaussian(m[own], slopes[own], np.zeros((3, 0)), np.ones(3)) for m in means] for own in (slice(3), slice(3, 6))
     ]
     unknowns, noise = tuple(random.normal(size=(2, 4, 2))), random.normal(size=(4, 6))
     together = Evidence.of(whole, Draws(unknowns, noise))
@@ -50,7 +52,7 @@ def test_a_free_start_is_the_limit_of_a_wide_prior():
     random = np.random.default_rng(2)
     times = np.linspace(0, 1, 8)
     starts = np.column_stack([np.ones(8), times])
-    parts = [Gaussian(random.normal(size=8), random.normal(size=(8, 1)), starts, np.eye(8)) for _ in range(2)]
+    parts = [Gaussian(random.normal(size=8), random.normal(size=(8, 1)), starts, np.ones(8)) for _ in range(2)]
     draws = Draws.of((1, 1), 8, 5, (3,), 0)
     found = Evidence.of(parts, draws).log_densities
     wide = [
@@ -74,7 +76,7 @@ def test_chance_and_information_of_two_known_means():
 
 
 def test_repeats_count_as_independent_measurements():
-    repeated = Gaussian(np.zeros(3), np.ones((3, 1)), np.zeros((3, 0)), np.eye(3), repeats=4)
+    repeated = Gaussian(np.zeros(3), np.ones((3, 1)), np.zeros((3, 0)), np.ones(3), repeats=4)
     draws = Draws.of((1,), 3, 2, (0,), 0)
     (gain,) = Evidence.of([repeated], draws).gain()
     assert gain == pytest.approx(np.log(1 + 12) / 2)
@@ -89,7 +91,7 @@ def test_straight_line_is_measured_at_both_ends():
     }
     best = max(gains, key=gains.__getitem__)
     assert best == (-1, -1, 1, 1)
-    trial = Gaussian(np.zeros(4), 1e3 * np.column_stack([np.ones(4), best]), np.zeros((4, 0)), np.eye(4))
+    trial = Gaussian(np.zeros(4), 1e3 * np.column_stack([np.ones(4), best]), np.zeros((4, 0)), np.ones(4))
     (gain,) = Evidence.of([trial], Draws.of((2,), 4, 1, (0,), 0)).gain()
     assert 2 * gain == pytest.approx(gains[best])
 

@@ -15,7 +15,9 @@ from commonlaw.report.law_sections import candidates, coefficients, forecasts
 from commonlaw.report.markup import formula
 from commonlaw.verdict import find
 
-SECTIONS = ["forecasts", "coefficients", "candidates", "residuals", "ranges", "data-checks", "choices", "again"]
+SECTIONS = [
+    "forecasts", "coefficients", "candidates", "residuals", "ranges", "experiments", "data-checks", "choices", "again",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -2,3 +2,4 @@
 
 from commonlaw.experiments.design import design as design
 from commonlaw.experiments.plan import Design as Design
+from commonlaw.experiments.suggestions import Suggestion as Suggestion, suggestions as suggestions

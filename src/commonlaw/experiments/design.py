@@ -9,7 +9,7 @@ from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import check_prices
 from commonlaw.experiments.plan import Design, Forecasts, Planned
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.experiments.search import Search
+from commonlaw.experiments.search import POINTS, Search
 from commonlaw.experiments.settings import Options, Range, Settings, read
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.meeting import matched
@@ -31,6 +31,7 @@ def design(
     experiments: int = 1,
     about: str | None = None,
     seed: int = 0,
+    points: int = POINTS,
     progress: ProgressCallback | None = None,
 ) -> Design:
     """Return the experiments that would tell most of what is not known yet, for what they cost.
@@ -70,6 +71,8 @@ def design(
         ``"x at t=10 from 100, 0"``, from there, perhaps of one object.
     seed
         Of random numbers.
+    points
+        How many experiments are looked at all over the ranges, beside their corners.
     progress
         Takes what is being done, step by step.
 
@@ -102,7 +105,7 @@ def design(
     check_prices(prices, settings.options, first)
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
-    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, seed)
+    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     in_doubt = len(plausible) > 1
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]

@@ -31,7 +31,9 @@ class Gaussian:
     by_start
         Derivatives by what the trial itself has to tell, of which nothing is known beforehand, shape (n, D).
     noise
-        Covariance of all else that is anew in each repeat, shape (n, n).
+        Variances of the white noise, shape (n,).
+    coloured
+        Covariance of all else that is anew in each repeat, shape (n, n); none by default.
     common
         Covariance of all else that repeats have in common, shape (n, n); none by default.
     repeats
@@ -42,14 +44,23 @@ class Gaussian:
     by_unknowns: Floats
     by_start: Floats
     noise: Floats
+    coloured: Floats | None = None
     common: Floats | None = None
     repeats: float = 1.0
 
     @property
     def root(self) -> Floats:
         """The lower factor of the covariance of the mean of all repeats, at given unknowns, shape (n, n)."""
-        common = 0.0 if self.common is None else self.common
-        return np.asarray(np.linalg.cholesky(self.noise / self.repeats + common))
+        if self.coloured is None and self.common is None:
+            return np.diag(np.sqrt(self.noise / self.repeats))
+        anew = np.diag(self.noise) + (0.0 if self.coloured is None else self.coloured)
+        return np.asarray(np.linalg.cholesky(anew / self.repeats + (0.0 if self.common is None else self.common)))
+
+    @property
+    def variances(self) -> Floats:
+        """Of single measurements from the start that is set, shape (n,)."""
+        shared = sum(np.diag(each) for each in (self.coloured, self.common) if each is not None)
+        return np.asarray(np.sum(self.by_unknowns**2, axis=1) + self.noise + shared)
 
     def whitened(self) -> "Whitened":
         """Return what of the measurements does not depend on the start."""

@@ -52,10 +52,7 @@ class Forecasts:
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
         times = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))]
-        total = [np.sum(each.by_unknowns**2, axis=1) + np.diag(each.noise) for each in first]
-        total = [
-            own if each.common is None else own + np.diag(each.common) for own, each in zip(total, first, strict=True)
-        ]
+        total = [each.variances for each in first]
         means = np.array([each.mean for each in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), law.schema.logarithmic)
 
@@ -146,7 +143,7 @@ class Design(ShownInNotebooks):
 
     def _sentences(self) -> list[str]:
         said = []
-        if len(self.laws) > 1:
+        if self.aim.of_law or self.chance_now < SURE:
             said += self._of_laws()
         if self.aim.quantity is not None:
             now, then = self.aim.quantity.std(self.aim.prior), self.experiments[-1].std or 0.0

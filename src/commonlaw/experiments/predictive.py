@@ -15,9 +15,9 @@ from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 
-MOST_TIMES, _LEAST_TIMES, _TOGETHER = 64, 16, 128
-"""Times of a trial that are looked at: where there are more, each stands for several, with less noise. Where each
-object makes a trial, so many together, but no fewer of each than the second."""
+MOST, _LEAST, _TOGETHER = 64, 16, 192
+"""Measurements of a trial that are looked at: where there are more, each stands for several, with less noise. Where
+each object makes a trial, as many as the last together; and always so many times as the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class _Planned:
             found.states[:, seen].ravel(),
             by_unknowns,
             by_start[:, seen][:, :, free].reshape(len(measured), -1),
-            _noise(law, self.times, found.states, by_start, share),
+            *_noise(law, self.times, found.states, by_start, share),
             common,
             own.repeats,
         )
@@ -162,7 +162,8 @@ class _Planned:
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = experiment.times
-    most = min(MOST_TIMES, max(_LEAST_TIMES, _TOGETHER // len(experiment.objects)))
+    most = min(MOST, _TOGETHER // len(experiment.objects)) // len(law.schema.measured)
+    most = max(most, min(_LEAST, MOST // len(law.schema.measured)))
     if len(times) > most:
         times = times[np.unique(np.linspace(0, len(times) - 1, most).round().astype(int))]
     is_new = bool(experiment.properties)
@@ -174,8 +175,8 @@ def _planned(law: Law, experiment: Experiment) -> _Planned:
     return _Planned(experiment, law, times, is_new)
 
 
-def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: float) -> Floats:
-    """Return the covariance of the errors of measurements and law, shape (n d, n d), of d measured states.
+def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: float) -> tuple[Floats, Floats | None]:
+    """Return the variances of white noise of d measured states, shape (n d,), and the covariance of all other errors.
 
     Parameters
     ----------
@@ -190,14 +191,14 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
     own = states[:, : len(law.states)]
     white = (errors.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))[:, measured]
-    found = np.diag(share * white.ravel() ** 2)
+    parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
-        found += np.kron(kernel, np.diag(errors.correlated[measured] ** 2))
+        parts.append(np.kron(kernel, np.diag(errors.correlated[measured] ** 2)))
     if errors.of_law:
-        pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(len(found), -1)
-        found += pushed @ pushed.T
-    return found
+        pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
+        parts.append(pushed @ pushed.T)
+    return share * white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
 
 
 def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """The experiments that are worth most, one after the other: each given those before it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,15 +11,16 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MOST_TIMES, Hypothesis
+from commonlaw.experiments.predictive import MOST, Hypothesis
 from commonlaw.experiments.settings import Range, Settings
 from commonlaw.law import Law
 
-_SPREAD, _NEAR, _WIDTHS = 256, 32, (0.2, 0.05)
-"""Experiments that are looked at all over the ranges, and in each of the narrowing surroundings of the best."""
+POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
+"""Experiments that are looked at all over the ranges; and one in so many of them in each of the narrowing surroundings
+of the best, of these widths."""
 
-_DRAWS, _MANY_DRAWS = 100, 1000
-"""Of measurements by each hypothesis: to choose by, and of what is said of the chosen."""
+_DRAWS, _MANY_DRAWS = 200, 2000
+"""Of measurements by all hypotheses together: to choose by, and of what is said of the chosen."""
 
 SURE = 0.95
 """The chance that counts as settled: that of an interval."""
@@ -42,7 +43,7 @@ class Candidate:
 
 
 def _repeated(each: Gaussian, times: int) -> Gaussian:
-    return Gaussian(each.mean, each.by_unknowns, each.by_start, each.noise, each.common, times * each.repeats)
+    return replace(each, repeats=times * each.repeats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class Search:
         See `Experiment.of`.
     seed
         Of the draws and of the places that are looked at.
+    points
+        How many experiments are looked at all over the ranges, beside their corners.
     """
 
     law: Law
@@ -74,6 +77,7 @@ class Search:
     limits: Mapping[str, Range]
     prices: Mapping[str, float]
     seed: int
+    points: int = POINTS
 
     def chosen(self, count: int, budget: float, progress: Callable[[str], None]) -> list[Candidate]:
         """Return up to so many experiments within a budget, fewer where the law is settled before.
@@ -108,7 +112,7 @@ class Search:
 
     @cached_property
     def _spread(self) -> list[Candidate]:
-        return self.candidates(self.settings.spread(_SPREAD, self.seed))
+        return self.candidates(self.settings.spread(self.points, self.seed))
 
     def _best(self, before: Sequence[Candidate], budget: float) -> Candidate | None:
         """Return the experiment within a budget that is worth most for what it costs, after those before it."""
@@ -127,7 +131,7 @@ class Search:
                     best, most = each, value
             if best is None or width is None or not len(best.point):
                 break
-            listed = self.candidates(self.settings.near(best.point, width, _NEAR, self.seed + round_))
+            listed = self.candidates(self.settings.near(best.point, width, self.points // _SHARE, self.seed + round_))
         return best
 
     def candidates(self, points: Floats) -> list[Candidate]:
@@ -167,9 +171,8 @@ class Search:
     def _draws(self, count: int, step: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [each.unknowns for each in self.hypotheses]
-        most = MOST_TIMES * len(self.law.schema.measured)
-        own = range(len(self.settings.objects))
-        return [Draws.of(sizes, most, count, (self.seed, count), step * len(own) + i) for i in own]
+        own, each = range(len(self.settings.objects)), -(-count // len(sizes))
+        return [Draws.of(sizes, MOST, each, (self.seed, count), step * len(own) + i) for i in own]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
         """Return how often all must be made for a chance that counts as settled; None if `MOST_REPEATS` do not do."""

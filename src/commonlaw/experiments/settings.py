@@ -143,6 +143,8 @@ def read(name: str, value: object) -> Options:
     >>> read("x", "5..60"), read("rate", "15, 30"), read("x", (5, 60)), read("object", ["Ball 1"])
     (Range(low=5.0, high=60.0), (15.0, 30.0), Range(low=5.0, high=60.0), ('Ball 1',))
     """
+    if isinstance(value, Range):
+        return value
     if isinstance(value, str):
         low, dots, high = value.partition("..")
         if dots:

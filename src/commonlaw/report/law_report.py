@@ -58,6 +58,7 @@ def law_report(
         law_sections.candidates,
         leftovers.residuals,
         law_sections.ranges,
+        law_sections.experiments,
         making.data_checks,
         making.choices,
     )

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from commonlaw.experiments import suggestions
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.domain import Domain
@@ -241,6 +242,24 @@ def _score(case: LawCase, law: Law, forecast: Forecast) -> float:
         return law.predict(forecast.trials, start=case.findings.start).score()
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
+
+
+def experiments(case: LawCase) -> Section:
+    """Return the part on what to measure next."""
+    title, found = "What to measure next", suggestions(case.law, case.findings.training)
+    if not found:
+        text = "Nothing is suggested: how accurate the coefficients are is not known."
+        return Section("experiments", title, (Text(text),))
+    intro = (
+        "One more trial like those that were made, from anywhere among the states that they visited: the one that is "
+        "expected to tell most, by all that the law could be, with its errors."
+    )
+    lines = []
+    for each in found:
+        (planned,) = each.design.experiments
+        said = " ".join(map(literal, each.design.sentences))
+        lines.append(f"**{literal(each.purpose)}**: {literal(planned.text)}. {said}")
+    return Section("experiments", title, (Text(intro + listed(lines)),))
 
 
 def ranges(case: LawCase) -> Section:
