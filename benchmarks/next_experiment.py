@@ -36,7 +36,7 @@ class Beginning:
 
 
 BEGINNINGS: Mapping[str, Beginning] = {
-    "heights of balls": Beginning(5, 2, 49, 3.2, 0.07, {"x": "20..60", "v": "-15..15", "duration": "1.6..6.4"}),
+    "heights of balls": Beginning(5, 2, 49, 3.2, 0.1, {"x": "20..60", "v": "-15..15", "duration": "1.6..6.4"}),
     "Lotka-Volterra": Beginning(3, 1, 30, 12.0, 0.1, {"x": "0.3..4", "y": "0.2..4", "duration": "6..24"}),
     "pendulum": Beginning(3, 1, 30, 6.0, 0.2, {"x": "0.2..2.8", "y": "-1..1", "duration": "3..12"}),
 }
@@ -55,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print how many draws have the right law, after how many experiments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.next_experiment", description=__doc__)
     parser.add_argument("--draws", type=int, default=50, help="of each family (default: %(default)s)")
-    parser.add_argument("--experiments", type=int, default=1, help="further ones of each ball (default: %(default)s)")
+    parser.add_argument("--experiments", type=int, default=1, help="further ones (default: %(default)s)")
+    parser.add_argument("--each", action="store_true", help="further trials of every object, and not of one")
     parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
     chosen = parser.parse_args(arguments)
     head = " | ".join(f"after {k}" for k in range(chosen.experiments + 1))
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("|---" * (chosen.experiments + 5) + "|")
     for name in chosen.family.split(","):
         for designed in (True, False):
-            found = [drawn(name, seed, chosen.experiments, designed) for seed in range(chosen.draws)]
+            found = [drawn(name, seed, chosen.experiments, designed, chosen.each) for seed in range(chosen.draws)]
             counts = [sum(each.right[k] for each in found) for k in range(chosen.experiments + 1)]
             promised = f"{sum(each.now for each in found):.1f} | {sum(each.promised for each in found):.1f}"
             promised = promised if designed else " | "
@@ -71,15 +72,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"| {name} | {kind} | {' | '.join(map(str, counts))} | {promised} |", flush=True)
 
 
-def drawn(name: str, seed: int, count: int, designed: bool) -> Outcome:
-    """Return what one draw of coefficients, starts and noise gives with so many further experiments of each object."""
+def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outcome:
+    """Return what one draw of coefficients, starts and noise gives with so many further experiments."""
     beginning = BEGINNINGS[name]
     first, random = first_trials(name, seed), np.random.default_rng([seed, designed])
     noise, trials = first.noise(beginning.level), first.measured(beginning.level, seed)
     law = first.discover(trials)
     right, promised, now = [first.estimates(law) is not None], 1.0, law.plausible[0].probability
     for k in range(count):
-        vary = {**beginning.ranges, "samples": beginning.samples, "object": "each"}
+        vary = {**beginning.ranges, "samples": beginning.samples, **({"object": "each"} if each else {})}
         if designed:
             design = cl.design(law, vary, seed=seed)
             settings = design.experiments[0].experiment.settings
@@ -111,12 +112,14 @@ def first_trials(name: str, seed: int) -> Experiment:
 def made(
     first: Experiment, settings: Mapping[str, object], noise: Floats, random: np.random.Generator, label: str
 ) -> list[cl.Trial]:
-    """Return a further trial of each object with these settings, as the true law and the noise have it."""
+    """Return a further trial of the object with these settings, or of each, as the true law and the noise have it."""
     family = first.family
     start = np.array([float(str(settings[each])) for each in family.variables])
     times = np.linspace(0, float(str(settings["duration"])), round(float(str(settings["samples"]))))
     found = []
     for i, own in enumerate(first.coefficients):
+        if settings["object"] not in (f"object {i + 1}", "each"):
+            continue
         clean = solve(family.variables, family.equations, own, start, times).states[:, : len(family.equations)]
         states = clean + noise * random.standard_normal(clean.shape)
         found.append(cl.Trial(f"object {i + 1}", label, times, states))

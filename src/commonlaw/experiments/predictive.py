@@ -19,6 +19,9 @@ MOST, _LEAST, _TOGETHER = 64, 16, 192
 """Measurements of a trial that are looked at: where there are more, each stands for several, with less noise. Where
 each object makes a trial, as many as the last together; and always so many times as the second."""
 
+_TOLERANCE = 1e-5
+"""Of a step of the forecasts, which noise and errors of coefficients exceed."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
@@ -80,7 +83,8 @@ class Hypothesis:
         if not limits:
             return [*experiments]
         planned = [_planned(self.law, each) for each in experiments]
-        found = iter(simulate(own.problem(name) for own in planned for name in own.experiment.objects))
+        problems = [own.problem(name) for own in planned for name in own.experiment.objects]
+        found = iter(simulate(problems, tolerance=_TOLERANCE))
         return [
             own.experiment.until(min(own.leaves(next(found), limits) for _ in own.experiment.objects))
             for own in planned
@@ -90,7 +94,7 @@ class Hypothesis:
         """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge."""
         planned = [_planned(self.law, each) for each in experiments]
         problems = [own.problem(name) for own in planned for name in own.experiment.objects]
-        found = iter(simulate(problems, sensitivities=True))
+        found = iter(simulate(problems, tolerance=_TOLERANCE, sensitivities=True))
         return [self._said(own, [next(found) for _ in own.experiment.objects]) for own in planned]
 
     def _said(self, planned: "_Planned", found: Sequence[Trajectory]) -> tuple[Gaussian, ...] | None:
@@ -194,7 +198,7 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
-        parts.append(np.kron(kernel, np.diag(errors.correlated[measured] ** 2)))
+        parts.append(np.kron(kernel, np.diag(np.square(errors.correlated[measured]))))
     if errors.of_law:
         pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
         parts.append(pushed @ pushed.T)

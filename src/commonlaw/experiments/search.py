@@ -140,13 +140,13 @@ class Search:
             Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.prices) for point in points
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
-        said = zip(*(each.says(experiments) for each in self.hypotheses), strict=True)
-        every = zip(experiments, points, said, strict=True)
-        return [
-            Candidate(experiment, point, tuple(own for own in each if own is not None))
-            for experiment, point, each in every
-            if all(own is not None for own in each)
-        ]
+        left, said = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
+        for each in self.hypotheses:
+            found = each.says([experiments[i] for i in left])
+            for i, own in zip(left, found, strict=True):
+                said[i] += [] if own is None else [own]
+            left = [i for i, own in zip(left, found, strict=True) if own is not None]
+        return [Candidate(experiments[i], points[i], tuple(said[i])) for i in left]
 
     def chance(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""
