@@ -4,11 +4,11 @@ import logging
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
@@ -299,6 +299,31 @@ def _started(distributed: Any, count: str) -> Any:
         security=True,
         silence_logs=logging.CRITICAL,
     )
+
+
+def done_in_parts(
+    function: Callable[[T], R], items: Sequence[T], what: str, progress: ProgressCallback
+) -> Iterator[tuple[int, R]]:
+    """Yield the index of each item and what a function gives, as they are done: by workers, or here one by one.
+
+    Raises
+    ------
+    Exception
+        What the function raises; all else is cancelled.
+    """
+    cluster = current_cluster()
+    if cluster is None:
+        for index, item in enumerate(items):
+            progress(Stage(f"{what}, {index} of {len(items)}", index / len(items)))
+            yield index, function(item)
+        return
+    done = counting(progress, what, len(items), cluster)
+    with closing(cluster.each(function, items)) as results:
+        for count, (index, result, failure) in enumerate(results, start=1):
+            if failure is not None:
+                raise failure
+            done(count)
+            yield index, cast(R, result)
 
 
 def counting(progress: ProgressCallback, what: str, total: int, cluster: Cluster) -> Callable[[int], None]:

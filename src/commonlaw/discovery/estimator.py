@@ -166,7 +166,7 @@ class LawDiscovery:
             law = _law_of_some_order(method, trials, structures, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
-        domain, outcomes = Domain(), (*law.outcomes, *rates, *copies, *instead)
+        domain, outcomes = law.provenance.domain, (*law.outcomes, *rates, *copies, *instead)
         if isinstance(trials, Trials):
             domain, outcomes = Domain.of(trials, law.rates), with_outcomes_of_zero(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))

@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
+from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.orders import of_each_order, with_order_said
@@ -42,7 +43,7 @@ from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver, parse_solver
-from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.validation import check_whole_number
 from commonlaw.wording import counted
@@ -106,7 +107,7 @@ class TrajectoryLikelihood(AbstractMethod):
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
-    takes_streams: ClassVar[bool] = False
+    takes_streams: ClassVar[bool] = True
     takes_noise_columns: ClassVar[bool] = True
     takes_constants: ClassVar[bool] = True
 
@@ -140,10 +141,26 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         refuse_what_does_not_fit(self, trials, structure)
-        assert isinstance(trials, Trials)
+        if isinstance(trials, TrialStream):
+            return self._of_parts(trials, structure, progress)
         with threads(self.n_jobs):
             begun = self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
             return self._finished(trials, self._with_errors(trials, begun, progress), progress)
+
+    def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        """Return the law of objects that are fitted part by part, under white noise if nothing else is named."""
+        if self.covariance != "likelihood" or structure.parametric(trials.schema):
+            what = "covariance='bootstrap'" if self.covariance != "likelihood" else "a term with constants inside"
+            raise CommonlawError(f"{what} does not go with a stream: leave it out, or read the trials into memory")
+        errors = "white" if self.errors == "auto" else self.errors
+        return law_of_parts(
+            trials,
+            partial(_found_in, replace(self, errors=errors, partial_pooling=False), structure),
+            Fitting(self.noise, errors, self.huber_threshold),
+            lambda law: universal_in(law, structure),
+            self.partial_pooling,
+            progress,
+        )
 
     def find_order(self, trials: Trials, structures: Sequence[ModelStructure], progress: ProgressCallback) -> Law:
         """Return the law of largest evidence among those of several orders, each as probable beforehand.
@@ -210,7 +227,7 @@ class TrajectoryLikelihood(AbstractMethod):
         law = finish(
             found.search,
             covariance=self.covariance,
-            universal=found.universal(trials.schema),
+            universal=found.universal,
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=part(progress, CHOSEN, 1.0),
@@ -310,12 +327,21 @@ class _Found:
         """Minus twice its logarithm, comparable between orders."""
         return evidence_of_order(self.search.problem, self.search.state)
 
-    def universal(self, schema: Schema) -> Bools:
+    @property
+    def universal(self) -> Bools:
         """Return which coefficients of the law all objects have in common, shape (equations, terms)."""
-        asked, found = self.screened.structure, self.search.template.terms
-        universal, names = asked.universal_coefficients(schema), asked.terms(schema).names
-        columns = {name: universal[:, k] for k, name in enumerate(names)}
-        return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in found.names])
+        return universal_in(self.search.template, self.screened.structure)
+
+
+def universal_in(law: Law, asked: ModelStructure) -> Bools:
+    """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
+    universal, names = asked.universal_coefficients(law.schema), asked.terms(law.schema).names
+    columns = {name: universal[:, k] for k, name in enumerate(names)}
+    return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
+
+
+def _found_in(method: TrajectoryLikelihood, structure: ModelStructure, trials: Trials) -> Law:
+    return method.find(trials, structure, lambda _: None)
 
 
 def _by_derivatives(trials: Trials, screened: _Screened, progress: ProgressCallback, found: LawSearch) -> Bools | None:

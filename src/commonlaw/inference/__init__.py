@@ -2,7 +2,7 @@
 
 from commonlaw.inference.adaptation import adapt
 from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
-from commonlaw.inference.comparison import compare
+from commonlaw.inference.comparison import compare, written_alike
 from commonlaw.inference.constants import outcomes_of_constants, with_constants_found
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.error_search import ErrorKind
@@ -66,4 +66,5 @@ __all__ = [
     "search_supports",
     "with_constants_found",
     "with_parametric_terms",
+    "written_alike",
 ]

@@ -17,7 +17,8 @@ from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
 from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
-from commonlaw.trials.trial import Schema, Trial, check_measured
+from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
+from commonlaw.trials.trials import Trials
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
@@ -32,21 +33,28 @@ class TrialStream:
     schema
         Names and units of the variables.
     source
-        Returns an iterator over the trials.
+        Returns an iterator over the trials; or `Trials`, which may have properties of their objects.
     parts
         The streams of single files, which follow each other in this one, if it is one of files; each can be pickled.
     """
 
     schema: Schema
-    source: Callable[[], Iterator[Trial]]
+    source: Callable[[], Iterable[Trial]]
     parts: Sequence["TrialStream"] = ()
 
     def __iter__(self) -> Iterator[Trial]:
-        return self.source()
+        return iter(self.source())
+
+    def read(self) -> Trials:
+        """Return the trials in memory, with the properties of their objects."""
+        if isinstance(self.source, _TrialsOfFile):
+            return self.source.read()
+        found = self.source()
+        return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
-        """Return the trials of Parquet files in which the rows of each trial follow each other, without properties.
+        """Return the trials of Parquet files in which the rows of each trial follow each other.
 
         Rows without a measured state are left out, and with them trials that have no other row. A trial lies in one
         file: what goes on in the next counts as a further one.
@@ -58,7 +66,8 @@ class TrialStream:
             such as ``"runs/*.parquet"``. Folders named ``object=ball``, as Hive partitions tables, stand for a column
             ``object``. A file written by `Trials.to_parquet` says itself which column is what; the first says it.
         **roles
-            Which column is what, see `Roles`; object, trial, time and states must be named here or in the file.
+            Which column is what, see `Roles`; object, trial, time and states must be named here or in the file, and
+            properties are those of columns that are named.
 
         Raises
         ------
@@ -69,7 +78,9 @@ class TrialStream:
         """
         files = [_File(each, _partition(each)) for each in _files(path)]
         _, kept = opened(files[0].path)
-        known = cast(Reading, {**kept, **checked(roles), "properties": []})
+        known = cast(Reading, {"properties": [], **kept, **checked(roles)})
+        if not isinstance(known["properties"], list | tuple):
+            raise CommonlawError(f"{path}: of a stream, properties are columns of the files: properties=['mass']")
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
             raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
@@ -114,9 +125,20 @@ class _TrialsOfFile:
     roles: Reading
 
     def __call__(self) -> Iterator[Trial]:
+        return self._trials()
+
+    def read(self) -> Trials:
+        """Return the trials in memory, with the properties of their objects."""
+        batches = list[TrialData]()
+        trials = tuple(self._trials(batches))
+        return Trials(
+            trials, batches[0].schema, {name: own for each in batches for name, own in each.properties.items()}
+        )
+
+    def _trials(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
         path, done = self.file.path, set[tuple[str, str]]()
-        batches = (read_rows(each, "object", self.roles) for each in self.file.tables(_ROWS))
-        trials = ((trial.measured(), batch.data.schema.states) for batch in batches for trial in batch.data.trials)
+        batches = self._batches(read)
+        trials = ((trial.measured(), data.schema.states) for data in batches for trial in data.trials)
         for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
             parts, states = zip(*_held(path, group), strict=True)
             if key in done:
@@ -129,6 +151,14 @@ class _TrialsOfFile:
             trial = Trial(*key, *map(np.concatenate, arrays)) if len(parts) > 1 else parts[0]
             check_measured([trial], states[0])
             yield trial
+
+    def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
+        """Yield what batches of rows make; what is beside the trials is kept in a list, if there is one."""
+        for each in self.file.tables(_ROWS):
+            data = read_rows(each, "object", self.roles).data
+            if read is not None:
+                read.append(data._replace(trials=()))
+            yield data
 
 
 def _files(path: str | os.PathLike[str]) -> list[Path]:

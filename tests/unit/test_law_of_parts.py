@@ -1,0 +1,102 @@
+"""Laws of the objects of many files: proposed by groups, judged by all, fitted file by file."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.discovery.many_objects import Fitting, law_of_parts
+
+ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
+METHOD = cl.TrajectoryLikelihood()
+
+
+def drops(count):
+    """Drops with a drag that goes with the inverse of the mass, and gravity, which all have in common."""
+    masses = np.exp(np.random.default_rng(1).normal(0, 0.5, count))
+    made = cl.datasets.linear_drag(drag=tuple(-0.3 / masses), trials=2, noise=0.01)
+    properties = {name: {"mass": float(mass)} for name, mass in zip(made.objects, masses, strict=True)}
+    return cl.Trials(made.trials, made.schema, properties)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return drops(15)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, whole):
+    folder = tmp_path_factory.mktemp("runs")
+    for i in range(3):
+        whole.select(object=list(whole.objects[5 * i : 5 * i + 5])).to_parquet(folder / f"{i}.parquet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def law(folder):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+    return cl.discover(stream, order=2, library="poly:2", method=METHOD)
+
+
+def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
+    assert law.structure() == ("x'' = a + b v",)
+    assert law.objects == whole.objects
+    together = cl.refine(law, whole, errors="white")
+    off = np.abs(law.coefficients - together.coefficients)[:, law.support]
+    # Each file has a noise level of its own, so that weights differ a little
+    assert (off < 0.3 * together.standard_errors[:, law.support]).all()
+    np.testing.assert_allclose(law.standard_errors[:, law.support], together.standard_errors[:, law.support], rtol=0.15)
+    assert law.uncertainty.noise == pytest.approx(together.uncertainty.noise, rel=0.05)
+    said = {step.stage: step.choice for step in law.history}
+    assert said["proposals"] == "1 law of 3 groups of at most 10 objects"
+    visited = law.provenance.domain.visited["x"]
+    assert visited == (min(each.states.min() for each in whole), max(each.states.max() for each in whole))
+
+
+def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
+    gravity, drag = law.explain().explanation.relations
+    assert gravity.kind.value == "universal"
+    assert (drag.properties, [float(each) for each in drag.exponents]) == (("mass",), [-1.0])
+    assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
+
+
+def test_groups_propose_and_all_objects_judge(folder):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+
+    def find(trials):
+        text = "x'' = a" if "Ball 1" in trials.objects else "x'' = a + b v"
+        return cl.fit(text, trials)
+
+    def gravity(law):
+        return np.array([[name == "1" for name in law.terms.names]])
+
+    law = law_of_parts(stream, find, Fitting(None, "white", 4.0), gravity, True, lambda _: None)
+    assert law.structure() == ("x'' = a + b v",)
+    universal, own = law.coefficients[:, law.support].T
+    assert np.ptp(universal) < 1e-9 < np.ptp(own)
+    (judged,) = [step for step in law.history if step.stage == "support"][-1:]
+    assert "over x'' = a, summed over 3 parts" in judged.reason
+
+
+def test_what_is_known_stays_so_in_every_file(folder):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    known = cl.discover(stream, order=2, library="poly:1", known={"1": -9.8}, method=METHOD)
+    assert (known.coefficients[:, 0, 0] == -9.8).all()
+    assert (known.standard_errors[:, 0, 0] == 0).all()
+
+
+def test_an_object_in_two_files_is_refused(tmp_path, whole):
+    for trial in ("1", "2"):
+        whole.select(object=["Ball 1", "Ball 2"], trial=trial).to_parquet(tmp_path / f"{trial}.parquet")
+    with pytest.raises(cl.CommonlawError, match="Ball 1 has trials in two files"):
+        cl.discover(cl.TrialStream.from_parquet(tmp_path, **ROLES), order=2, library="poly:1", method=METHOD)
+
+
+def test_what_does_not_go_with_files_is_refused(folder):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    method = cl.TrajectoryLikelihood(covariance="bootstrap")
+    with pytest.raises(cl.CommonlawError, match="covariance='bootstrap' does not go with a stream"):
+        cl.discover(stream, order=2, method=method)
+    with pytest.raises(cl.CommonlawError, match="a term with constants inside does not go with a stream"):
+        cl.discover(stream, order=2, library="saturating", method=METHOD)
+    with pytest.raises(cl.CommonlawError, match="properties are columns of the files"):
+        cl.TrialStream.from_parquet(folder, **ROLES, properties={"Ball 1": {"mass": 1.0}})
