@@ -223,6 +223,7 @@ class _Window:
 
 def unit(columns: Floats) -> tuple[Floats, Floats]:
     """Return columns of unit norm, zero where they are not finite, and the norms that they had."""
-    norms = np.linalg.norm(columns, axis=0)
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(columns, axis=0)
     usable = np.isfinite(norms) & (norms > 0)
     return np.divide(columns, norms, out=np.zeros_like(columns), where=usable), norms

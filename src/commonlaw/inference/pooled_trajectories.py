@@ -33,13 +33,14 @@ def missed_by_pooling(problem: SearchProblem, state: SearchState) -> float:
     chosen = np.flatnonzero(state.supports)
     factors = np.array([each.factor for each in evidence_about(problem, state).problems])
     columns, targets = factors[:, :, chosen], factors[:, :, -1:]
-    information = np.matmul(columns.transpose(0, 2, 1), columns)
-    own = np.linalg.solve(information, np.matmul(columns.transpose(0, 2, 1), targets))[..., 0]
-    pooled = shrink(own, np.linalg.inv(information), np.full(len(chosen), np.nan)).estimates
+    reduced = np.asarray(np.linalg.qr(factors[:, :, np.append(chosen, -1)], mode="r"))
+    inverse = np.linalg.inv(reduced[:, : len(chosen), : len(chosen)])
+    own = np.matmul(inverse, reduced[:, : len(chosen), -1:])[..., 0]
+    pooled = shrink(own, np.matmul(inverse, inverse.transpose(0, 2, 1)), np.full(len(chosen), np.nan)).estimates
     typical = np.zeros((len(pooled), *state.supports.shape))
     precision = np.zeros_like(typical)
     typical[:, state.supports] = pooled
-    precision[:, state.supports] = _FIXED * np.diagonal(information, axis1=1, axis2=2)
+    precision[:, state.supports] = _FIXED * np.sum(columns**2, axis=1)
     held = zip(problem.models, map(Prior, typical, precision), strict=True)
     drawn = replace(problem, models=tuple(replace(model, prior=prior) for model, prior in held))
     begun = [replace(each, coefficients=values) for each, values in zip(state.estimates, typical, strict=True)]

@@ -1,0 +1,79 @@
+"""What speaks against a law with constants inside of terms beside its evidence: poles, constants that nothing tells."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.inference import prepare
+from commonlaw.inference.poles import has_poles
+from commonlaw.inference.pooled_trajectories import missed_by_pooling
+from commonlaw.inference.search import fit_with
+from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.told_constants import are_constants_told
+from commonlaw.library import Constant, Terms, Variables, parse_term
+
+TIMES = np.linspace(0, 3, 30)
+SATURATION = Variables(("s",), constants=("K",))
+TERMS = Terms(SATURATION, (parse_term("s/(K + s)", SATURATION), Constant(SATURATION.index("K"))))
+
+
+def decaying(rates, starts, half=np.inf, noise=0.01):
+    """Trials of objects that decay by -rate s/(1 + s/half), each from all starts."""
+    generator, parts = np.random.default_rng(0), []
+    for name, rate in rates.items():
+        law = cl.Law.from_text("s' = -r s/(1 + c s)", {"r": rate, "c": 1 / half})
+        for k, start in enumerate(starts):
+            states = law.simulate(TIMES, [start])["object"].states[:, 0]
+            noisy = states + noise * generator.standard_normal(len(TIMES))
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": TIMES, "s": noisy}))
+    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["s"])
+
+
+def fitted(trials, values):
+    """The problem of V s/(K + s), and its fit from these values of V and K of each object."""
+    problem = prepare(trials, TERMS, np.full((len(trials.objects), 1, 2), np.nan), noise=np.array([0.01]))
+    starts = [replace(each, coefficients=np.array([own])) for each, own in zip(problem.starts, values, strict=True)]
+    return problem, fit_with(problem, problem.allowed, 0.0, starts)
+
+
+@pytest.mark.parametrize(("constant", "has_one"), [(1.0, False), (-1.5, True), (-5.0, False), (-1.5001, True)])
+def test_a_law_has_a_pole_where_a_denominator_vanishes_at_states_or_between_trials(constant, has_one):
+    trials = cl.Trials.from_arrays(
+        [TIMES] * 2, [np.exp(-TIMES) * 0.9, 2 + np.exp(-TIMES)], object=["a", "a"], names=["s"]
+    )
+    problem = prepare(trials, TERMS, np.full((1, 1, 2), np.nan))
+    estimates = tuple(replace(each, coefficients=np.array([[1.0, constant]])) for each in problem.starts)
+    assert has_poles(problem, SearchState(problem.allowed, estimates, 0.0, 0.0)) == has_one
+
+
+def test_constants_are_told_where_a_term_bends_and_not_where_it_is_straight():
+    problem, state = fitted(decaying({"a": 1.0}, [4.0, 2.0], half=1.0), [(-1.0, 1.0)])
+    np.testing.assert_allclose(state.estimates[0].coefficients[0], [-1.0, 1.0], rtol=0.1)
+    assert are_constants_told(problem, state)
+    problem, state = fitted(decaying({"a": 1.0}, [4.0, 2.0], noise=0.05), [(-60.0, 60.0)])
+    assert not are_constants_told(problem, state)
+
+
+def test_pooled_coefficients_miss_next_to_nothing_where_constants_are_known_well():
+    rates = {"a": 1.0, "b": 2.0, "c": 1.4}
+    problem, state = fitted(decaying(rates, [4.0, 2.0], half=1.0), [(-own, 1.0) for own in rates.values()])
+    assert missed_by_pooling(problem, state) < 1
+
+
+def test_a_law_that_objects_would_share_only_where_it_is_linear_is_not_taken():
+    """Of (a n + b n^2)/(K + n) three objects tell lines that meet, far from the logistic growth that they show."""
+    generator, times, courses = np.random.default_rng(1013), np.linspace(0, 8, 50), []
+    for rate, most in ((1.0, 3.0), (0.7, 4.0), (1.2, 5.0)):
+        courses += [most / (1 + (most / start - 1) * np.exp(-rate * times)) for start in (0.3, 0.8)]
+    noisy = [each + 0.05 * np.std(courses) * generator.standard_normal(len(times)) for each in courses]
+    trials = cl.Trials.from_arrays([times] * 6, noisy, object=[*"aabbcc"], names=["n"])
+    law = cl.discover(trials, library="ratio(poly:2, poly:2)", cache=False)
+    assert law.structure() == ("n' = a n + b n^2",)
+
+
+def test_one_object_has_nothing_to_pool():
+    problem, state = fitted(decaying({"a": 1.0}, [4.0, 2.0], half=1.0), [(-1.0, 1.0)])
+    assert missed_by_pooling(problem, state) == 0
