@@ -1,4 +1,4 @@
-"""Part 13: what the method can and cannot say here, computed from the results of the other parts."""
+"""Part 14: what the method can and cannot say here, computed from the results of the other parts."""
 
 from collections.abc import Mapping
 from functools import partial

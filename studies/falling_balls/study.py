@@ -15,6 +15,7 @@ from studies.falling_balls.findings import findings
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.learned_terms import learned_terms
 from studies.falling_balls.model_error import model_error
+from studies.falling_balls.next_experiment import next_experiment
 from studies.falling_balls.numerical_differentiation import numerical_differentiation
 from studies.falling_balls.reynolds_drag import reynolds_drag
 from studies.falling_balls.settings import SEED
@@ -38,6 +39,7 @@ PARTS: Mapping[str, Callable[[Inquiry], Section]] = {
     "How the threshold decides": sparsity_path,
     "Worked examples": worked_examples,
     "Universal laws and discrepancies": universal_laws,
+    "Which experiment next": next_experiment,
 }
 """The parts by title."""
 

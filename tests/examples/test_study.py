@@ -16,7 +16,7 @@ def results(finished_study):
 
 def test_it_says_how_far_it_is_and_what_came_out(finished_study):
     folder, run = finished_study
-    assert "Part 13 of 13: Findings" in run.stderr
+    assert "Part 14 of 14: Findings" in run.stderr
     assert "Learned terms: reproduced" in run.stdout
     assert f"Wrote {folder / 'report' / 'report.html'}" in run.stdout
     assert (folder / "all.json").read_bytes() == (folder / "report" / "results.json").read_bytes()
@@ -29,7 +29,7 @@ def test_the_page_opens_in_a_browser_without_a_fault(finished_study, check_page)
 def test_every_part_has_a_verdict(finished_study):
     page = (finished_study[0] / "report" / "report.html").read_text()
     sections = page.split("<section")[1:]
-    assert len(sections) == 13
+    assert len(sections) == 14
     assert all('class="verdict"' in section for section in sections)
     assert 'class="left-out"' not in page
 
@@ -40,7 +40,7 @@ def test_no_printed_number_moves(finished_study):
     assert stdout.count(": differs") == 3
     assert stdout.count(": reproduced with correction") == 9
     assert stdout.count(": reproduced\n") == 15
-    assert stdout.count(": beyond the paper") == 4
+    assert stdout.count(": beyond the paper") == 5
 
 
 def test_there_are_eighty_prediction_errors_and_model_four_has_one_for_each_ball(results):
