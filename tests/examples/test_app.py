@@ -122,6 +122,10 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
         assert page.execute_script(MOVES) < 100
 
+        page.execute_script("document.getElementById('next_suggest').click()")
+        wait(page, "$('next_found').querySelector('h3')")
+        assert "All coefficients together" in text(page, "next_found")
+
         slide(page, 0)
         assert text(page, "which").startswith("1 term")
         assert len(pressed(page)) == 1

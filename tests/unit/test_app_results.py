@@ -14,6 +14,7 @@ from commonlaw.app.preview import Sample, preview, sample_table, simulated
 from commonlaw.app.question import Columns, HoldOut, Question, Table, named
 from commonlaw.app.result import of_terms, results, support_of
 from commonlaw.app.searching import answer
+from commonlaw.app.suggested import Budget, suggested
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.markup import formula
 
@@ -233,3 +234,12 @@ def check_program(question, table):
     assert [*scope["law"].verdict(scope.get("measured", scope["trials"]), scope["trials"]).sentences] == [
         *made.findings.sentences
     ]
+
+
+def test_experiments_are_suggested_for_a_budget(law, drops):
+    made = suggested(found(law, drops), Budget(2))["suggestions"]
+    assert made[0]["purpose"] == "To know all coefficients better"
+    assert all(len(each["experiments"]) == each["trials"] == 2 for each in made)
+    assert all(each["settles"] for each in made)
+    with pytest.raises(cl.CommonlawError, match="a budget of 9 trials: choose 1 to 6"):
+        suggested(found(law, drops), Budget(9))

@@ -22,6 +22,7 @@ from commonlaw.app.question import Columns, Question, named
 from commonlaw.app.result import Found
 from commonlaw.app.searching import Search
 from commonlaw.app.sessions import Sessions
+from commonlaw.app.suggested import Budget, suggested
 from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
@@ -31,7 +32,20 @@ from commonlaw.law.script import Source
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
 
-_SCRIPTS = ("app", "basics", "curves", "law", "measurements", "own", "panels", "plots", "question", "take", "uplot")
+_SCRIPTS = (
+    "app",
+    "basics",
+    "curves",
+    "law",
+    "measurements",
+    "next",
+    "own",
+    "panels",
+    "plots",
+    "question",
+    "take",
+    "uplot",
+)
 
 ASSETS = {
     "": ("index.html", "text/html"),
@@ -84,6 +98,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/searches/{name}/terms", "GET", _fit_state),
         ("/searches/{name}/terms", "DELETE", _cancel_fit),
         ("/searches/{name}/forecasts", "POST", _forecast),
+        ("/searches/{name}/experiments", "POST", _experiments),
         ("/searches/{name}/{file}", "GET", _file),
     ):
         routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
@@ -191,6 +206,12 @@ async def _forecast(sessions: Sessions, request: Request) -> Response:
     found = sessions.searches.get(request.path_params["name"]).found
     asked = read_json(await request.body(), Sample)
     return _json(await run_in_threadpool(simulated, found, asked))
+
+
+async def _experiments(sessions: Sessions, request: Request) -> Response:
+    found = sessions.searches.get(request.path_params["name"]).found
+    asked = read_json(await request.body(), Budget)
+    return _json(await run_in_threadpool(suggested, found, asked))
 
 
 async def _file(sessions: Sessions, request: Request) -> Response:

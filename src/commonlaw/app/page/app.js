@@ -3,6 +3,7 @@ import { $, ask, remember, state, trying } from "./basics.js";
 import { showCurves, togetherOrAlone } from "./curves.js";
 import { move } from "./law.js";
 import { openFile, openSample, recognise, takeColumns } from "./measurements.js";
+import { showBudget, suggest } from "./next.js";
 import { forecastOwn } from "./own.js";
 import { findPanels } from "./panels.js";
 import { showHeld, showLibraries, showQuestion, showSearch, start } from "./question.js";
@@ -26,6 +27,8 @@ $("find").addEventListener("input", findPanels);
 $("all").addEventListener("click", togetherOrAlone);
 for (const id of ["svg", "png"]) $(id).addEventListener("click", take);
 for (const id of ["own_object", "duration"]) $(id).addEventListener("change", forecastOwn);
+$("next_budget").addEventListener("input", showBudget);
+$("next_suggest").addEventListener("click", suggest);
 $("saved").addEventListener("change", async () => $("saved").files[0] && start(await $("saved").files[0].text()));
 
 // Coming back after a reload, or in another window; or with a table that the command named

@@ -9,7 +9,7 @@ const wide = matchMedia("(min-width: 70rem)");
 /** Show or hide what is said of a law; beside it, or below it on a narrow screen, stand the curves. */
 export function showResult(shown) {
   for (const id of ["result", "take"]) $(id).hidden = !shown;
-  if (!shown) $("own").hidden = true;
+  if (!shown) for (const id of ["own", "next"]) $(id).hidden = true;
   (shown ? $("result") : $("data")).after($("see"));
 }
 

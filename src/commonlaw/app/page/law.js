@@ -1,6 +1,7 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
 import { $, ask, begin, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
 import { showCurves, showForecasts, showResult } from "./curves.js";
+import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
 import { showFiles } from "./take.js";
 
@@ -18,6 +19,7 @@ export function show({ found, asked }) {
   $("evidence_text").hidden = found.candidates[0].evidence === null;
   showForecasts(found);
   showOwn(found);
+  showNext();
   $("outcomes").replaceChildren(...found.outcomes.map(each => element("li", each)));
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
