@@ -52,8 +52,8 @@ class LawDiscovery:
         ``x[k+1] = f(x[k])``. ``"auto"``: 1 or 2, whichever has the law of larger evidence; `Law.history` says by how
         much. Where columns are measured rates of all the others it is 2.
     library
-        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"`` or ``"auto"``, see
-        `parse_library`. Default: polynomials of degree 3.
+        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"`` or
+        ``"auto"``, see `parse_library`. Default: polynomials of degree 3.
     method
         The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
         `DiscreteTimeRegression`. Default: see `default_method`.
