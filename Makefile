@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-symbolic bench-orders release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-symbolic bench-ratios bench-orders release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -106,6 +106,9 @@ bench-orders: $(STAMP) ## Whether a law is of first or of second order: ten minu
 
 bench-symbolic: $(BENCH_STAMP) ## Laws that are no sums of fixed functions, beside symbolic regression: half an hour; less with ARGS="--seconds 5"
 	$(BIN)/python -m benchmarks.symbolic $(ARGS)
+
+bench-ratios: $(STAMP) ## Laws that are ratios of two sums, beside plain ones: ten minutes; less with ARGS="--draws 5"
+	$(BIN)/python -m benchmarks.ratios $(ARGS)
 
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)
