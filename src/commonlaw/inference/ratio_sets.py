@@ -103,15 +103,18 @@ class _Sides:
     @classmethod
     def of(cls, course: Course, equation: int, offered: Ratios) -> "_Sides":
         """Return the terms of ratios along the curves of an object, for an equation."""
+        from scipy.linalg import block_diag
+
         match, values = course.match(equation), course.banks.values
         variables = course.problem.models[course.index].terms.variables
         beside, above, below = (Terms(variables, each) for each in (offered.beside, offered.above, offered.below))
+        along = values[np.concatenate([np.empty(0, dtype=np.int64), *match.integrals.points])]
         return cls(
             match.target,
-            match.integrals.of(np.eye(len(values))),
+            block_diag(*match.integrals.operators),
             match.integrals.of(beside.evaluate(values)),
-            above.evaluate(values),
-            below.evaluate(values),
+            above.evaluate(along),
+            below.evaluate(along),
             below.evaluate(with_points_between(values)),
         )
 
@@ -120,8 +123,9 @@ class _Sides:
 
         These have the shape (values, terms below).
         """
-        rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
-        ratios = np.tensordot(self.operator, rates, axes=1).transpose(1, 0, 2)
+        with np.errstate(all="ignore"):
+            rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
+            ratios = np.tensordot(self.operator, rates, axes=1).transpose(1, 0, 2)
         return np.concatenate([ratios, np.broadcast_to(self.beside, (len(ratios), *self.beside.shape))], axis=2)
 
     def whole(self, below: Sequence[int], coefficients: Floats) -> Bools:
@@ -135,7 +139,8 @@ class _Sides:
         The sets of each size have the shape (sets, size).
         """
         columns = self.columns(below, coefficients)
-        norms = np.linalg.norm(columns, axis=1, keepdims=True)
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(columns, axis=1, keepdims=True)
         columns = np.divide(columns, norms, out=np.zeros_like(columns), where=np.isfinite(norms) & (norms > 0))
         gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
         gained = []
