@@ -65,6 +65,8 @@ class LawDiscovery:
         ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
     universal
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
+    unmeasured
+        1 to ask, too, for a state that nobody measured, see `TrajectoryLikelihood`.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.
     cache
@@ -98,6 +100,7 @@ class LawDiscovery:
         method: AbstractMethod | None = None,
         known: Base | None = None,
         universal: Sequence[Key] = (),
+        unmeasured: int = 0,
         progress: ProgressCallback | None = None,
         cache: bool = True,
         client: "Client | None" = None,
@@ -107,6 +110,7 @@ class LawDiscovery:
         self.method = method
         self.known = known
         self.universal = universal
+        self.unmeasured = unmeasured
         self.progress = progress
         self.cache = cache
         self.client = client
@@ -158,6 +162,8 @@ class LawDiscovery:
             library, known = with_base(library, known, order, trials)
         structures = [ModelStructure(each, library, known, self.universal) for each in (order, *others)]
         method, instead = (self.method, ()) if self.method else _default(trials, structures[0])
+        if self.unmeasured:
+            method = _with_unmeasured(method, self.unmeasured)
         copies: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
@@ -298,6 +304,15 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
     remedy = "take fewer objects, or refine the law: commonlaw.refine(law, trials)"
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
+
+
+def _with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
+    """Return the method that asks, too, for so many states that nobody measured."""
+    if not isinstance(method, TrajectoryLikelihood):
+        raise CommonlawError(
+            f"unmeasured={count} does not go with {type(method).__name__}: use method=TrajectoryLikelihood()"
+        )
+    return replace(method, unmeasured=count)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

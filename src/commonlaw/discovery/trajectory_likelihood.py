@@ -27,6 +27,7 @@ from commonlaw.inference import (
     begin_search,
     beyond_white_noise,
     choose_errors,
+    drives,
     evidence_of_order,
     finish,
     known_noise,
@@ -35,6 +36,7 @@ from commonlaw.inference import (
     resolved,
     search_supports,
     with_parametric_terms,
+    with_unmeasured_state,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
@@ -94,6 +96,10 @@ class TrajectoryLikelihood(AbstractMethod):
     max_samples
         Of more samples so many are fitted, and the law says so: thinned as far as these still tell noise from motion,
         and if that is not enough, in segments spread over the trials of each object. All of them tell the noise.
+    unmeasured
+        1 to ask, too, for a state that nobody measured: a depot or a drive that decays, a pool that is used up, one
+        that keeps what it gets, a compartment; in laws of second order a drive. The law without it is one of the
+        hypotheses. What it is counted in is said by the history of the law.
     seed
         Of the bootstrap.
     n_jobs
@@ -120,12 +126,14 @@ class TrajectoryLikelihood(AbstractMethod):
     partial_pooling: bool = True
     solver: AbstractSolver | str | None = None
     max_samples: int = MOST_SAMPLES
+    unmeasured: int = 0
     seed: int = 0
     n_jobs: int = field(default=-1, compare=False)
 
     def __post_init__(self) -> None:
         check_whole_number("seed", self.seed, 0)
         check_n_jobs(self.n_jobs)
+        check_whole_number("unmeasured", self.unmeasured, 0, 1)
         check_whole_number("max_samples", self.max_samples, 100, 10**9)
         check_choice("covariance", self.covariance, get_args(CovarianceKind))
         check_choice("errors", self.errors, ("auto", *get_args(ErrorKind)))
@@ -237,11 +245,19 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _search_all(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the law of largest evidence among all terms, also those with constants inside."""
-        others, ratios = screened.whole.parametric(trials.schema), screened.whole.ratios(trials.schema)
-        if not others and not ratios:
+        whole, seek = screened.whole, self.unmeasured > 0
+        others, ratios = whole.parametric(trials.schema), whole.ratios(trials.schema)
+        if seek and whole.order == 2:
+            others = (*others, *drives(screened.terms.variables))
+        if not others and not ratios and not seek:
             return self._search(screened, trials, progress)
         found = self._search(screened, trials, part(progress, 0.0, _PLAIN))
-        return with_parametric_terms(found, others, ratios, part(progress, _PLAIN, 1.0))
+        if others or ratios:
+            found = with_parametric_terms(found, others, ratios, part(progress, _PLAIN, 1.0))
+        if seek and whole.order == 1:
+            rest = part(progress, _PLAIN, 1.0)
+            found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=rest)
+        return found
 
     def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""
@@ -335,7 +351,9 @@ class _Found:
 
 def universal_in(law: Law, asked: ModelStructure) -> Bools:
     """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
-    universal, names = asked.universal_coefficients(law.schema), asked.terms(law.schema).names
+    schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
+    universal, names = asked.universal_coefficients(schema), asked.terms(schema).names
+    universal = np.pad(universal, ((0, len(law.states) - len(universal)), (0, 0)))
     columns = {name: universal[:, k] for k, name in enumerate(names)}
     return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
 

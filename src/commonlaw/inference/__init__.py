@@ -27,6 +27,7 @@ from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.unmeasured_search import drives, with_unmeasured_state
 from commonlaw.inference.unseen import bounds
 from commonlaw.inference.unseen_bounds import Bounds
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -52,6 +53,7 @@ __all__ = [
     "candidates_in_turn",
     "choose_errors",
     "compare",
+    "drives",
     "evidence_of_order",
     "finish",
     "fit_supports",
@@ -66,5 +68,6 @@ __all__ = [
     "search_supports",
     "with_constants_found",
     "with_parametric_terms",
+    "with_unmeasured_state",
     "written_alike",
 ]

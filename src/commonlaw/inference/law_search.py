@@ -122,7 +122,15 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    prepared = partial(prepare, trials, template.terms, known, noise=noise, huber_threshold=huber_threshold)
+    prepared = partial(
+        prepare,
+        trials,
+        template.terms,
+        known,
+        noise=noise,
+        huber_threshold=huber_threshold,
+        guess=template.coefficients,
+    )
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     few = few_of(problem, prepared)
     found = search_by_few(problem, few, solver, rest) if few else search(problem, solver, rest)
@@ -320,9 +328,13 @@ def finish(
         uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(template, compared)),
         provenance=replace(
             template.provenance,
-            outcomes=(*outcomes(template, problem, state), *differing_trials(problem, state)),
+            outcomes=(
+                *template.provenance.outcomes,
+                *outcomes(template, problem, state),
+                *differing_trials(problem, state),
+            ),
             alternatives=alternatives(template, compared),
-            history=history(template, problem, state, compared),
+            history=(*template.provenance.history, *history(template, problem, state, compared)),
         ),
     )
     law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))

@@ -27,6 +27,10 @@ FINAL = (0.03, 0.003, 0.0003)
 below one: what is allowed in each step adds up, and coefficients would be less accurate than the data allow."""
 
 
+_UNSETTLED = 4.0
+"""Twice the log-likelihood for each object that a fit may be promised elsewhere."""
+
+
 @dataclass(frozen=True, eq=False)
 class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
@@ -135,7 +139,21 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     pairs = zip(linear, known, strict=True)
     problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
     extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(*_outliers(problem, estimates))
-    return SupportEvidence(problems, problem.allowed, counted, problem.prices, problem.most_terms, extra)
+    most, stated = problem.most_terms, problem.trials.schema.unmeasured
+    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated)
+
+
+def is_settled(problem: SearchProblem, state: SearchState) -> bool:
+    """Return whether the likelihood, linearised about a fit, promises next to nothing more elsewhere.
+
+    Where it does, the fit got stuck on the way, and the evidence that is computed about it means nothing.
+    """
+    chosen, promised = np.flatnonzero(state.supports), 0.0
+    for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
+        columns = each.factor[:, chosen]
+        left = each.factor[:, -1] - columns @ estimate.coefficients.ravel()[chosen]
+        promised += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
+    return promised < _UNSETTLED * len(state.estimates)
 
 
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:

@@ -47,7 +47,8 @@ class SupportEvidence:
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
     ... Which terms may enter which equation has shape (equations, terms). Supports
     have prices beside what their coefficients cost. The offset is added to
-    the value of all supports, for a comparison with those of other problems.
+    the value of all supports, for a comparison with those of other problems. Equations that are stated, shape
+    (equations,), keep all terms that may enter.
     """
 
     problems: Sequence[LeastSquaresProblem]
@@ -56,6 +57,7 @@ class SupportEvidence:
     prices: Prices
     most: int = MOST_TERMS
     offset: float = 0.0
+    stated: Bools | None = None
 
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return the supports with the largest evidence that are found by choosing one equation after the other.
@@ -65,7 +67,7 @@ class SupportEvidence:
         supports, known = start.copy(), dict[int, bytes]()
         for _ in range(_SWEEPS):
             before = supports.copy()
-            for j in range(len(supports)):
+            for j in self._chosen:
                 others = np.delete(supports, j, axis=0).tobytes()
                 if known.get(j) != others:  # Where nothing else has changed, the same is chosen again
                     known[j], supports[j] = others, self._choose_equation(supports, j, solver)
@@ -99,6 +101,9 @@ class SupportEvidence:
         """
         found = []
         for j, chosen in enumerate(supports):
+            if j not in self._chosen:
+                found.append([ComparedSupport(chosen, 0.0, True)])
+                continue
             equation = self._equation(supports, j, self._alone(supports, j))
             near = [
                 chosen,
@@ -157,6 +162,11 @@ class SupportEvidence:
             LeastSquaresProblem(np.asfortranarray(factor), terms, problem.rows)
             for factor, problem in zip(factors, self.problems, strict=True)
         ]
+
+    @property
+    def _chosen(self) -> list[int]:
+        """The equations whose terms are chosen."""
+        return [j for j in range(len(self.allowed)) if self.stated is None or not self.stated[j]]
 
     @cached_property
     def _factors(self) -> Floats:

@@ -98,7 +98,7 @@ def _rates(terms: Terms, known: Floats, is_rate: Bools, powers: Floats) -> tuple
             rows.append((j, k))
             matrix.append(row)
     indices = np.array(rows, dtype=int).reshape(-1, 2)
-    return (indices[:, 0], indices[:, 1]), np.array(matrix).reshape(-1, len(columns))
+    return (indices[:, 0], indices[:, 1]), np.array(matrix).reshape(len(rows), len(columns))
 
 
 def _powers(terms: Terms) -> Floats:
