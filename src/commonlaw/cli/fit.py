@@ -25,8 +25,8 @@ from commonlaw.cli.working import working
     "starts",
     metavar="STATE=VALUE",
     multiple=True,
-    help="Where trials start in a state that nobody measured, in their first sample: a number, or a property of the "
-    "objects, depot=dose; repeat for more.",
+    help="Where trials start in a state that nobody measured, in their first sample: a number, a property of the "
+    "objects, depot=dose, or depot=free for what the measurements are to tell; repeat for more.",
 )
 @option(
     "Table",

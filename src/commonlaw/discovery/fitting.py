@@ -82,7 +82,8 @@ def fit(
         What was measured. Each object has its own coefficients.
     starts
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
-        property of the objects, such as a dose, or a number for each object. They need no column, and go with laws
+        property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
+        measurements are to tell it. They need no column, and go with laws
         of first order: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
         A coefficient may stand before several terms: ``"conc' = -(k10 + k12) conc + k21 p; p' = k12 conc - k21 p"``.
     starts_at
@@ -108,18 +109,21 @@ def fit(
     """
     asked = split_equations(equations)
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
-    trials = _with_unmeasured(trials, asked, starts or {}, starts_at)
+    starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
+    trials = _with_unmeasured(trials, asked, starts, starts_at)
     given = read_equations(equations, trials.schema)
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
         Step("equations", text, "as given"),
         *(
             Step("start", f"{name} = {start}{'' if starts_at is None else f' at {starts_at:g}'}", _UNMEASURED)
-            for name, start in (starts or {}).items()
+            if start is not None
+            else Step("start", name, "found in each trial: it was not measured")
+            for name, start in starts.items()
         ),
         *_properties_in(given, trials),
     )
-    calls = (call(fit, {"starts": starts, "starts_at": starts_at, **settings}, "cl.fit", repr(text), "trials"),)
+    calls = (call(fit, {"starts": starts or None, "starts_at": starts_at, **settings}, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)

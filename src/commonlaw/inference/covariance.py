@@ -43,7 +43,7 @@ def fitted_law(
             covariance=covariances(problem, state, covariance, seed),
             shared_factor=None,
             unpooled=None,
-            noise=np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), problem.noise),
+            noise=np.where(_known_starts(problem), noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(problem, state),
             widening=None,
@@ -51,6 +51,11 @@ def fitted_law(
             other_laws=(),
         ),
     )
+
+
+def _known_starts(problem: SearchProblem) -> Bools:
+    schema = problem.trials.schema
+    return np.asarray(schema.unmeasured & ~schema.with_free_start)
 
 
 def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | None:

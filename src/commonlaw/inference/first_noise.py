@@ -8,7 +8,7 @@ from numpy.polynomial import Polynomial
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.unmeasured import spread_within
+from commonlaw.inference.unmeasured import EXACT, scales_of_starts, spread_within
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 
@@ -30,8 +30,7 @@ def noise_floor(trials: Trials) -> Floats:
     scale = spread_within(trials)
     steps = [_step(column[np.isfinite(column)]) for column in columns]
     found = np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12))
-    of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
-    return np.asarray(np.where(trials.schema.unmeasured, of_starts, found))
+    return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
 
 
 def _step(values: Floats) -> float:

@@ -1,4 +1,4 @@
-"""States that nobody measured, but whose starts are known: how exactly these are, and where a fit begins.
+"""States that nobody measured: how exactly their starts are known, and where a fit begins.
 
 No curve tells the coefficients of their equations. So a fit begins at many of them: each gives the states along the
 curves of those that were measured, and least squares then the coefficients of the others.
@@ -11,18 +11,19 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.scaling import may_be_rescaled
-from commonlaw.inference.smooth_rates import first_coefficients
-from commonlaw.inference.tried_coefficients import draws, relative_speed, scales_of_states
+from commonlaw.inference.smooth_rates import first_coefficients, terms_and_rates
+from commonlaw.inference.symmetries import may_be_mixed, may_be_rescaled, may_be_shifted
+from commonlaw.inference.tried_coefficients import Drawn, draws, relative_speed, scales_of_states
+from commonlaw.inference.unmeasured import EXACT, VAGUE, scales_of_starts
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
-from commonlaw.trials import Trial, Trials
-
-_RELATIVE = 1e-6
-"""Standard deviation of a start relative to the scale of its state: less than any measurement tells."""
+from commonlaw.trials import Schema, Trial, Trials
 
 _OTHERS = 6
 """Objects whose coefficients are tried on each object, too: objects are alike."""
+
+_FITTED = 64
+"""Draws of an object that are fitted, at most."""
 
 _STEPS = 256
 """Steps in which states are followed along a trial, at least."""
@@ -46,33 +47,56 @@ Curve = tuple[Floats, Floats]
 def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     """Return trials whose known starts have standard deviations that are small beside the scale of their states.
 
-    That is the largest start; of states that start at zero it follows from the numbers in equations. Coefficients that
-    are known have the shape (equations, terms), NaN where they are to be found.
+    Starts that nobody knows are zero, with standard deviations that say next to nothing. Scales are those of starts, or
+    follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
+    found.
 
     Raises
     ------
     CommonlawError
-        If nothing tells the scale of a state.
+        If nothing tells the scale of a state, or its zero.
     """
-    started = trials.schema.unmeasured
+    schema, started = trials.schema, trials.schema.unmeasured
     if not started.any():
         return trials
-    scales = scales_of_states(trials, terms, known)
+    free = schema.with_free_start
     at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
-    unclear = may_be_rescaled(terms, known, at_zero)
-    for name, free in zip(trials.schema.states, unclear, strict=True):
-        if free:
+    rescaled = may_be_rescaled(terms, known, at_zero | free)
+    shifted, mixed = may_be_shifted(terms, known, free), may_be_mixed(terms, known, free)
+    _refuse_what_starts_do_not_tell(schema, rescaled, shifted, mixed)
+    std = np.where(free, VAGUE, EXACT) * scales_of_states(trials, terms, known)
+    changed = []
+    for trial in trials:
+        states, noise = trial.states.copy(), trial.noise.copy()
+        states[0, free] = 0.0
+        noise[0, started] = std[started]
+        changed.append(replace(trial, states=states, noise=noise))
+    return trials.with_trials(changed)
+
+
+def _refuse_what_starts_do_not_tell(schema: Schema, rescaled: Bools, shifted: Bools, mixed: Bools) -> None:
+    """Refuse states whose scale, zero, or share of another state could be any."""
+    for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
+        is_free = schema.starts.get(name, 0.0) is None
+        if any_scale and not is_free:
             raise CommonlawError(
                 f"{name} was not measured and starts at zero, so that nothing tells its scale: twice {name}, with "
                 "other coefficients, would fit as well; write a number for the coefficient of one term in its "
                 f"equation, such as {name}' = 1 x - ..., which says in what {name} is counted"
             )
-    changed = []
-    for trial in trials:
-        noise = trial.noise.copy()
-        noise[0, started] = _RELATIVE * scales[started]
-        changed.append(replace(trial, noise=noise))
-    return trials.with_trials(changed)
+        if any_scale or any_zero:
+            what, where = ("scale", "1.0") if any_scale else ("zero", "0.0")
+            raise CommonlawError(
+                f"{name} was not measured, and nothing tells its {what}, whatever its start: say where trials start, "
+                f"starts={{{name!r}: {where}}}, which says in what {name} is counted; or write a number for the "
+                f"coefficient of a term with {name}"
+            )
+        if any_share:
+            raise CommonlawError(
+                f"{name} was not measured, and nothing tells where it starts: another start, with other coefficients, "
+                f"would fit as well; say where trials start, starts={{{name!r}: ...}}, or write a number for a "
+                "coefficient"
+            )
 
 
 def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
@@ -84,12 +108,7 @@ def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
     started = trials.schema.unmeasured
     spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
     share = np.median(noise[~started] / spread)
-    return np.where(started, share * noise_of_starts(trials) / _RELATIVE, noise)
-
-
-def noise_of_starts(trials: Trials) -> Floats:
-    """Return the standard deviation of the starts of each state, shape (states,)."""
-    return np.asarray(np.max([trial.noise[0] for trial in trials], axis=0))
+    return np.where(started, share * scales_of_starts(trials), noise)
 
 
 def begun_at_starts(
@@ -124,7 +143,8 @@ def begun_at_starts(
     """
     groups = [trials.of_object(name) for name in trials.objects]
     started = trials.schema.unmeasured
-    objects = [_Object(*own, started) for own in zip(models, groups, curves, known, guess, strict=True)]
+    free = trials.schema.with_free_start
+    objects = [_Object(*own, started, free) for own in zip(models, groups, curves, known, guess, strict=True)]
     tried = [each.begun(draws(trials, each.model.terms, each.known, each.guess)) for each in objects]
     for each, own in zip(objects, tried, strict=True):
         if not own:
@@ -133,7 +153,7 @@ def begun_at_starts(
                 f"{', '.join(trials.schema.starts)} stay finite from its start on, along the other states, of which "
                 "each trial needs measurements: look for a wrong sign or a missing term in the equations"
             )
-    first = [_best(*each, trials)[0][0].coefficients for each in zip(objects, tried, strict=True)]
+    first = [_found(_best(*each, trials)[0][0]) for each in zip(objects, tried, strict=True)]
     some = first[:: -(-len(first) // _OTHERS)]
     best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]
     others = [found.coefficients for found, _ in best[0]]
@@ -142,7 +162,10 @@ def begun_at_starts(
 
 @dataclass(frozen=True, eq=False)
 class _Object:
-    """An object: its model, trials, curves, known and guessed coefficients, and which states nobody measured."""
+    """An object: its model, trials, curves, known and guessed coefficients, and which states nobody measured.
+
+    Of these, some start where nobody knows.
+    """
 
     model: TrajectoryModel
     group: Sequence[Trial]
@@ -150,25 +173,45 @@ class _Object:
     known: Floats
     guess: Floats
     started: Bools
+    free: Bools
 
-    def begun(self, tried: Sequence[Floats]) -> list[tuple[Estimate, list[Curve]]]:
-        """Return fits that begin at coefficients, NaN where least squares find them, and curves of all states."""
-        terms, found = self.model.terms, list[tuple[Estimate, list[Curve]]]()
-        tried = [np.where(np.isnan(self.known), each, self.known) for each in tried]
+    def begun(self, tried: Sequence[Drawn]) -> list[tuple[Estimate, list[Curve]]]:
+        """Return fits that begin at coefficients, NaN where least squares find them, and curves of all states.
+
+        Of many those begin that leave least of the rates of measured states along curves.
+        """
+        drawn = np.array([np.where(np.isnan(self.known), each.coefficients, self.known) for each in tried])
+        starts = np.where(self.free, [each.starts for each in tried], np.nan)
         pairs = list(zip(self.group, self.curves, strict=True))
-        followed = [_followed(terms, *pair, np.array(tried), self.started) for pair in pairs]
-        for coefficients, *states in zip(tried, *followed, strict=True):
+        followed = [_followed(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
+        begins = []
+        for coefficients, *states in zip(drawn, *followed, strict=True):
             if all(np.isfinite(own).all() for own in states):
                 filled = [
                     (own, np.where(self.started, 0.0, rates))
                     for own, (_, rates) in zip(states, self.curves, strict=True)
                 ]
-                own = first_coefficients(terms, list(zip(self.group, filled, strict=True)), coefficients)
-                start = Estimate(tuple(interpolate(states)), own)
-                fitted = fit(self.model, start, np.isnan(self.known), _MODEL_ERRORS)
-                if np.isfinite(fitted.objective):
-                    found.append((fitted, filled))
-        return found
+                begins.append((*self._along(filled, coefficients), filled))
+        best = sorted(begins, key=lambda each: each[0])[:_FITTED]
+        fits = ((self._fitted(own, filled), filled) for _, own, filled in best)
+        return [each for each in fits if np.isfinite(each[0].objective)]
+
+    def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
+        """Return how much of the rates of measured states is left along curves of all states, and all coefficients."""
+        curves = list(zip(self.group, filled, strict=True))
+        own = first_coefficients(self.model.terms, curves, coefficients)
+        library, rates = terms_and_rates(self.model.terms, curves, own)
+        left = (rates - library @ own.T)[:, ~self.started]
+        return float(np.sum(np.log(np.mean(left**2, axis=0) + np.finfo(float).tiny))), own
+
+    def _fitted(self, coefficients: Floats, filled: list[Curve]) -> Estimate:
+        start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
+        return fit(self.model, start, np.isnan(self.known), _MODEL_ERRORS)
+
+
+def _found(estimate: Estimate) -> Drawn:
+    """Return the coefficients of a fit, and where its first trial starts."""
+    return Drawn(estimate.coefficients, estimate.states[0][0])
 
 
 def _best(
@@ -197,10 +240,11 @@ def _different(found: Sequence[Floats]) -> list[Floats]:
     return kept
 
 
-def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, started: Bools) -> Floats:
+def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, starts: Floats, started: Bools) -> Floats:
     """Return states with the unmeasured ones from their starts on, along a curve of the others (Runge-Kutta).
 
-    They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms).
+    They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms) and starts of those that
+    nobody knows, shape (draws, states).
     """
     substeps = -(-_STEPS // len(trial))
     rows = np.column_stack([np.where(started, 0.0, curve[0]), trial.inputs, trial.times])
@@ -216,7 +260,7 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
         values[:, columns] = now
         return np.asarray((own @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
 
-    now = np.tile(trial.states[0, started], (len(coefficients), 1))
+    now = np.where(np.isnan(starts), trial.states[0], starts)[:, started]
     path = [now]
     with np.errstate(all="ignore"):
         for i in range(0, len(rows) - 1, 2):

@@ -125,9 +125,10 @@ def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
-    """Return a word on coefficients that fit as well as those of a law of states that nobody measured."""
+    """Return a word on coefficients of a law of states that nobody measured that are not told, or fit as well."""
+    found = _not_told(law) if problem.trials.schema.starts else ()
     if not problem.as_good:
-        return ()
+        return found
     names = ", ".join(problem.trials.schema.starts)
     others = "; or ".join(
         ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.named_coefficients)
@@ -138,7 +139,26 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
         f"possible, those by which {names} changes fastest were taken"
     )
     remedy = "give what is known of them as numbers in the equations, or measure another state"
-    return (Outcome(OutcomeKind.AMBIGUOUS, "", text, remedy),)
+    return (*found, Outcome(OutcomeKind.AMBIGUOUS, "", text, remedy))
+
+
+def _not_told(law: Law) -> tuple[Outcome, ...]:
+    """Return which coefficients have standard errors larger than themselves, of which objects."""
+    lost = dict[str, list[str]]()
+    for name, values, errors in zip(law.objects, *law.letter_values(), strict=True):
+        letters = [each for each, value, error in zip(law.letters, values, errors, strict=True) if error > abs(value)]
+        if letters:
+            lost.setdefault(", ".join(letters), []).append(name)
+    names = ", ".join(law.schema.starts)
+    return tuple(
+        Outcome(
+            OutcomeKind.NOT_IDENTIFIABLE,
+            ", ".join(objects),
+            f"with {names} unmeasured the trials do not tell {letters}: standard errors are larger than the values",
+            "give what is known as a number, say where trials start, or measure longer",
+        )
+        for letters, objects in lost.items()
+    )
 
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:

@@ -18,6 +18,7 @@ from commonlaw.inference.provenance import (
     without_outcomes_of_fit,
 )
 from commonlaw.inference.search import to_scale
+from commonlaw.inference.unmeasured import visited_besides
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law
 from commonlaw.law.domain import Domain
@@ -122,6 +123,7 @@ def refine(
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, covariance, seed)
     chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
+    domain = Domain.of(trials, law.rates)
     provenance = replace(
         law.provenance,
         outcomes=(
@@ -131,6 +133,6 @@ def refine(
         ),
         history=(*law.history, *chosen),
         calls=calls,
-        domain=Domain.of(trials, law.rates),
+        domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
     )
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)

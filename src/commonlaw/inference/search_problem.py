@@ -10,7 +10,11 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
-from commonlaw.inference.known_starts import begun_at_starts, with_exact_starts, with_noise_of_unmeasured
+from commonlaw.inference.known_starts import (
+    begun_at_starts,
+    with_exact_starts,
+    with_noise_of_unmeasured,
+)
 from commonlaw.inference.long_trials import MOST_SAMPLES, as_many_as_are_carried
 from commonlaw.inference.measurements import Measurements
 from commonlaw.inference.prices import FACTOR, Prices, shifted
@@ -30,6 +34,7 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import with_typical
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +296,16 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
     between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
-    models = [TrajectoryModel(terms, meshes(group, input_between=between), observation, unit) for group in groups]
+    free = trials.schema.with_free_start
+    models = [
+        TrajectoryModel(
+            terms,
+            [_with_vague(mesh, levels, free) for mesh in meshes(group, input_between=between)],
+            observation,
+            unit,
+        )
+        for group in groups
+    ]
     if started.any():
         starts, curves, as_good = begun_at_starts(
             models, trials, curves, known, np.zeros_like(known) if guess is None else guess
@@ -317,6 +331,13 @@ def prepare(
         as_good=tuple(as_good),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
+
+
+def _with_vague(mesh: Mesh, levels: Floats, free: Bools) -> Mesh:
+    """Return a mesh on which starts that nobody knows say next to nothing."""
+    if not free.any():
+        return mesh
+    return mesh.with_scale(np.where(free & mesh.observed, with_typical(mesh.noise, levels) / levels, 1.0))
 
 
 def _begun_along_curves(

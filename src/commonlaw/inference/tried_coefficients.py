@@ -1,5 +1,7 @@
 """Coefficients that are tried for the equations of states that nobody measured, and the scales of these states."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
@@ -11,32 +13,61 @@ from commonlaw.trials.logarithms import natural
 _DRAWS = 32
 """Coefficients that are tried for each two: a fit comes to the same ones from a tenth of them to ten times them."""
 
+_MORE = 4
+"""So many times as many where starts are tried, too."""
+
 _SHARES = (0.25, 0.5, 1.0)
 """Of their scales, where the sizes of terms are taken."""
 
 _EXACT = 1e-6
 """What powers may differ by from 1 and -1."""
 
+_ROUNDS, _STEP, _FAR = 10, 1e-4, 5.0
+"""Of least squares for the logarithms of scales: rounds, the step of differences, and by how much one moves at most."""
+
+_LARGEST, _SMALLEST, _NEGATIVE = 1.5, -1.0, 0.25
+"""Powers of ten of starts that are tried, relative to scales, and how many of them are below zero."""
+
+
+class Drawn(NamedTuple):
+    """Coefficients, shape (equations, terms), and starts of states, shape (states,), that a fit may begin at."""
+
+    coefficients: Floats
+    starts: Floats
+
 
 def scales_of_states(trials: Trials, terms: Terms, known: Floats) -> Floats:
-    """Return the scale of each state, shape (states,), by measurements, starts and equations; 1 where these do not say.
+    """Return the scale of each state, shape (states,), by measurements and starts, or else by the equations.
 
+    By these, and by constants that are factors of terms, states change by about their scales within a trial.
     Coefficients that are known have the shape (equations, terms), NaN where they are to be found.
     """
     columns = np.concatenate([natural(trial.states, trials.schema) for trial in trials])
-    scales = np.asarray(np.nanmax(np.abs(columns), axis=0), dtype=np.float64)
-    scales[trials.schema.unmeasured & (scales == 0)] = np.nan
-    numbers = np.argwhere(~np.isnan(known) & (known != 0)).tolist()
-    for _ in range(len(scales)):  # One scale may tell another
-        constants = _typical_constants(trials, terms, known, scales)
-        for j, k in numbers:
-            involved = {j, *(c for c in terms.terms[k].columns() if c < len(scales))}
-            unknown = [c for c in involved if np.isnan(scales[c])]
-            if len(unknown) == 1:
-                sizes = _sizes(trials, terms, np.nan_to_num(scales, nan=1.0), constants)
-                change = _duration(trials) * abs(known[j, k]) * sizes[k]
-                scales[unknown] = change if unknown == [j] else scales[j] / change
-    return np.nan_to_num(scales, nan=1.0)
+    largest = np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
+    is_told = ~(trials.schema.unmeasured & (largest == 0))
+    scales = np.where(is_told, largest, np.median(largest[is_told]))
+    numbers = ~np.isnan(known) & (known != 0)
+    constants, duration = np.full(len(terms.constants), 1 / _duration(trials)), _duration(trials)
+    where = np.nonzero(numbers)
+    if is_told.all() or not len(where[0]):
+        return scales
+
+    def left(logarithms: Floats) -> Floats:
+        """Return by what factors, as logarithms, rates are off."""
+        own = scales.copy()
+        own[~is_told], inside = np.exp(logarithms[: (~is_told).sum()]), np.exp(logarithms[(~is_told).sum() :])
+        sizes = _sizes(trials, terms, own, inside)[where[1]] * np.abs(known[where])
+        found = np.log(duration * sizes / own[where[0]])
+        return np.where(np.isfinite(found), found, 0.0)
+
+    logarithms = np.log(np.concatenate([scales[~is_told], constants]))
+    for _ in range(_ROUNDS):
+        now = left(logarithms)
+        steps = np.eye(len(logarithms)) * _STEP
+        slopes = np.array([(left(logarithms + each) - now) / _STEP for each in steps]).T
+        logarithms = logarithms - np.clip(np.linalg.lstsq(slopes, now, rcond=_STEP)[0], -_FAR, _FAR)
+    scales[~is_told] = np.exp(logarithms[: (~is_told).sum()])
+    return scales
 
 
 def tried(terms: Terms, known: Floats, started: Bools) -> Bools:
@@ -55,22 +86,25 @@ def relative_speed(trials: Trials, terms: Terms, known: Floats, coefficients: Fl
     return _duration(trials) * float(np.sum(rates[started]))
 
 
-def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Floats]:
-    """Return coefficients that are known, shape (equations, terms), with those that are tried.
+def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Drawn]:
+    """Return coefficients that are known, shape (equations, terms), with those that are tried; and starts.
 
     By them a state changes by its scale within a trial at the slowest, and within the shortest step at the fastest.
     Constants that are no factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are
     those of a guess.
     """
     started, scales = trials.schema.unmeasured, scales_of_states(trials, terms, known)
-    own, random, found = tried(terms, known, started), np.random.default_rng(0), list[Floats]()
+    own, random, found = tried(terms, known, started), np.random.default_rng(0), list[Drawn]()
     powers = _powers(terms)
     is_rate = own & (terms.is_factor | _of_terms(terms, np.asarray(np.isfinite(powers).all(axis=0))))
     rows, matrix = _rates(terms, known, is_rate, powers)
     bank = _bank(trials, terms, scales, own & ~is_rate)
     signs, factors = np.sign(guess[is_rate]), np.nan_to_num(np.abs(known[rows]), nan=1.0)
     steps = _duration(trials) / min(np.diff(trial.times).min() for trial in trials)
-    for _ in range(_DRAWS * max(1, (int(own.sum()) + 1) // 2) if own.any() else 1):
+    free = trials.schema.with_free_start
+    count = int(own.sum() + free.sum())
+    more = _MORE if free.any() else 1
+    for _ in range(more * _DRAWS * max(1, (count + 1) // 2) if count else 1):
         drawn = known.copy()
         either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
         drawn[own & ~is_rate] = bank[random.integers(len(bank))]
@@ -79,8 +113,14 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Fl
         typical = scales[rows[0]] / (_duration(trials) * sizes)
         targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
         drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
-        found.append(drawn)
+        found.append(Drawn(drawn, _starts(scales, random) if free.any() else scales))
     return found
+
+
+def _starts(scales: Floats, random: np.random.Generator) -> Floats:
+    """Return starts of states, shape (states,), about their scales."""
+    signs = np.where(random.uniform(size=len(scales)) < _NEGATIVE, -1.0, 1.0)
+    return np.asarray(signs * scales * 10 ** random.uniform(_SMALLEST, _LARGEST, len(scales)))
 
 
 def _rates(terms: Terms, known: Floats, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
@@ -128,25 +168,6 @@ def _bank(trials: Trials, terms: Terms, scales: Floats, inside: Bools) -> Floats
     if not columns:
         return np.empty((1, 0))
     return values_to_try(terms, np.outer(_SHARES, _whole(trials, scales)), columns)
-
-
-def _typical_constants(trials: Trials, terms: Terms, known: Floats, scales: Floats) -> Floats:
-    """Return the sizes of constants, shape (constants,), by which states change by their scales within a trial.
-
-    Where nothing tells them they are one over that time.
-    """
-    count = len(terms.constants)
-    if not count:
-        return np.empty(0)
-    begin, powers = np.full(count, 1.0 / _duration(trials)), np.nan_to_num(_powers(terms))
-    sizes = _sizes(trials, terms, scales, begin)
-    with np.errstate(divide="ignore"):
-        rates = scales[:, np.newaxis] / (_duration(trials) * sizes * np.abs(known))
-    rows = [(j, k) for j, k in np.argwhere(np.isfinite(rates) & (rates > 0)).tolist() if powers[k].any()]
-    if not rows:
-        return begin
-    matrix = np.array([powers[k] for _, k in rows])
-    return np.asarray(begin * np.exp(np.linalg.lstsq(matrix, np.log([rates[each] for each in rows]))[0]))
 
 
 def _duration(trials: Trials) -> float:

@@ -9,6 +9,10 @@ from commonlaw.array_types import Floats
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit
 from commonlaw.trials import Trials
 
+EXACT, VAGUE = 1e-6, 100.0
+"""Standard deviations of starts that nobody measured, relative to the scales of their states: of those that are known
+less than any measurement tells, and of those that are not next to nothing."""
+
 _MODEL_ERRORS = (10.0, 3.0, 1.0)
 """Relative to the noise: states first follow what was measured, then the law."""
 
@@ -20,6 +24,19 @@ def spread_within(trials: Trials) -> Floats:
         own = [trial.states[np.isfinite(trial.states[:, j]), j] for trial in trials]
         found[j] = np.sqrt(np.mean([np.var(each) for each in own if len(each)]))
     return found
+
+
+def scales_of_starts(trials: Trials) -> Floats:
+    """Return the scale of each state, shape (states,), by the standard deviations of starts that nobody measured."""
+    of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
+    return np.asarray(of_starts / np.where(trials.schema.with_free_start, VAGUE, EXACT))
+
+
+def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value of states that start where nobody knows, by name."""
+    states = np.concatenate([own for each in estimates for own in each.states])
+    free = np.flatnonzero(trials.schema.with_free_start)
+    return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
 
 
 def filled_curves(curves: Sequence[tuple[Floats, Floats]], typical: Floats) -> list[Floats]:

@@ -20,8 +20,9 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
     trials
         What was measured.
     starts
-        By state: a number, the name of a property of the objects, or a number for each object by its name. States that
-        the trials have are passed over; the others have the unit of the property, unless they have one.
+        By state: a number, the name of a property of the objects, or a number for each object by its name; None for
+        states that start where nobody knows, which have no value. States that the trials have are passed over; the
+        others have the unit of the property, unless they have one.
     at
         The time of the starts, if that is not the first sample: trials that begin later get a sample there, at which
         nothing else was measured, and inputs are as in their first one.
@@ -52,6 +53,8 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
 
 
 def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
+    if start is None:
+        return np.nan
     if isinstance(start, str):
         return number_of(start, owner, trials)
     value = start.get(owner, np.nan) if isinstance(start, Mapping) else start

@@ -17,8 +17,8 @@ from commonlaw.wording import counted
 Property = float | str
 ObjectProperties = Mapping[str, Mapping[str, Property]]
 PropertyTable = Mapping[Any, Mapping[str, Property]]
-Start = float | str | Mapping[str, float]
-"""A number, the name of a property, or a number for each object."""
+Start = float | str | Mapping[str, float] | None
+"""A number, the name of a property, a number for each object, or None for what is to be found in each trial."""
 
 _SHOWN = 3
 """Locations that a note lists."""
@@ -99,6 +99,11 @@ class Schema:
     def unmeasured(self) -> Bools:
         """Which states nobody measured, so that only their starts are known, shape (states,)."""
         return np.array([name in self.starts for name in self.states], dtype=np.bool_)
+
+    @property
+    def with_free_start(self) -> Bools:
+        """Which of these start where nobody knows, shape (states,)."""
+        return np.array([self.starts.get(name, 0.0) is None for name in self.states], dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False)

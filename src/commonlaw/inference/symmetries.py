@@ -1,0 +1,81 @@
+"""What a state that nobody measured may be exchanged for without a change of what was measured.
+
+That is so if the exchange turns the law into one of the same terms: twice the state, say, with other coefficients,
+leaves what was measured as it is (a Lie symmetry of the equations; Yates, Evans and Chappell 2009). Of small changes it
+is a question of linear algebra: whether derivatives by coefficients make up for it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.integration import VectorField
+from commonlaw.library import Terms
+
+_POINTS = 12
+"""Points, for each coefficient, at which the derivatives of a law are compared."""
+
+_TOLD = 1e-6
+"""Of a change, what coefficients do not make up for; less is rounding."""
+
+
+def may_be_rescaled(terms: Terms, known: Floats, states: Bools) -> Bools:
+    """Return which of some states, shape (states,), could be counted in another unit with other coefficients.
+
+    Other states among these may change their units, too.
+
+    Parameters
+    ----------
+    terms
+        Over states of a law of first order.
+    known
+        Coefficients that are known, shape (equations, terms), NaN where they are to be found.
+    states
+        Of these, each of which starts at zero, or anywhere.
+    """
+    indices = np.flatnonzero(states).tolist()
+    return _made_up_for(terms, known, [(i, i) for i in indices])
+
+
+def may_be_shifted(terms: Terms, known: Floats, states: Bools) -> Bools:
+    """Return which of some states, which start anywhere, could be counted from another zero, see `may_be_rescaled`."""
+    return _made_up_for(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()])
+
+
+def may_be_mixed(terms: Terms, known: Floats, states: Bools) -> Bools:
+    """Return which of some states, which start anywhere, could be taken together with shares of others."""
+    count = len(terms.variables.states)
+    mixed = [(i, by) for i in np.flatnonzero(states).tolist() for by in (None, *range(count))]
+    return _made_up_for(terms, known, mixed)
+
+
+def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]]) -> Bools:
+    """Return for which states, shape (states,), coefficients and other changes make up for changes.
+
+    To a state is added a share of a state, by its index, or if that is None a constant.
+    """
+    free, width = np.isnan(known), len(terms.variables.states)
+    found = np.zeros(width, dtype=np.bool_)
+    if not changes:
+        return found
+    random = np.random.default_rng(0)
+    coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape), known)
+    field = VectorField(terms, coefficients, free=free)
+    points = random.uniform(0.5, 1.5, (_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured)))
+    linear = field.linearize(points)
+    columns = [linear.by_parameters.reshape(-1, int(free.sum()))]
+    for i, by in changes:
+        own = -linear.by_states[:, :, i] * (1.0 if by is None else points[:, [by]])
+        if by is not None:
+            own[:, i] += linear.derivatives[:, by]
+        columns.append(own.reshape(-1, 1))
+    matrix = np.column_stack(columns)
+    norms = np.linalg.norm(matrix, axis=0)
+    matrix = matrix / np.where(norms > 0, norms, 1.0)
+    for k, (i, _) in enumerate(changes):
+        own = matrix[:, free.sum() + k]
+        others = np.delete(matrix, free.sum() + k, axis=1)
+        left = own - others @ np.linalg.lstsq(others, own)[0]
+        found[i] |= bool(np.linalg.norm(left) < _TOLD)
+    return found

@@ -1,0 +1,142 @@
+"""States that nobody measured and that start where nobody knows."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.cli.main import commonlaw
+from commonlaw.inference.symmetries import may_be_mixed, may_be_rescaled, may_be_shifted
+from commonlaw.law.from_text import read_equations
+from commonlaw.trials import Schema
+
+WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
+EPIDEMIC = "S' = -b S I; I' = b S I - g I"
+PENDULUM = "theta' = omega; omega' = -g sin(theta) - c omega"
+
+
+def epidemic(_, state, b, g):
+    return [b * state[0] * state[1] - g * state[0], -b * state[0] * state[1]]
+
+
+def pendulum(_, state, g, c):
+    return [state[1], -g * np.sin(state[0]) - c * state[1]]
+
+
+CASES = {
+    "epidemic": (EPIDEMIC, epidemic, "I", "S", ("b", "g"), (5e-4, 0.15), (10.0, 990.0), np.linspace(0, 40, 21)),
+    "pendulum": (PENDULUM, pendulum, "theta", "omega", ("g", "c"), (4.0, 0.1), (1.2, -0.7), np.linspace(0, 10, 40)),
+}
+
+
+def solution(case, values, start):
+    _, rates, *_, times = CASES[case]
+    span = (times[0], times[-1])
+    return solve_ivp(rates, span, start, t_eval=times, args=tuple(values), rtol=1e-10, atol=1e-8).y[0]
+
+
+def drawn(case, count=3):
+    *_, name, _, _, truth, start, times = CASES[case]
+    generator = np.random.default_rng(2)
+    values = np.array(truth) * np.exp(0.1 * generator.standard_normal((count, len(truth))))
+    starts = np.array(start) * np.exp(0.1 * generator.standard_normal((count, 2)))
+    measured = [solution(case, *own) for own in zip(values, starts, strict=True)]
+    noise = 0.01 * float(np.std(measured))
+    measured = [own + noise * generator.standard_normal(len(own)) for own in measured]
+    trials = cl.Trials.from_arrays([times] * count, measured, object=list("abc")[:count], names=[name])
+    return values, starts, noise, measured, trials
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(case):
+    equations, _, name, hidden, letters, *_ = CASES[case]
+    truth, starts, noise, measured, trials = drawn(case)
+    law = cl.fit(equations, trials, starts={hidden: None}, noise={name: noise}, **WHITE)
+    columns = [law.letters.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in law.letter_values())
+    forecast = law.predict(trials, start=len(CASES[case][-1]))
+    for k, data in enumerate(measured):
+        begin = np.concatenate([truth[k], starts[k]])
+        found = least_squares(
+            lambda own, data=data: (solution(case, own[:2], own[2:]) - data) / noise,
+            begin,
+            x_scale=np.abs(begin),
+            jac="3-point",
+            xtol=1e-12,
+        )
+        bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+        assert (abs(values[k] - found.x[:2]) < 0.3 * errors[k]).all()
+        np.testing.assert_allclose(errors[k], bound[:2], rtol=0.12)
+        assert abs(forecast.trajectories[k].states[0, 1] - found.x[3]) < 0.5 * bound[3]
+
+
+def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
+    *_, trials = drawn("pendulum")
+    law = cl.fit(PENDULUM, trials, starts={"omega": "free"})
+    again = cl.Law.from_json(law.to_json())
+    assert str(again) == str(law)
+    assert again.schema.starts == {"omega": None}
+    assert ("start", "omega") in [(each.stage, each.choice) for each in law.history]
+    times = CASES["pendulum"][-1]
+    other = cl.Trials.from_arrays(times, solution("pendulum", (4.0, 0.1), (0.3, 1.5)), object="a", names=["theta"])
+    start = again.predict(other, start=12).trajectories[0].states[0]
+    assert start == pytest.approx([0.3, 1.5], abs=0.05)
+
+
+def test_the_command_line_takes_free_starts(tmp_path):
+    drawn("pendulum")[-1].to_frame().to_csv(tmp_path / "swings.csv", index=False)
+    done = CliRunner().invoke(commonlaw, ["fit", PENDULUM, str(tmp_path / "swings.csv"), "--start", "omega=free"])
+    assert done.exit_code == 0, done.output
+    assert "omega' = -g sin(theta) - c omega" in done.output
+
+
+@pytest.mark.parametrize(
+    ("equations", "found"),
+    [
+        ("x' = -k x + c u; u' = -r u", (True, False, True)),
+        ("x' = -k x + u; u' = -r u", (False, False, False)),
+        ("x' = a x + u; u' = b + r u", (False, False, False)),
+        ("x' = a + u; u' = -u", (False, False, False)),
+        ("x' = a + u; u' = b - u", (False, True, True)),
+        ("x' = -(k + q) x + r u; u' = q x - r u", (False, False, True)),
+        ("x' = b u x - g x; u' = -b u x", (False, False, False)),
+        ("x' = b u x - g x; u' = -c u x", (True, False, True)),
+    ],
+)
+def test_what_a_state_may_be_exchanged_for(equations, found):
+    given = read_equations(equations, Schema(("x", "u")))
+    hidden = np.array([False, True])
+    ways = (may_be_rescaled, may_be_shifted, may_be_mixed)
+    assert tuple(bool(way(given.terms, given.known, hidden)[1]) for way in ways) == found
+
+
+@pytest.mark.parametrize(
+    ("equations", "message"),
+    [
+        (
+            "S' = -b S I; I' = c S I - g I",
+            r"nothing tells its scale, whatever its start: say where .* starts={'S': 1.0}",
+        ),
+        ("S' = b - S; I' = a + S", r"nothing tells its zero, whatever its start"),
+        (
+            "S' = b I - r S; I' = r S - (b + k) I",
+            "nothing tells where it starts: another start, with other coefficients",
+        ),
+    ],
+)
+def test_what_no_trial_could_tell_is_refused_by_name(equations, message):
+    *_, trials = drawn("epidemic", count=1)
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.fit(equations, trials, starts={"S": None})
+
+
+def test_coefficients_that_the_trials_do_not_tell_are_named():
+    times = np.linspace(0, 0.5, 12)
+    measured = solve_ivp(epidemic, (0, 0.5), [10.0, 990.0], t_eval=times, args=(5e-4, 0.15)).y[0]
+    measured = measured + 0.05 * np.random.default_rng(0).standard_normal(len(times))
+    trials = cl.Trials.from_arrays(times, measured, object="town", names=["I"])
+    law = cl.fit(EPIDEMIC, trials, starts={"S": None}, errors="white")
+    (outcome, *_) = [each for each in law.outcomes if each.kind == "not identifiable"]
+    assert "with S unmeasured the trials do not tell" in outcome.text
