@@ -35,6 +35,7 @@ from commonlaw.inference import (
     promising_terms,
     resolved,
     search_supports,
+    with_drive_said,
     with_parametric_terms,
     with_unmeasured_state,
 )
@@ -247,13 +248,15 @@ class TrajectoryLikelihood(AbstractMethod):
         """Search for the law of largest evidence among all terms, also those with constants inside."""
         whole, seek = screened.whole, self.unmeasured > 0
         others, ratios = whole.parametric(trials.schema), whole.ratios(trials.schema)
-        if seek and whole.order == 2:
-            others = (*others, *drives(screened.terms.variables))
+        driven = drives(screened.terms.variables) if seek and whole.order == 2 else ()
+        others = (*others, *driven)
         if not others and not ratios and not seek:
             return self._search(screened, trials, progress)
         found = self._search(screened, trials, part(progress, 0.0, _PLAIN))
         if others or ratios:
             found = with_parametric_terms(found, others, ratios, part(progress, _PLAIN, 1.0))
+        if driven:
+            found = with_drive_said(found, driven)
         if seek and whole.order == 1:
             rest = part(progress, _PLAIN, 1.0)
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=rest)

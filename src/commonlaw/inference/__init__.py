@@ -27,7 +27,7 @@ from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
-from commonlaw.inference.unmeasured_search import drives, with_unmeasured_state
+from commonlaw.inference.unmeasured_search import drives, with_drive_said, with_unmeasured_state
 from commonlaw.inference.unseen import bounds
 from commonlaw.inference.unseen_bounds import Bounds
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -67,6 +67,7 @@ __all__ = [
     "resolved",
     "search_supports",
     "with_constants_found",
+    "with_drive_said",
     "with_parametric_terms",
     "with_unmeasured_state",
     "written_alike",

@@ -11,6 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.shooting import shot
 from commonlaw.inference.smooth_rates import first_coefficients, terms_and_rates
 from commonlaw.inference.symmetries import may_be_mixed, may_be_rescaled, may_be_shifted
 from commonlaw.inference.tried_coefficients import Drawn, draws, relative_speed, scales_of_states
@@ -31,13 +32,22 @@ _STEPS = 256
 _MODEL_ERRORS = (1.0, 0.1, 0.01)
 """Relative to the noise: states first follow what was measured, then the law."""
 
+_SETTLED = (1.0, 0.1, 0.01, 0.001, 0.0003)
+"""The same where coefficients stay, down to solutions."""
+
 _AS_GOOD = 1.0
 """What two fits to the same measurements may differ by in twice the log-likelihood, as meshes may."""
+
+_NEARLY = 4.0
+"""The same where the other fit is to be like those of other objects: it is not yet on the mesh."""
+
+_FAR = 0.2
+"""Relative difference of coefficients from which on an object may have others that fit as well."""
 
 _ALIKE = 0.1
 """Coefficients that differ by less of their size may be the same, before they are fitted to the end."""
 
-_EXACT = 1e-6
+_TINY = 1e-6
 """Deviance of measurements that count as exact."""
 
 Curve = tuple[Floats, Floats]
@@ -121,7 +131,7 @@ def begun_at_starts(
     """Return where the fit of each object begins, curves of all its states, and what would fit the first one as well.
 
     Where several coefficients, shape (equations, terms), fit as well, it begins at those with signs as guessed by which
-    unmeasured states change fastest.
+    unmeasured states change fastest, and of each object at those that are most like the others'.
 
     Parameters
     ----------
@@ -156,8 +166,35 @@ def begun_at_starts(
     first = [_found(_best(*each, trials)[0][0]) for each in zip(objects, tried, strict=True)]
     some = first[:: -(-len(first) // _OTHERS)]
     best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]
-    others = [found.coefficients for found, _ in best[0]]
-    return [each[0][0] for each in best], [each[0][1] for each in best], _different(others)[1:]
+    typical = _typical([each[0][0].coefficients for each in best])
+    pairs = zip(objects, best, strict=True)
+    alike = [_like(typical, own, each) for own, each in pairs]
+    others = _different([alike[0][0].coefficients, *(found.coefficients for found, _ in best[0])])
+    return [found for found, _ in alike], [curve for _, curve in alike], others[1:]
+
+
+def _like(
+    typical: Floats, own: "_Object", best: Sequence[tuple[Estimate, list[Curve]]]
+) -> tuple[Estimate, list[Curve]]:
+    """Return the fit of an object that is most like the typical coefficients, of those that are as good."""
+    nearest = min(best, key=lambda fit: _distance(fit[0].coefficients, typical))
+    free, finite = np.isnan(own.known), not own.free.any() and not own.model.terms.variables.logarithmic
+    if finite and _distance(nearest[0].coefficients, typical) > _FAR * free.sum():
+        found = own.shot(np.where(free, typical, own.known))
+        if np.isfinite(found[0].objective) and own.as_good(found[0], nearest[0], _NEARLY):
+            return found
+    return nearest
+
+
+def _typical(found: Sequence[Floats]) -> Floats:
+    """Return the coefficients of the object that is most like all others."""
+    return min(found, key=lambda each: sum(_distance(each, other) for other in found))
+
+
+def _distance(one: Floats, other: Floats) -> float:
+    """Return how far coefficients, shape (equations, terms), are apart, relative to their sizes."""
+    sizes = np.abs(one) + np.abs(other)
+    return float(np.sum(np.abs(one - other) / np.where(sizes > 0, sizes, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +233,36 @@ class _Object:
         fits = ((self._fitted(own, filled), filled) for _, own, filled in best)
         return [each for each in fits if np.isfinite(each[0].objective)]
 
+    def as_good(self, one: Estimate, other: Estimate, most: float) -> bool:
+        """Return whether a fit is worse than another by no more than this in twice the log-likelihood.
+
+        That is at the noise that each fit leaves, as it is not known yet.
+        """
+        count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
+        return bool(count * np.log((one.objective + _TINY) / (other.objective + _TINY)) < most)
+
+    def shot(self, coefficients: Floats) -> tuple[Estimate, list[Curve]]:
+        """Return the solutions of the law that fit best near some coefficients, with the squares that they leave."""
+        measured = [np.where(self.started, np.nan, trial.states) for trial in self.group]
+        begin = np.array([trial.states[0] for trial in self.group])
+        begin = np.where(self.started, begin, [states[0] for states, _ in self.curves])
+        loose = np.broadcast_to(~self.started, begin.shape)
+
+        def solutions(found: Floats, starts: Floats) -> list[Floats]:
+            everything, pairs = np.ones_like(self.started), zip(self.group, self.curves, strict=True)
+            terms = self.model.terms
+            return [_followed(terms, *pair, found, starts[:, i], everything) for i, pair in enumerate(pairs)]
+
+        free, noise = np.isnan(self.known), self.model.observation.noise
+        squares, found, starts = shot(solutions, measured, noise, coefficients, free, begin, loose)
+        states = [each[0] for each in solutions(found[np.newaxis], starts[np.newaxis])]
+        filled = [
+            (own, np.where(self.started, 0.0, rates)) for own, (_, rates) in zip(states, self.curves, strict=True)
+        ]
+        # On the mesh a solution is slightly another one
+        settled = fit(self.model, Estimate(tuple(interpolate(states)), found), np.zeros_like(free), _SETTLED)
+        return replace(settled, deviance=squares, objective=squares), filled
+
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
         """Return how much of the rates of measured states is left along curves of all states, and all coefficients."""
         curves = list(zip(self.group, filled, strict=True))
@@ -218,10 +285,8 @@ def _best(
     own: _Object, fits: Sequence[tuple[Estimate, list[Curve]]], trials: Trials
 ) -> list[tuple[Estimate, list[Curve]]]:
     """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
-    count = sum(int(np.isfinite(trial.states).sum()) for trial in own.group)
-    least = min(found.objective for found, _ in fits)
-    # Twice the log-likelihood at the noise that each fit leaves, as that is not known yet
-    best = [each for each in fits if count * np.log((each[0].objective + _EXACT) / (least + _EXACT)) < _AS_GOOD]
+    least = min((found for found, _ in fits), key=lambda each: each.objective)
+    best = [each for each in fits if own.as_good(each[0], least, _AS_GOOD)]
     return sorted(
         best,
         key=lambda each: (

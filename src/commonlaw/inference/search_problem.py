@@ -296,11 +296,10 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
     between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
-    free = trials.schema.with_free_start
     models = [
         TrajectoryModel(
             terms,
-            [_with_vague(mesh, levels, free) for mesh in meshes(group, input_between=between)],
+            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_between=between)],
             observation,
             unit,
         )
@@ -333,11 +332,11 @@ def prepare(
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
 
 
-def _with_vague(mesh: Mesh, levels: Floats, free: Bools) -> Mesh:
-    """Return a mesh on which starts that nobody knows say next to nothing."""
-    if not free.any():
+def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
+    """Return a mesh on which starts of states that nobody measured are as exact as they are."""
+    if not started.any():
         return mesh
-    return mesh.with_scale(np.where(free & mesh.observed, with_typical(mesh.noise, levels) / levels, 1.0))
+    return mesh.with_scale(np.where(started & mesh.observed, with_typical(mesh.noise, levels) / levels, 1.0))
 
 
 def _begun_along_curves(

@@ -148,12 +148,17 @@ def is_settled(problem: SearchProblem, state: SearchState) -> bool:
 
     Where it does, the fit got stuck on the way, and the evidence that is computed about it means nothing.
     """
-    chosen, promised = np.flatnonzero(state.supports), 0.0
+    return promised(problem, state) < _UNSETTLED * len(state.estimates)
+
+
+def promised(problem: SearchProblem, state: SearchState) -> float:
+    """Return what the likelihood, linearised about a fit, promises elsewhere, in twice its logarithm."""
+    chosen, found = np.flatnonzero(state.supports), 0.0
     for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
         columns = each.factor[:, chosen]
         left = each.factor[:, -1] - columns @ estimate.coefficients.ravel()[chosen]
-        promised += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
-    return promised < _UNSETTLED * len(state.estimates)
+        found += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
+    return found
 
 
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:

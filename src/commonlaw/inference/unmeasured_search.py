@@ -17,9 +17,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.law_search import PATH, LawSearch, best_of
 from commonlaw.inference.search import polish, to_scale, with_close_neighbours
-from commonlaw.inference.search_problem import prepare
-from commonlaw.inference.search_state import NO_ERROR, SearchState, is_settled
-from commonlaw.law import Law, Step, Uncertainty
+from commonlaw.inference.search_problem import SearchProblem, prepare
+from commonlaw.inference.search_state import NO_ERROR, SearchState, fit_neighbours, is_settled, promised
+from commonlaw.law import Law, Step
+from commonlaw.law.text import structure
 from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.naming import quoted
 from commonlaw.library.parametric import free_name, parametric_term
@@ -35,6 +36,9 @@ _NAME = "u"
 
 _STAGE = "unmeasured state"
 """Of the history of a law."""
+
+_ROUNDS = 3
+"""How often a search begins again at the terms that it came to."""
 
 _ALIKE = 1.0
 """Twice the log-likelihood in which two laws of as many coefficients fit alike."""
@@ -93,7 +97,7 @@ def with_unmeasured_state(
     Parameters
     ----------
     found
-        The law of first order without.
+        The law of first order without, and its rivals.
     trials
         What was measured, as the law follows it.
     most_samples
@@ -101,9 +105,10 @@ def with_unmeasured_state(
     progress
         Takes what is being done.
     """
-    taken = (*found.template.terms.variables.names, *property_names(trials.properties))
+    plain = found.among_plain
+    taken = (*plain.template.terms.variables.names, *property_names(trials.properties))
     name, done = free_name(_NAME, taken), list[str]()
-    hypotheses = [_Hypothesis(found, each, state, name) for each, state in _listed(trials.schema.states)]
+    hypotheses = [_Hypothesis(plain, each, state, name) for each, state in _listed(trials.schema.states)]
 
     def fitted(hypothesis: _Hypothesis) -> LawSearch | None:
         done.append(hypothesis.words)
@@ -127,19 +132,80 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
 
     They are one law in different words, which has the evidence of the best of them.
     """
+    found = _honest(found)
     best = min([found, *(law for _, law in laws)], key=lambda each: each.state.value)
     alike = [pair for pair in laws if _fit_alike(pair[1], best)]
     others = [law for _, law in laws if not _fit_alike(law, best)]
     if not alike:
         least = min((each.state.value for each in others), default=np.inf) - best.state.value
         step = Step(_STAGE, "none", f"laws with one have at least {least:.3g} more of -2 log evidence")
-        return best_of([_with_provenance(found, (step,), ()), *others])
+        return best_of([_with_provenance(found, (step,), ()), *found.rivals, *others])
     (hypothesis, chosen), *same = alike
     why = f"{hypothesis.words}; without it -2 log evidence is {found.state.value - best.state.value:.3g} more"
     step = Step(_STAGE, _equation(chosen), why)
     chosen = replace(chosen, state=replace(chosen.state, value=best.state.value))
     outcomes = (_ambiguous(hypothesis.name, same),) if same else ()
-    return best_of([_with_provenance(chosen, (step,), outcomes), found, *others])
+    return best_of([_with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
+
+
+def _honest(found: LawSearch) -> LawSearch:
+    """Return a law without what its evidence only promises: fits to what no law explains may get stuck."""
+    more = promised(found.problem, found.state)
+    return replace(found, state=replace(found.state, value=found.state.value + more))
+
+
+def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm]) -> LawSearch:
+    """Return a law of second order, without terms that it is better without, and with a word on what drives it.
+
+    Parameters
+    ----------
+    found
+        The law of largest evidence among those with drives, and without.
+    offered
+        Those drives, see `drives`.
+    """
+    found = _without_needless_terms(found)
+    terms = found.template.terms
+    chosen = found.state.supports.any(axis=0) & terms.is_factor
+    named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
+    without = min((each.state.value for each in found.rivals if each.solver is not None), default=np.inf)
+    more = f"without it -2 log evidence is {without - found.state.value:.3g} more"
+    step = Step(
+        _STAGE, ", ".join(named) or "none", f"a drive that nobody measured, counted from its size at t = 0; {more}"
+    )
+    if not named:
+        step = Step(_STAGE, "none", "no drive that nobody measured has a larger evidence")
+    return _with_provenance(found, (step,), ())
+
+
+def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
+    """Return whether a term with constants is one of those that were offered, whatever its constants are called."""
+    first = len(terms.variables.measured)
+    columns = sorted(column for column in terms.terms[index].columns() if column >= first)
+    names = [terms.variables.names[column] for column in columns]
+    written = terms.terms[index].expression(terms.variables.names)
+    return any(
+        len(names) == len(each.constants)
+        and parse_term(each.expression(terms.variables, names), terms.variables) == parse_term(written, terms.variables)
+        for each in offered
+    )
+
+
+def _without_needless_terms(found: LawSearch) -> LawSearch:
+    """Return a law with constants inside of terms without plain terms that its evidence is larger without."""
+    problem, terms = found.problem, found.template.terms
+    plain = terms.is_factor & ~np.array(terms.have_constants)
+    while found.solver is None:
+        state, fewer = found.state, list[Bools]()
+        for j, k in np.argwhere(state.supports & plain).tolist():
+            fewer.append(state.supports.copy())
+            fewer[-1][j, k] = False
+        listed = [each for each in fit_neighbours(problem, state, fewer) if is_settled(problem, each)]
+        best = min(listed, key=lambda each: each.value, default=state)
+        if not best.value < state.value:
+            break
+        found = replace(found, state=best, found=(best,))
+    return found
 
 
 def _with_provenance(found: LawSearch, history: tuple[Step, ...], outcomes: tuple[Outcome, ...]) -> LawSearch:
@@ -156,11 +222,15 @@ def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Ou
 
 
 def _structure(found: LawSearch) -> tuple[str, ...]:
+    """Return the form of each equation, with numbers for coefficients that are known."""
     coefficients = np.array([each.coefficients for each in found.state.estimates])
-    support = np.any(coefficients != 0, axis=0)
-    free = np.isnan(found.problem.known)[:, support].astype(np.float64)
-    to_find = Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
-    return replace(found.template, coefficients=coefficients, uncertainty=to_find).structure()
+    law, known = replace(found.template, coefficients=coefficients), found.problem.known[0]
+    letters = [
+        each.name if np.isnan(known[each.equation, each.term]) else f"{known[each.equation, each.term]:g}"
+        for each in law.named_coefficients
+        if law.terms.is_factor[each.term]
+    ]
+    return structure(law.left_hand_sides, law.terms.factors, law.support & law.terms.is_factor, letters)
 
 
 def _equation(found: LawSearch) -> str:
@@ -214,25 +284,33 @@ class _Hypothesis:
 
     def _searched(self, trials: Trials, few: Bools, most_samples: int) -> LawSearch | None:
         """Return the law that is found from one of few terms, shape (equations, terms)."""
-        before, known = self.without.problem, self._known
-        noise = np.append(before.first_noise, np.nan) if before.noise_given else None
         trials = with_starts(trials, {self.name: self.family.start})
         with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
-            problem = prepare(
-                trials,
-                self.terms,
-                np.where(few, known, np.nan_to_num(known)),
-                noise=noise,
-                huber_threshold=before.models[0].observation.huber_threshold,
-                most_samples=most_samples,
-                guess=np.where(few, self._guess, 0.0),
-            )
-            problem = replace(problem, known=known)
-            problem, state = to_scale(problem, polish(problem, few, problem.starts, NO_ERROR, PATH))
+            for _ in range(_ROUNDS):
+                problem = self._prepared(trials, few, most_samples)
+                state = polish(problem, few, problem.starts, NO_ERROR, PATH)
+                if np.array_equal(state.supports, few):
+                    break
+                few = state.supports  # What it begins with depends on the terms
+            problem, state = to_scale(problem, state)
             problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
             if np.isfinite(state.value) and is_settled(problem, state) and self._has_effect(state):
                 return LawSearch(self._template(trials), problem, state, None, (state,))
         return None
+
+    def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
+        """Return the problem among all terms, which begins with a fit of few, shape (equations, terms)."""
+        before, known = self.without.problem, self._known
+        problem = prepare(
+            trials,
+            self.terms,
+            np.where(few, known, np.nan_to_num(known)),
+            noise=np.append(before.first_noise, np.nan) if before.noise_given else None,
+            huber_threshold=before.models[0].observation.huber_threshold,
+            most_samples=most_samples,
+            guess=np.where(few, self._guess, 0.0),
+        )
+        return replace(problem, known=known)
 
     def _template(self, trials: Trials) -> Law:
         before = self.without.template

@@ -1,0 +1,93 @@
+"""Laws with a state that nobody measured, found by `discover`."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+
+
+def absorbed(_, state, ka, volume, k):
+    depot, conc = state
+    return [-ka * depot, ka * depot / volume - k * conc]
+
+
+def epidemic(_, state, b, g):
+    susceptible, infected = state
+    return [-b * susceptible * infected, b * susceptible * infected - g * infected]
+
+
+def decay(_, state, k):
+    return [0.0, -k * state[1]]
+
+
+def trials_of(rates, typical, start, end, name, *, samples=30, count=6, noise=0.01, seed=0):
+    """Trials of the second state, with parameters that scatter over objects, and these parameters."""
+    generator, times = np.random.default_rng(seed), np.linspace(0, end, samples)
+    values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
+    measured = [
+        solve_ivp(rates, (0, end), start, t_eval=times, args=tuple(own), rtol=1e-9, atol=1e-9).y[1] for own in values
+    ]
+    std = noise * np.std(measured)
+    measured = [own + std * generator.standard_normal(samples) for own in measured]
+    objects = [f"object {i}" for i in range(count)]
+    return values, cl.Trials.from_arrays([times] * count, measured, object=objects, names=[name])
+
+
+@pytest.fixture(scope="module")
+def swallowed():
+    return trials_of(absorbed, (1.5, 20.0, 0.3), [100.0, 0.0], 12, "conc")
+
+
+@pytest.fixture(scope="module")
+def law(swallowed):
+    return cl.discover(swallowed[1], library="poly:2", unmeasured=1)
+
+
+def test_a_depot_is_found_with_its_coefficients(law, swallowed):
+    assert law.structure() == ("conc' = a conc + b u", "u' = c u")
+    ka, volume, k = swallowed[0].T
+    truth = np.column_stack([-k, 100 * ka / volume, -ka])  # The depot is counted in what it is at first
+    found, errors = law.letter_values()
+    assert (abs(found - truth) < 4 * errors).mean() > 0.9
+    assert (errors < 0.05 * abs(truth)).all()
+
+
+def test_it_says_what_the_state_does_and_what_fits_alike(law):
+    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
+    assert step.choice == "u' = c u"
+    assert step.reason.startswith("decays from 1, as a depot or a drive does; without it")
+    (outcome,) = [each for each in law.outcomes if each.kind == "not identifiable"]
+    assert "conc' = a + b conc + c u; u' = 1 conc, where it adds up conc from 0" in outcome.text
+
+
+def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallowed):
+    again = cl.Law.from_json(law.to_json())
+    assert str(again) == str(law)
+    assert again.predict(swallowed[1]).score() > 0.999
+    assert again.verdict(swallowed[1]).usable
+    assert "unmeasured=1" in law.to_script()
+
+
+def test_the_susceptible_are_found_by_the_infected():
+    truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=40)
+    law = cl.discover(trials, library="poly:2", unmeasured=1)
+    assert law.structure() == ("I' = a I + b I u", "u' = c I u")
+    values, errors = law.letter_values()
+    b, g = truth.T
+    assert (abs(values - np.column_stack([-g, 990 * b, -b])) < 4 * errors).mean() > 0.9
+
+
+def test_a_law_that_needs_no_such_state_is_found_without():
+    _, trials = trials_of(decay, (0.3,), [0.0, 2.0], 12, "x", count=4)
+    law = cl.discover(trials, library="poly:2", unmeasured=1)
+    assert law.structure() == ("x' = a x",)
+    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
+    assert step.choice == "none"
+
+
+def test_what_asks_for_it_in_vain_is_refused(swallowed):
+    with pytest.raises(cl.CommonlawError, match="unmeasured=1 does not go with DerivativeRegression"):
+        cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1)
+    with pytest.raises(cl.CommonlawError, match="unmeasured"):
+        cl.TrajectoryLikelihood(unmeasured=2)
