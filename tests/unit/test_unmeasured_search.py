@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.cli.main import commonlaw
 
 
 def absorbed(_, state, ka, volume, k):
@@ -21,7 +23,7 @@ def decay(_, state, k):
     return [0.0, -k * state[1]]
 
 
-def trials_of(rates, typical, start, end, name, *, samples=30, count=6, noise=0.01, seed=0):
+def trials_of(rates, typical, start, end, name, *, samples=25, count=4, noise=0.01, seed=0):
     """Trials of the second state, with parameters that scatter over objects, and these parameters."""
     generator, times = np.random.default_rng(seed), np.linspace(0, end, samples)
     values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
@@ -70,7 +72,7 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
 
 
 def test_the_susceptible_are_found_by_the_infected():
-    truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=40)
+    truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
     law = cl.discover(trials, library="poly:2", unmeasured=1)
     assert law.structure() == ("I' = a I + b I u", "u' = c I u")
     values, errors = law.letter_values()
@@ -84,6 +86,33 @@ def test_a_law_that_needs_no_such_state_is_found_without():
     assert law.structure() == ("x' = a x",)
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]
     assert step.choice == "none"
+
+
+def pendulum(_, state, g, c, force, r):
+    drive, angle, rate = state
+    return [-r * drive, rate, -g * np.sin(angle) - c * rate + force * drive]
+
+
+@pytest.mark.slow
+def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
+    typical, start = (4.0, 0.2, 1.5, 0.25), [1.0, 1.2, 0.0]
+    truth, trials = trials_of(pendulum, typical, start, 12, "theta", samples=80, count=4)
+    law = cl.discover(trials, order=2, library="terms:1,theta,v,v*abs(v),sin(theta)", unmeasured=1)
+    assert law.structure() == ("theta'' = a v + b sin(theta) + c exp(-r*t)",)
+    values, errors = law.letter_values()
+    g, c, force, r = truth.T
+    assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
+    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
+    assert step.choice == "exp(-r*t)"
+
+
+def test_the_command_line_asks_for_it(tmp_path, swallowed):
+    few = swallowed[1].select(object=list(swallowed[1].objects[:3]))
+    few.to_frame().to_csv(tmp_path / "doses.csv", index=False)
+    options = ["--library", "poly:1", "--unmeasured", "1", "--no-cache", "--history"]
+    done = CliRunner().invoke(commonlaw, ["discover", str(tmp_path / "doses.csv"), *options])
+    assert done.exit_code == 0, done.output
+    assert "u' = c u" in done.output
 
 
 def test_what_asks_for_it_in_vain_is_refused(swallowed):

@@ -61,6 +61,13 @@ _OPTIONS = (
         help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
     ),
     _law(
+        "--unmeasured",
+        type=click.IntRange(0, 1),
+        default=0,
+        help="1 to ask, too, for a state that nobody measured, such as a depot, a compartment, or a drive. Goes with "
+        "trajectory-likelihood.",
+    ),
+    _law(
         "--explain",
         is_flag=True,
         help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
@@ -81,6 +88,7 @@ class Question:
     library: str | None
     known: tuple[str, ...]
     universal: tuple[str, ...]
+    unmeasured: int
     explain: bool
     no_cache: bool
     method: "AbstractMethod | None"
@@ -101,6 +109,7 @@ class Question:
             method=self.method,
             known=_known(self.known),
             universal=[_key(name) for name in self.universal],
+            unmeasured=self.unmeasured,
             progress=show,
             cache=not self.no_cache,
         )

@@ -17,7 +17,7 @@ from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.orders import Order, orders_by_rates
-from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
+from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_carried
@@ -162,8 +162,7 @@ class LawDiscovery:
             library, known = with_base(library, known, order, trials)
         structures = [ModelStructure(each, library, known, self.universal) for each in (order, *others)]
         method, instead = (self.method, ()) if self.method else _default(trials, structures[0])
-        if self.unmeasured:
-            method = _with_unmeasured(method, self.unmeasured)
+        method = with_unmeasured(method, self.unmeasured)
         copies: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
@@ -304,15 +303,6 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
     remedy = "take fewer objects, or refine the law: commonlaw.refine(law, trials)"
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
-
-
-def _with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
-    """Return the method that asks, too, for so many states that nobody measured."""
-    if not isinstance(method, TrajectoryLikelihood):
-        raise CommonlawError(
-            f"unmeasured={count} does not go with {type(method).__name__}: use method=TrajectoryLikelihood()"
-        )
-    return replace(method, unmeasured=count)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

@@ -286,6 +286,17 @@ class TrajectoryLikelihood(AbstractMethod):
         )
 
 
+def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
+    """Return the method that asks, too, for so many states that nobody measured."""
+    if not count:
+        return method
+    if not isinstance(method, TrajectoryLikelihood):
+        raise CommonlawError(
+            f"unmeasured={count} does not go with {type(method).__name__}: use method=TrajectoryLikelihood()"
+        )
+    return replace(method, unmeasured=count)
+
+
 @dataclass(frozen=True, eq=False)
 class _Screened:
     """What is sought among the terms that a screening has kept of many, shape (terms,); all if they are not many."""

@@ -5,6 +5,7 @@ from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidat
 from commonlaw.inference.comparison import compare, written_alike
 from commonlaw.inference.constants import outcomes_of_constants, with_constants_found
 from commonlaw.inference.covariance import CovarianceKind
+from commonlaw.inference.drives import drives, with_drive_said
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.fit_setup import as_followed
@@ -27,7 +28,7 @@ from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
-from commonlaw.inference.unmeasured_search import drives, with_drive_said, with_unmeasured_state
+from commonlaw.inference.unmeasured_search import with_unmeasured_state
 from commonlaw.inference.unseen import bounds
 from commonlaw.inference.unseen_bounds import Bounds
 from commonlaw.likelihood import HUBER_THRESHOLD

@@ -41,8 +41,9 @@ _AS_GOOD = 1.0
 _NEARLY = 4.0
 """The same where the other fit is to be like those of other objects: it is not yet on the mesh."""
 
-_FAR = 0.2
-"""Relative difference of coefficients from which on an object may have others that fit as well."""
+_FAR, _FEW = 0.2, 1 / 3
+"""Relative difference of coefficients from which on an object may have others that fit as well, which are sought if it
+is so of no more than this share of the objects."""
 
 _ALIKE = 0.1
 """Coefficients that differ by less of their size may be the same, before they are fitted to the end."""
@@ -167,23 +168,15 @@ def begun_at_starts(
     some = first[:: -(-len(first) // _OTHERS)]
     best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]
     typical = _typical([each[0][0].coefficients for each in best])
-    pairs = zip(objects, best, strict=True)
-    alike = [_like(typical, own, each) for own, each in pairs]
-    others = _different([alike[0][0].coefficients, *(found.coefficients for found, _ in best[0])])
-    return [found for found, _ in alike], [curve for _, curve in alike], others[1:]
-
-
-def _like(
-    typical: Floats, own: "_Object", best: Sequence[tuple[Estimate, list[Curve]]]
-) -> tuple[Estimate, list[Curve]]:
-    """Return the fit of an object that is most like the typical coefficients, of those that are as good."""
-    nearest = min(best, key=lambda fit: _distance(fit[0].coefficients, typical))
-    free, finite = np.isnan(own.known), not own.free.any() and not own.model.terms.variables.logarithmic
-    if finite and _distance(nearest[0].coefficients, typical) > _FAR * free.sum():
-        found = own.shot(np.where(free, typical, own.known))
-        if np.isfinite(found[0].objective) and own.as_good(found[0], nearest[0], _NEARLY):
-            return found
-    return nearest
+    nearest = [min(each, key=lambda fit: _distance(fit[0].coefficients, typical)) for each in best]
+    unlike = [_distance(each.coefficients, typical) > _FAR * np.isnan(known[0]).sum() for each, _ in nearest]
+    if sum(unlike) <= _FEW * len(unlike):
+        nearest = [
+            own.like(typical, fitted) if other else fitted
+            for own, fitted, other in zip(objects, nearest, unlike, strict=True)
+        ]
+    others = _different([nearest[0][0].coefficients, *(found.coefficients for found, _ in best[0])])
+    return [found for found, _ in nearest], [curve for _, curve in nearest], others[1:]
 
 
 def _typical(found: Sequence[Floats]) -> Floats:
@@ -240,6 +233,14 @@ class _Object:
         """
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
         return bool(count * np.log((one.objective + _TINY) / (other.objective + _TINY)) < most)
+
+    def like(self, typical: Floats, fitted: tuple[Estimate, list[Curve]]) -> tuple[Estimate, list[Curve]]:
+        """Return a fit that is like the typical coefficients, if that is as good as another one; else this."""
+        if not self.free.any() and not self.model.terms.variables.logarithmic:
+            found = self.shot(np.where(np.isnan(self.known), typical, self.known))
+            if np.isfinite(found[0].objective) and self.as_good(found[0], fitted[0], _NEARLY):
+                return found
+        return fitted
 
     def shot(self, coefficients: Floats) -> tuple[Estimate, list[Curve]]:
         """Return the solutions of the law that fit best near some coefficients, with the squares that they leave."""

@@ -64,7 +64,7 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
     field = VectorField(terms, coefficients, free=free)
     points = random.uniform(0.5, 1.5, (_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured)))
     linear = field.linearize(points)
-    columns = [linear.by_parameters.reshape(-1, int(free.sum()))]
+    columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]
     for i, by in changes:
         own = -linear.by_states[:, :, i] * (1.0 if by is None else points[:, [by]])
         if by is not None:

@@ -15,15 +15,16 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.drives import UNMEASURED_STATE, with_provenance
 from commonlaw.inference.law_search import PATH, LawSearch, best_of
 from commonlaw.inference.search import polish, to_scale, with_close_neighbours
 from commonlaw.inference.search_problem import SearchProblem, prepare
-from commonlaw.inference.search_state import NO_ERROR, SearchState, fit_neighbours, is_settled, promised
+from commonlaw.inference.search_state import NO_ERROR, SearchState, is_settled, promised
 from commonlaw.law import Law, Step
 from commonlaw.law.text import structure
-from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
+from commonlaw.library import Terms, parse_term
 from commonlaw.library.naming import quoted
-from commonlaw.library.parametric import free_name, parametric_term
+from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, Stage
@@ -34,11 +35,8 @@ from commonlaw.trials.trial import property_names
 _NAME = "u"
 """Of the state, unless something else has it."""
 
-_STAGE = "unmeasured state"
-"""Of the history of a law."""
-
-_ROUNDS = 3
-"""How often a search begins again at the terms that it came to."""
+_AGAIN, _ROUNDS, _GAIN = 2, 2, 0.1
+"""How many hypotheses are searched again from the terms that they came to, how often, and for what gain."""
 
 _ALIKE = 1.0
 """Twice the log-likelihood in which two laws of as many coefficients fit alike."""
@@ -80,15 +78,6 @@ FAMILIES = (
 """Of laws that fit alike, the first is taken."""
 
 
-def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
-    """Return what a law of second order may be driven by that nobody measured: functions of time.
-
-    They are the solutions of u' = -r u and of u'' = -w^2 u.
-    """
-    t = variables.time
-    return tuple(parametric_term(text, variables) for text in (f"exp(-r*{t})", f"cos(w*{t})", f"sin(w*{t})"))
-
-
 def with_unmeasured_state(
     found: LawSearch, trials: Trials, *, most_samples: int, progress: ProgressCallback
 ) -> LawSearch:
@@ -116,10 +105,12 @@ def with_unmeasured_state(
         progress(Stage(f"trying a state that nobody measured: it {hypothesis.words}", share))
         return hypothesis.fitted(trials, most_samples)
 
-    tried = [(each, fitted(each)) for each in hypotheses]
+    tried = [(each, law) for each in hypotheses if (law := fitted(each)) is not None]
+    tried.sort(key=lambda pair: pair[1].state.value)
+    tried[:_AGAIN] = [(each, each.again(trials, most_samples, law)) for each, law in tried[:_AGAIN]]
+    tried.sort(key=lambda pair: hypotheses.index(pair[0]))
     price = 2 * float(np.log(len(hypotheses)))
-    laws = [(each, _dearer(law, price)) for each, law in tried if law is not None]
-    return _chosen(found, laws)
+    return _chosen(found, [(each, _dearer(law, price)) for each, law in tried])
 
 
 def _dearer(found: LawSearch, price: float) -> LawSearch:
@@ -138,79 +129,20 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
     others = [law for _, law in laws if not _fit_alike(law, best)]
     if not alike:
         least = min((each.state.value for each in others), default=np.inf) - best.state.value
-        step = Step(_STAGE, "none", f"laws with one have at least {least:.3g} more of -2 log evidence")
-        return best_of([_with_provenance(found, (step,), ()), *found.rivals, *others])
+        step = Step(UNMEASURED_STATE, "none", f"laws with one have at least {least:.3g} more of -2 log evidence")
+        return best_of([with_provenance(found, (step,), ()), *found.rivals, *others])
     (hypothesis, chosen), *same = alike
     why = f"{hypothesis.words}; without it -2 log evidence is {found.state.value - best.state.value:.3g} more"
-    step = Step(_STAGE, _equation(chosen), why)
+    step = Step(UNMEASURED_STATE, _equation(chosen), why)
     chosen = replace(chosen, state=replace(chosen.state, value=best.state.value))
     outcomes = (_ambiguous(hypothesis.name, same),) if same else ()
-    return best_of([_with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
+    return best_of([with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
 
 
 def _honest(found: LawSearch) -> LawSearch:
     """Return a law without what its evidence only promises: fits to what no law explains may get stuck."""
     more = promised(found.problem, found.state)
     return replace(found, state=replace(found.state, value=found.state.value + more))
-
-
-def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm]) -> LawSearch:
-    """Return a law of second order, without terms that it is better without, and with a word on what drives it.
-
-    Parameters
-    ----------
-    found
-        The law of largest evidence among those with drives, and without.
-    offered
-        Those drives, see `drives`.
-    """
-    found = _without_needless_terms(found)
-    terms = found.template.terms
-    chosen = found.state.supports.any(axis=0) & terms.is_factor
-    named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
-    without = min((each.state.value for each in found.rivals if each.solver is not None), default=np.inf)
-    more = f"without it -2 log evidence is {without - found.state.value:.3g} more"
-    step = Step(
-        _STAGE, ", ".join(named) or "none", f"a drive that nobody measured, counted from its size at t = 0; {more}"
-    )
-    if not named:
-        step = Step(_STAGE, "none", "no drive that nobody measured has a larger evidence")
-    return _with_provenance(found, (step,), ())
-
-
-def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
-    """Return whether a term with constants is one of those that were offered, whatever its constants are called."""
-    first = len(terms.variables.measured)
-    columns = sorted(column for column in terms.terms[index].columns() if column >= first)
-    names = [terms.variables.names[column] for column in columns]
-    written = terms.terms[index].expression(terms.variables.names)
-    return any(
-        len(names) == len(each.constants)
-        and parse_term(each.expression(terms.variables, names), terms.variables) == parse_term(written, terms.variables)
-        for each in offered
-    )
-
-
-def _without_needless_terms(found: LawSearch) -> LawSearch:
-    """Return a law with constants inside of terms without plain terms that its evidence is larger without."""
-    problem, terms = found.problem, found.template.terms
-    plain = terms.is_factor & ~np.array(terms.have_constants)
-    while found.solver is None:
-        state, fewer = found.state, list[Bools]()
-        for j, k in np.argwhere(state.supports & plain).tolist():
-            fewer.append(state.supports.copy())
-            fewer[-1][j, k] = False
-        listed = [each for each in fit_neighbours(problem, state, fewer) if is_settled(problem, each)]
-        best = min(listed, key=lambda each: each.value, default=state)
-        if not best.value < state.value:
-            break
-        found = replace(found, state=best, found=(best,))
-    return found
-
-
-def _with_provenance(found: LawSearch, history: tuple[Step, ...], outcomes: tuple[Outcome, ...]) -> LawSearch:
-    made = replace(found.template.provenance, history=history, outcomes=outcomes)
-    return replace(found, template=replace(found.template, provenance=made))
 
 
 def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Outcome:
@@ -282,20 +214,28 @@ class _Hypothesis:
         laws = [each for few in self._begins if (each := self._searched(trials, few, most_samples)) is not None]
         return min(laws, key=lambda each: each.state.value, default=None)
 
+    def again(self, trials: Trials, most_samples: int, found: LawSearch) -> LawSearch:
+        """Return the law that is found from the terms of another one: what a search begins with depends on them."""
+        for _ in range(_ROUNDS):
+            other = self._searched(trials, found.state.supports, most_samples)
+            if other is None or not other.state.value < found.state.value - _GAIN:
+                break
+            found = other
+        return found
+
     def _searched(self, trials: Trials, few: Bools, most_samples: int) -> LawSearch | None:
         """Return the law that is found from one of few terms, shape (equations, terms)."""
         trials = with_starts(trials, {self.name: self.family.start})
         with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
             for _ in range(_ROUNDS):
                 problem = self._prepared(trials, few, most_samples)
-                state = polish(problem, few, problem.starts, NO_ERROR, PATH)
-                if np.array_equal(state.supports, few):
+                problem, state = to_scale(problem, polish(problem, few, problem.starts, NO_ERROR, PATH))
+                problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
+                if not self._has_effect(state):
                     break
-                few = state.supports  # What it begins with depends on the terms
-            problem, state = to_scale(problem, state)
-            problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
-            if np.isfinite(state.value) and is_settled(problem, state) and self._has_effect(state):
-                return LawSearch(self._template(trials), problem, state, None, (state,))
+                if np.isfinite(state.value) and is_settled(problem, state):
+                    return LawSearch(self._template(trials), problem, state, None, (state,))
+                few = state.supports  # Fits that got stuck on the way may not from there
         return None
 
     def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
