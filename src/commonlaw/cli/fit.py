@@ -35,6 +35,15 @@ from commonlaw.cli.working import working
     metavar="TIME",
     help="The time of these starts, if it comes before the first sample of a trial, such as that of an injection.",
 )
+@option(
+    "Table",
+    "--dose",
+    "doses",
+    metavar="COLUMN",
+    multiple=True,
+    help='An input that holds amounts which are added at once, at the times of their rows, "c\' = -k c + dose/V"; '
+    "repeat for more.",
+)
 @with_likelihood
 @option(
     "Output",
@@ -49,6 +58,7 @@ def fit(
     source: Source,
     starts: tuple[str, ...],
     starts_at: float | None,
+    doses: tuple[str, ...],
     settings: dict[str, Any],
     against: str | None,
     outputs: Outputs,
@@ -76,7 +86,7 @@ def fit(
         known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
         trials = load(source, [equations], [other] if other else (), known)
         training = source.select(trials)
-        law = cl.fit(equations, training, starts=known, starts_at=starts_at, **settings, progress=show)
+        law = cl.fit(equations, training, starts=known, starts_at=starts_at, doses=doses, **settings, progress=show)
         outputs.keep(law, later)
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:

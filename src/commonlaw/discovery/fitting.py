@@ -27,6 +27,7 @@ from commonlaw.outcomes import OutcomeKind
 from commonlaw.progress import on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
+from commonlaw.trials.doses import with_doses
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import Start, property_names
 
@@ -55,6 +56,7 @@ def fit(
     *,
     starts: Mapping[str, Start] | None = None,
     starts_at: float | None = None,
+    doses: str | Sequence[str] = (),
     **settings: Any,
 ) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
@@ -89,6 +91,10 @@ def fit(
     starts_at
         The time of these starts, such as that of an injection, where it comes before the first sample. What was
         measured is fitted there too.
+    doses
+        Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
+        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A row may have a dose alone. One
+        before the first measurement is where a trial starts, see `starts`.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
@@ -110,7 +116,10 @@ def fit(
     asked = split_equations(equations)
     trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
     starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
-    trials = _with_unmeasured(trials, asked, starts, starts_at)
+    doses = (doses,) if isinstance(doses, str) else tuple(doses)
+    trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
+    if doses:
+        settings = {"input_between": "linear"} | settings
     given = read_equations(equations, trials.schema)
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
@@ -123,7 +132,15 @@ def fit(
         ),
         *_properties_in(given, trials),
     )
-    calls = (call(fit, {"starts": starts or None, "starts_at": starts_at, **settings}, "cl.fit", repr(text), "trials"),)
+    calls = (
+        call(
+            fit,
+            {"starts": starts or None, "starts_at": starts_at, "doses": doses, **settings},
+            "cl.fit",
+            repr(text),
+            "trials",
+        ),
+    )
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)

@@ -99,7 +99,7 @@ def begin(
 
 def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> Start | None:
     """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
-    measured = trial.measured()
+    measured = trial if law.schema.doses else trial.measured()
     count = _count(law, measured, len(measured) < len(trial)) if start is None else start
     return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
 

@@ -86,7 +86,9 @@ class FitSetup:
         """
         law = law if positive is None else on_log_scale(law, positive)
         levels = matched_noise(law, trials, noise)
-        trials = matched(law, trials.with_trials([each.measured() for each in trials]))
+        if not law.schema.doses:
+            trials = trials.with_trials([each.measured() for each in trials])
+        trials = matched(law, trials)
         between = law.schema.input_between if input_between is None else input_between
         trials = as_followed(trials, law.schema.logarithmic, between)
         return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)

@@ -100,7 +100,7 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Dr
     rows, matrix = _rates(terms, known, is_rate, powers)
     bank = _bank(trials, terms, scales, own & ~is_rate)
     signs, factors = np.sign(guess[is_rate]), np.nan_to_num(np.abs(known[rows]), nan=1.0)
-    steps = _duration(trials) / min(np.diff(trial.times).min() for trial in trials)
+    steps = _duration(trials) / min(np.diff(trial.measured().times).min() for trial in trials)
     free = trials.schema.with_free_start
     count = int(own.sum() + free.sum())
     more = _MORE if free.any() else 1

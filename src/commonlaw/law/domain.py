@@ -47,7 +47,8 @@ class Domain:
         for trial in trials:
             states = natural(trial.states, schema)
             own = [pair for pair in zip(schema.states, states.T, strict=True) if pair[0] not in schema.starts]
-            others = [*own, *zip(schema.inputs, trial.inputs.T, strict=True)]
+            inputs = zip(schema.inputs, trial.inputs.T, strict=True)
+            others = [*own, *(pair for pair in inputs if pair[0] not in schema.doses)]
             if rates:
                 others += zip(rates, _rates(trial).T, strict=True)
             for name, each in others:

@@ -9,6 +9,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion, in_units
+from commonlaw.trials.doses import with_doses
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.measured_rates import without_rates
 from commonlaw.trials.starts import with_starts
@@ -25,7 +26,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     trials
         What was measured. What has no unit there or in the law is taken as it is. Columns that the law
         left out, as they are rates of its states, are left out here. States that nobody measured come with
-        their starts.
+        their starts, and doses as they are added.
     inputs
         Whether the trials may have other inputs than the law.
 
@@ -45,7 +46,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
                 f"the law has the {kind} {', '.join(wanted) or 'none'}, "
                 f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
             )
-    return with_starts(in_units(trials, _units(law, trials.schema)), starts, law.schema.starts_at)
+    converted = with_doses(in_units(trials, _units(law, trials.schema)), law.schema.doses)
+    return with_starts(converted, starts, law.schema.starts_at)
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:

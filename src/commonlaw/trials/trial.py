@@ -57,6 +57,8 @@ class Schema:
         States that nobody measured, by where trials start in them, see `commonlaw.fit`.
     starts_at
         The time of these starts, None for that of the first sample of each trial.
+    doses
+        Inputs that hold what is added in a moment, see `with_doses`.
 
     Raises
     ------
@@ -76,6 +78,7 @@ class Schema:
     rates: Mapping[str, str] = field(default_factory=dict)
     starts: Mapping[str, Start] = field(default_factory=dict)
     starts_at: float | None = None
+    doses: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
@@ -87,6 +90,8 @@ class Schema:
             raise CommonlawError("no state variable is named: say which columns were measured")
         for name in (*self.noise_columns, *self.logarithmic, *self.starts):
             check_choice("state", name, self.states)
+        for name in self.doses:
+            check_choice("input", name, self.inputs)
         if len({*self.logarithmic}) < len(self.logarithmic):
             raise CommonlawError(f"logarithms are taken of {', '.join(self.logarithmic)}: name each state once")
 

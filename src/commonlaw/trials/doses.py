@@ -1,0 +1,67 @@
+"""Doses: amounts that are added to states at once, as inputs that are large for a moment."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.trials.trial import Trial
+from commonlaw.trials.trials import Trials
+
+_MOMENT = 1e-4
+"""How long a dose takes, relative to the shortest step of a trial: less than it would show."""
+
+
+def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
+    """Return trials in which some inputs, amounts at samples, are what is added in the moment after these.
+
+    There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
+    integral is the amount.
+
+    Parameters
+    ----------
+    trials
+        What was measured; inputs that were turned before stay.
+    doses
+        Names of inputs, which are zero where nothing is added.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such input, or other inputs beside them.
+    """
+    new = [name for name in doses if name not in trials.schema.doses]
+    if not new:
+        return trials
+    for name in new:
+        check_choice("input", name, trials.schema.inputs)
+    others = [name for name in trials.schema.inputs if name not in doses]
+    if others:
+        raise CommonlawError(
+            f"doses go without inputs that are not, here {', '.join(others)}: these would need values in their moments"
+        )
+    schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
+    return replace(trials, trials=tuple(map(_with_moments, trials)), schema=schema)
+
+
+def _with_moments(trial: Trial) -> Trial:
+    """Return a trial whose inputs are amounts with samples in which they are added, but for those of its end."""
+    given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
+    moment = _MOMENT * float(np.diff(trial.times).min(initial=np.inf))
+    times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
+    order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
+    inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
+    return replace(
+        trial,
+        times=times[order],
+        states=_longer(trial.states, len(times))[order],
+        inputs=inputs[order],
+        noise=_longer(trial.noise, len(times))[order],
+    )
+
+
+def _longer(values: Floats, count: int) -> Floats:
+    """Return values, shape (n, columns), with rows of NaN behind them, so many in all."""
+    return np.pad(values, ((0, count - len(values)), (0, 0)), constant_values=np.nan)

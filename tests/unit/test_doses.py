@@ -1,0 +1,114 @@
+"""Amounts that are added to a state at once, at the times of rows."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.cli.main import commonlaw
+from commonlaw.trials.doses import with_doses
+
+WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
+HOURS = np.arange(0, 12.1, 0.75)
+DOSES = {3.0: 60.0, 6.75: 80.0}
+SWALLOWED = "depot' = -ka depot + dose; conc' = ka depot/V - k conc"
+INJECTED = "conc' = -k conc + dose/V"
+CASES = {
+    SWALLOWED: ((1.5, 20.0, 0.3), ("ka", "V", "k"), 0.0, {"starts": {"depot": 100.0}}),
+    INJECTED: ((20.0, 0.3), ("V", "k"), 5.0, {}),
+}
+
+
+def concentrations(values, first):
+    """Concentrations at the hours, integrated from dose to dose, measured before each."""
+    *rate, volume, k = values
+    ka = rate[0] if rate else 0.0
+    state, found = np.array([100.0 if rate else 0.0, first]), [first]
+    for begin, end in pairwise(HOURS):
+        state = state + DOSES.get(begin, 0.0) * np.array([1.0, 0.0] if rate else [0.0, 1 / volume])
+        rates = lambda _, z: [-ka * z[0], ka * z[0] / volume - k * z[1]]  # noqa: E731
+        state = solve_ivp(rates, (begin, end), state, rtol=1e-9, atol=1e-11).y[:, -1]
+        found.append(state[1])
+    return np.array(found)
+
+
+def drawn(equations, count=2):
+    typical, _, first, _ = CASES[equations]
+    generator = np.random.default_rng(0)
+    values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
+    measured = [concentrations(own, first) for own in values]
+    noise = 0.01 * float(np.std(measured))
+    measured = [own + noise * generator.standard_normal(len(HOURS)) for own in measured]
+    given = np.array([[DOSES.get(hour, 0.0)] for hour in HOURS])
+    trials = cl.Trials.from_arrays(
+        [HOURS] * count, measured, inputs=[given] * count, object=list("ab")[:count], names=["conc", "dose"]
+    )
+    return values, noise, measured, trials
+
+
+@pytest.mark.parametrize("equations", CASES)
+def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_dose_to_dose(equations):
+    _, letters, first, options = CASES[equations]
+    truth, noise, measured, trials = drawn(equations)
+    law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
+    columns = [law.letters.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in law.letter_values())
+    for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
+        begin = np.append(begin, first)
+        found = least_squares(
+            lambda each, data=data: (concentrations(each[:-1], each[-1]) - data) / noise,
+            begin,
+            x_scale=np.abs(begin) + 0.1,
+        )
+        bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:-1]
+        assert (abs(own - found.x[:-1]) < 0.1 * error).all()
+        np.testing.assert_allclose(error, bound, rtol=0.03)
+
+
+def test_a_saved_law_forecasts_tables_with_other_doses():
+    values, _, _, trials = drawn(INJECTED)
+    law = cl.Law.from_json(cl.fit(INJECTED, trials, doses="dose").to_json())
+    assert law.schema.doses == ("dose",)
+    given = np.where(HOURS == 1.5, 30.0, 0.0)[:, np.newaxis]
+    start = np.full((len(HOURS), 1), np.nan)
+    start[0] = 4.0
+    new = cl.Trials.from_arrays(HOURS, start, inputs=given, object="a", names=["conc", "dose"])
+    (found,) = law.predict(new, start=1).trajectories
+    volume, k = values[0]
+    times = found.times
+    expected = 4 * np.exp(-k * times) + np.where(times > 1.501, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
+    settled = abs(times - 1.5) > 0.01
+    np.testing.assert_allclose(found.states[settled, 0], expected[settled], rtol=0.02)
+    assert "doses=('dose',)" in law.to_script()
+
+
+def test_the_command_line_takes_doses(tmp_path):
+    *_, trials = drawn(INJECTED)
+    trials.to_frame().to_csv(tmp_path / "doses.csv", index=False)
+    done = CliRunner().invoke(commonlaw, ["fit", INJECTED, str(tmp_path / "doses.csv"), "--dose", "dose"])
+    assert done.exit_code == 0, done.output
+    assert "conc' = -k conc + dose/V" in done.output
+
+
+def test_a_dose_is_the_integral_of_its_input():
+    *_, trials = drawn(INJECTED)
+    (trial, _) = with_doses(trials, ["dose"])
+    assert np.trapezoid(trial.inputs[:, 0], trial.times) == pytest.approx(sum(DOSES.values()))
+    again = with_doses(with_doses(trials, ["dose"]), ["dose"])
+    assert len(again.trials[0]) == len(trial) == len(HOURS) + 2 * len(DOSES)
+
+
+def test_what_is_no_dose_is_refused():
+    *_, trials = drawn(INJECTED)
+    with pytest.raises(cl.CommonlawError, match="unknown input 'dos': did you mean 'dose'"):
+        cl.fit(INJECTED, trials, doses="dos")
+    frame = trials.to_frame().assign(heat=1.0)
+    others = cl.Trials.from_frame(
+        frame, object="object", trial="trial", time="t", states="conc", inputs=["dose", "heat"]
+    )
+    with pytest.raises(cl.CommonlawError, match="doses go without inputs that are not, here heat"):
+        cl.fit("conc' = -k conc + dose/V + b heat", others, doses="dose")
