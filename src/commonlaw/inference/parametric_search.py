@@ -20,7 +20,7 @@ from commonlaw.inference.pooled_trajectories import missed_by_pooling
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, SearchState, evidence_about
+from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, is_settled
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
@@ -41,9 +41,6 @@ as a share of what is typical."""
 
 _INDIFFERENT = 2.0
 """Twice the log-likelihood that an object's trials may lose by what is typical of others: so little says nothing."""
-
-_UNSETTLED = 4.0
-"""Twice the log-likelihood for each object that a fit may be promised elsewhere: hardly more than it may be held by."""
 
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
@@ -217,7 +214,7 @@ class _Search:
             problem, best = _held(problem, best, prior)
         state = fit_with(problem, problem.allowed, NO_ERROR, best)
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
-        if not (_is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
+        if not (is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
             raise NotPositiveError
         if state.value < min(each.state.value for each in self.listed()):
             state = replace(state, value=state.value + missed_by_pooling(problem, state))
@@ -257,19 +254,6 @@ def _best_fits(problem: SearchProblem, estimates: Sequence[Estimate], begun: Seq
     if not found:
         raise NotPositiveError
     return [min(own, key=lambda each: each.objective) for own in zip(*found, strict=True)]
-
-
-def _is_settled(problem: SearchProblem, state: SearchState) -> bool:
-    """Return whether the likelihood, linearised about a fit, promises next to nothing more elsewhere.
-
-    Where it does, the fit got stuck on the way, and the evidence that is computed about it means nothing.
-    """
-    chosen, promised = np.flatnonzero(state.supports), 0.0
-    for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
-        columns = each.factor[:, chosen]
-        left = each.factor[:, -1] - columns @ estimate.coefficients.ravel()[chosen]
-        promised += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
-    return promised < _UNSETTLED * len(state.estimates)
 
 
 def _held(problem: SearchProblem, free: Sequence[Estimate], prior: Prior) -> tuple[SearchProblem, list[Estimate]]:

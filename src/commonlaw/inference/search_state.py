@@ -28,7 +28,7 @@ below one: what is allowed in each step adds up, and coefficients would be less 
 
 
 _UNSETTLED = 4.0
-"""Twice the log-likelihood for each object that a fit may be promised elsewhere."""
+"""Twice the log-likelihood for each object that a fit may be promised elsewhere: hardly more than it may be held by."""
 
 
 @dataclass(frozen=True, eq=False)
