@@ -56,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.next_experiment", description=__doc__)
     parser.add_argument("--draws", type=int, default=50, help="of each family (default: %(default)s)")
     parser.add_argument("--experiments", type=int, default=1, help="further ones (default: %(default)s)")
+    parser.add_argument("--random", action="store_true", help="random experiments only")
     parser.add_argument("--each", action="store_true", help="further trials of every object, and not of one")
     parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
     chosen = parser.parse_args(arguments)
@@ -63,11 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{machine()}\n\n| family | experiments | {head} | promised now | after 1 |")
     print("|---" * (chosen.experiments + 5) + "|")
     for name in chosen.family.split(","):
-        for designed in (True, False):
+        for designed in (False,) if chosen.random else (True, False):
             found = [drawn(name, seed, chosen.experiments, designed, chosen.each) for seed in range(chosen.draws)]
             counts = [sum(each.right[k] for each in found) for k in range(chosen.experiments + 1)]
             promised = f"{sum(each.now for each in found):.1f} | {sum(each.promised for each in found):.1f}"
-            promised = promised if designed else " | "
             kind = "designed" if designed else "random"
             print(f"| {name} | {kind} | {' | '.join(map(str, counts))} | {promised} |", flush=True)
 
@@ -80,14 +80,17 @@ def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outco
     law = first.discover(trials)
     right, promised, now = [first.estimates(law) is not None], 1.0, law.plausible[0].probability
     for k in range(count):
-        vary = {**beginning.ranges, "samples": beginning.samples, **({"object": "each"} if each else {})}
-        if designed:
-            design = cl.design(law, vary, seed=seed)
-            settings = design.experiments[0].experiment.settings
-            promised = design.chance if k == 0 else promised
-        else:
+        vary: Mapping[str, object] = {
+            **beginning.ranges,
+            "samples": beginning.samples,
+            **({"object": "each"} if each else {}),
+        }
+        if not designed:
             space = Settings.of(law, vary, {})
-            settings = space.at(random.uniform(size=len(space.varied)))
+            vary = space.at(random.uniform(size=len(space.varied)))
+        design = cl.design(law, vary, seed=seed)
+        settings = design.experiments[0].experiment.settings
+        promised = design.chance if k == 0 else promised
         trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)

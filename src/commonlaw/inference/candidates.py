@@ -90,7 +90,7 @@ def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[
             yield candidate_law(law, trials, support)
 
 
-def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
+def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
     """Return the law with other terms of its library, fitted as `candidate_laws` does it.
 
     Parameters
@@ -101,6 +101,8 @@ def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
         Those that it was learned from.
     support
         Which terms there are, shape (equations, terms); known coefficients stay in any case.
+    own_noise
+        Whether its white noise is what it leaves itself, and not that of the law.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
     if not np.any(support):
         raise CommonlawError("a law without any term says nothing: leave it one at least")
     try:
-        fitted = _fitted(law, support, trials)
+        fitted = _fitted(law, support, trials, own_noise)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CommonlawError(
             f"no coefficients can be found for these terms ({error}): leave one out, or take another one in"
@@ -206,7 +208,7 @@ def _is_of(each: Alternative, left: str, terms: Sequence[str]) -> bool:
     return each.equation == left and {*each.terms} == {*terms}
 
 
-def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
+def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -> Law:
     """Return the law with other terms, fitted with errors of its kind; its known coefficients stay.
 
     White noise has the level of the law. What else a law leaves, other terms leave more or less of.
@@ -223,6 +225,10 @@ def _fitted(law: Law, support: Bools, trials: Trials) -> Law:
         provenance=Provenance(law.differentiation),
     )
     kind, given = kind_of(law.uncertainty.error_model), trials.schema.noise_columns
-    levels = {} if law.noise is None or kind != "white" else dict(zip(law.states, law.noise.tolist(), strict=True))
+    levels = (
+        {}
+        if own_noise or law.noise is None or kind != "white"
+        else dict(zip(law.states, law.noise.tolist(), strict=True))
+    )
     noise = {name: level for name, level in levels.items() if name not in given}
     return refine(template, trials, noise=noise or None, errors=kind, progress=lambda _: None)
