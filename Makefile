@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-symbolic bench-ratios bench-orders release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -100,6 +100,12 @@ bench-choice: $(STAMP) ## Whether laws of small data are right as often as they 
 
 bench-told: $(STAMP) ## Whether what trials cannot tell is said: a minute; half an hour with ARGS="--laws"
 	$(BIN)/python -m benchmarks.told_apart $(ARGS)
+
+bench-next: $(STAMP) ## Whether designed experiments find the law sooner than random ones: half an hour
+	$(BIN)/python -m benchmarks.next_experiment $(ARGS)
+
+bench-unseen: $(STAMP) ## Whether bounds of absent coefficients hold: a minute
+	$(BIN)/python -m benchmarks.unseen $(ARGS)
 
 bench-orders: $(STAMP) ## Whether a law is of first or of second order: ten minutes; less with ARGS="--only relaxation"
 	$(BIN)/python -m benchmarks.orders $(ARGS)

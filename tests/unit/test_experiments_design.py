@@ -9,6 +9,7 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import Inputs
+from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import ErrorModel
 
 NOISE = 0.1
@@ -184,16 +185,23 @@ def test_a_forecast_is_asked_for():
 
 
 def test_new_objects_have_coefficients_by_their_properties():
-    drops = cl.datasets.linear_drag(noise=0.02)
-    masses = {name: {"mass": 0.1 * (i + 1)} for i, name in enumerate(drops.objects)}
-    drops = cl.Trials(drops.trials, drops.schema, masses)
-    law = cl.fit("x'' = -g - c v", drops).explain(["mass"])
-    vary = {"x": 40, "v": 0, "duration": 2, "rate": 20}
-    if law.explanation is not None and law.explanation.properties:
-        found = cl.design(law, {**vary, "object.mass": "0.1..0.5"}, about="g")
-        assert "mass" in found.experiments[0].text
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.3, trials=1)
+    masses = {name: {"mass": mass} for name, mass in zip(drops.objects, [0.3, 0.1, 0.06], strict=True)}
+    laws = [cl.fit(text, drops).explain(masses) for text in ("x'' = -g - c v", "x'' = -g + b v^2")]
+    vary = {"x": 40, "v": 0, "duration": 2, "samples": 9, "object.mass": 0.2}
+    (found,) = cl.design(laws, vary).experiments
+    assert "a new object with mass = 0.2" in found.text
+    trial = cl.Trial("new", "1", [0.0], [[40.0]])
+    wanted, _ = with_objects_of(laws[0], cl.Trials((trial,), drops.schema, {"new": {"mass": 0.2}}))
+    states = wanted.simulate(np.linspace(0, 2, 9), [40.0, 0.0], sensitivities=True)["new"]
+    np.testing.assert_allclose(found.forecasts.means[0, :, 0], states.states[:, 0], rtol=1e-4)
+    slopes, covariance = states.sensitivities[:, 0, :-2], wanted.uncertainty.covariance[0]
+    variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].noise[0] ** 2
+    np.testing.assert_allclose(found.forecasts.std[0, :, 0], np.sqrt(variances), rtol=1e-3)
+    varied = cl.design(laws, {**vary, "object.mass": "0.03..0.5"})
+    assert varied.chance >= cl.design(laws, vary).chance
     with pytest.raises(cl.CommonlawError, match="decides no coefficient"):
-        cl.design(law, {**vary, "object.colour": "0..1"})
+        cl.design(laws[0], {**vary, "object.colour": "0..1"})
 
 
 @pytest.mark.parametrize(

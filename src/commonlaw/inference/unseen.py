@@ -76,7 +76,8 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     index = wider.terms.index(name)
     support = wider.support.copy()
     support[equation, index] = True
-    fitted = candidate_law(wider, trials, support, own_noise=True).law
+    estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
+    fitted = candidate_law(wider, trials, support, own_noise=estimated).law
     place = fitted.terms.index(name)
     units = fitted.coefficient_units()
     reach = float(fitted.uncertainty.reach(len(law.states), level)[equation])

@@ -1,0 +1,20 @@
+"""The benchmarks of designed experiments and of bounds, in their small size."""
+
+import pytest
+
+from benchmarks import next_experiment, unseen
+
+
+@pytest.mark.parametrize("designed", [True, False])
+def test_one_draw_of_designed_and_of_random_experiments(designed):
+    found = next_experiment.drawn("heights of balls", 0, 1, designed, each=True)
+    assert len(found.right) == 2
+    assert found.right[1]
+    assert 0.5 < found.promised <= 1
+
+
+def test_one_draw_of_bounds():
+    ((interval, bound, hidden),) = unseen.drawn(0, 1)
+    assert interval
+    assert bound
+    assert not hidden
