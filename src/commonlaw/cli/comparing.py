@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from commonlaw.cli.output import print_frame, say
 from commonlaw.cli.source import Source
+from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +53,16 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
     taken = {name for schema in schemas for name in schema.inputs}
     others = [name for name in trials.schema.states if name not in states]
     inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
-    return replace(source, states=states, inputs=source.inputs or inputs).load()
+    try:
+        return replace(source, states=states, inputs=source.inputs or inputs).load()
+    except CommonlawError as error:
+        lacking = [name for name in states if f"'{name}'" in str(error) and "unknown column" in str(error)]
+        if not lacking:
+            raise
+        raise CommonlawError(
+            f"{error}; if nobody measured {lacking[0]}, say where trials start: "
+            f"commonlaw fit --start {lacking[0]}=VALUE, or {lacking[0]}=free"
+        ) from None
 
 
 def _occurs(name: str, equations: str) -> bool:
