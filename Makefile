@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -109,6 +109,9 @@ bench-unseen: $(STAMP) ## Whether bounds of absent coefficients hold: a minute
 
 bench-orders: $(STAMP) ## Whether a law is of first or of second order: ten minutes; less with ARGS="--only relaxation"
 	$(BIN)/python -m benchmarks.orders $(ARGS)
+
+bench-unmeasured: $(STAMP) ## States that nobody measured: twenty minutes; less with ARGS="--seeds 2 --fits 2"
+	$(BIN)/python -m benchmarks.unmeasured $(ARGS)
 
 bench-symbolic: $(BENCH_STAMP) ## Laws that are no sums of fixed functions, beside symbolic regression: half an hour; less with ARGS="--seconds 5"
 	$(BIN)/python -m benchmarks.symbolic $(ARGS)
