@@ -169,6 +169,7 @@ def test_each_object_makes_a_trial():
 def test_a_trial_ends_where_it_leaves_its_limits():
     found = cl.design(falling(), {"x": 20, "v": 0, "duration": 4, "rate": 20}, within={"x": "0..100"})
     ended = found.experiments[0].experiment.times[-1]
+    assert found.to_frame().loc[0, "duration"] == ended
     assert ended == pytest.approx(np.sqrt(2 * 20 / 9.8), abs=0.1)
 
 
@@ -253,3 +254,25 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
         assert len(each.design.experiments) == 2
         assert all(low <= own.experiment.start[0] <= high for own in each.design.experiments)
     assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == ()
+
+
+def test_an_input_is_shaped_to_tell_its_coefficient():
+    """x' = a u with a free start: the integral of the input has to change most, as a level that stays does."""
+    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
+    vary = {"x": 0, "duration": 2, "samples": 9, "u": "0..2", "u.shape": ["constant", "step", "sine"], "u.period": 2}
+    found = cl.design(law, vary).experiments[0]
+    assert (found.experiment.settings["u"], found.experiment.settings["u.shape"]) == (2.0, "constant")
+    columns = 2 * np.linspace(0, 2, 9)
+    information = np.sum((columns - columns.mean()) ** 2) / NOISE**2
+    assert found.bits == pytest.approx(np.log2(1 + information) / 2, rel=1e-3)
+
+
+def test_states_on_a_logarithmic_scale_start_above_zero():
+    random, times = np.random.default_rng(0), np.linspace(0, 5, 40)
+    states = [5 * np.exp(-rate * times + 0.05 * random.normal(size=40)) for rate in (0.5, 0.8)]
+    trials = cl.Trials.from_arrays([times, times], states, object=["a", "b"], names=["x"])
+    law = cl.discover(trials, library="poly:1", method=cl.TrajectoryLikelihood(positive=["x"]))
+    with pytest.raises(cl.CommonlawError, match="follows its logarithm: give it above 0"):
+        cl.design(law, {"x": "0..10", "duration": 5, "rate": 5})
+    found = cl.design(law, {"x": "1..10", "duration": "1..8", "rate": 5}, about="coefficients")
+    assert found.experiments[0].experiment.times[-1] == 8.0

@@ -210,8 +210,10 @@ class Design(ShownInNotebooks):
 
         rows = []
         for each in self.experiments:
+            times = each.experiment.times
+            lasts = {"duration": float(times[-1] - times[0]), "samples": len(times)}  # Until it leaves its limits
             settings = {name: own for name, own in each.experiment.settings.items() if name != "times"}
-            row = {**settings, "cost": each.experiment.cost, "bits": each.bits}
+            row = {**settings, **lasts, "cost": each.experiment.cost, "bits": each.bits}
             row |= {"chance": each.chance} if len(self.laws) > 1 else {}
             rows.append(row | ({} if each.std is None else {"standard error": each.std}))
         return pd.DataFrame(rows)
