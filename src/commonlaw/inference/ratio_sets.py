@@ -44,8 +44,8 @@ _MOST_NUMBERS = 7
 _HOPELESS = 30.0
 """Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
 
-_EVALUATIONS = 20
-"""Of what a ratio leaves, when its denominator is found to more digits."""
+_STEPS = 8
+"""Steps by which a denominator is found to more digits."""
 
 
 def matching_ratios(
@@ -170,7 +170,7 @@ class _Sides:
         def left(relative: Floats) -> Floats:
             return self.fitted(below, begin * np.append(relative, 1.0), terms)[1]
 
-        found = least_squares(left, np.ones(len(begin) - 1), max_nfev=_EVALUATIONS).x
+        found = least_squares(left, np.ones(len(begin) - 1), max_nfev=_STEPS).x
         return np.asarray(begin * np.append(found, 1.0))
 
 
@@ -207,9 +207,10 @@ class _Ranked:
         groups: dict[int, list[tuple[float, _Shape]]] = {}
         for shape, score in found.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
+        most = min(groups, key=lambda numbers: self._criterion(numbers, min(groups[numbers])[0]), default=0)
         closer: dict[int, list[tuple[float, _Shape]]] = {}
-        for numbers, listed in groups.items():
-            for _, shape in sorted(listed)[:_CLOSE]:
+        for numbers in range(most + 2):
+            for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
                 found[shape] = self._closely(shape, found[shape])
                 closer.setdefault(numbers, []).append((found[shape].squares, shape))
         least = {numbers: min(listed)[0] for numbers, listed in closer.items()}
@@ -248,25 +249,24 @@ class _Ranked:
 
     def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
         """Add what all shapes leave of a denominator whose last term is new; the others have these coefficients."""
-        order = np.argsort(below)
+        order, ordered = np.argsort(below), tuple(sorted(below))
+        ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
+        tried = _BANK if ratio.degree % 2 == 0 else np.concatenate([_BANK, -_BANK])
         sizes = [np.sqrt(np.mean(each.below**2, axis=0)) for each in self.sides]
         banks = list[Floats]()
         for side, own, size in zip(self.sides, coefficients, sizes, strict=True):
             here = np.sqrt(np.mean((side.below[:, below[:-1]] @ own) ** 2))
-            new = np.concatenate([_BANK, -_BANK]) * here / size[below[-1]]
+            new = tried * here / size[below[-1]]
             banks.append(np.column_stack([np.tile(own, (len(new), 1)), new])[:, order])
-        ordered = tuple(sorted(below))
-        allowed = [[self._constants(ordered, own) is not None for own in bank] for bank in banks]
-        banks = [bank[own] for bank, own in zip(banks, allowed, strict=True)]
-        if not all(map(len, banks)):
-            return
         left = in_parallel(lambda each, bank: each.left(ordered, bank, self._by_size), self.sides, banks)
         places = [np.argmin(each, axis=0) for each in left]
         squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
+        reduced = self.offered.is_reduced((), ordered)  # So is any ratio then
         for k, terms in enumerate(chain.from_iterable(own.tolist() for own in self._by_size)):
             shape = self._shape(ordered, terms)
             better = shape not in found or squares[k] < found[shape].squares
-            if better and np.isfinite(squares[k]) and self._counts(shape):
+            counts = shape.numbers <= _MOST_NUMBERS and np.isfinite(squares[k])
+            if better and counts and (reduced or self.offered.is_reduced(shape.above, ordered)):
                 best = np.array([bank[place[k]] for bank, place in zip(banks, places, strict=True)])
                 found[shape] = _Score(float(squares[k]), best)
 
@@ -277,9 +277,6 @@ class _Ranked:
     def _terms(self, shape: _Shape) -> list[int]:
         """Return the columns of the terms above and beside."""
         return [*shape.above, *(len(self.offered.above) + k for k in shape.beside)]
-
-    def _counts(self, shape: _Shape) -> bool:
-        return shape.numbers <= _MOST_NUMBERS and self.offered.is_reduced(shape.above, shape.below)
 
     @cached_property
     def _by_size(self) -> list[Indices]:
@@ -300,10 +297,6 @@ class _Ranked:
                 break
             found.append(np.array(own))
         return found
-
-    def _constants(self, below: Sequence[int], coefficients: Floats) -> list[float] | None:
-        ratio = self.offered.ratio((), below, self.problem.models[0].terms.variables)
-        return ratio.values_of_constants(coefficients)
 
     def _criterion(self, numbers: int, squares: float) -> float:
         """Return what ranks shapes of different size: the BIC."""
