@@ -28,6 +28,24 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
 
 
+def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(run, tmp_path):
+    drops = cl.datasets.linear_drag(drag=(*np.linspace(-0.2, -0.3, 59), -0.6), trials=1, noise=0.001)
+    properties = {name: {"mass": float(i + 1)} for i, name in enumerate(drops.objects)}
+    drops = cl.Trials(drops.trials, drops.schema, properties)
+    for i in (0, 30):
+        drops.select(object=list(drops.objects[i : i + 30])).to_parquet(tmp_path / f"{i}.parquet")
+    words = ["*.parquet", "--order", "2", "--library", "terms:1,v", "--method", "derivative-regression"]
+    code, out, err = run("discover", *words, "--cluster", "local:1", "--out", "r.parquet", "--property", "mass")
+    assert code == 0, err
+    rows = [line.split() for line in out.splitlines()]
+    medians = next(row for row in rows if row[:1] == ["median"])
+    strangest = rows[next(i for i, row in enumerate(rows) if "farthest" in row and "by" in row) + 2]
+    assert strangest[:2] == ["Ball", "60"]
+    table = pd.read_parquet(tmp_path / "r.parquet")
+    assert len(table) == 120
+    assert float(medians[2]) == pytest.approx(table[table["term"] == "v"]["value"].median(), rel=1e-3)
+
+
 def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
     cl.datasets.linear_drag(drag=(-0.2,), noise=0.01, trials=2).to_csv(tmp_path / "0.csv")
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
@@ -42,7 +60,7 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
     ("words", "said"),
     [
         (["a.parquet", "--where", "trial=1", "--clip"], "--where, --clip with --cluster"),
-        (["a.parquet", "--explain"], "--explain with --cluster"),
+        (["a.parquet", "--dataset", "lorenz"], "--dataset with --cluster"),
         (["a.csv", "--each", "--workers", "2"], "--workers is for this machine"),
     ],
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -38,7 +39,8 @@ _OPTIONS = (
         type=WrittenTable(),
         metavar="RESULTS.csv",
         help="With --each: write one table (.csv or .parquet) with a row for each coefficient of each file: its value, "
-        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file.",
+        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file. With "
+        "--cluster alone: a row for each coefficient of each object.",
     ),
     _several(
         "--workers",
@@ -46,6 +48,10 @@ _OPTIONS = (
         help="With --each: how many files are worked on at the same time.  [default: one for each core]",
     ),
 )
+
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ class Batch:
                     "several files: say --each to find a law in each of them, or put them into one table with a column "
                     "that names the object (and one for the trial) to find the law that they share"
                 )
-            if self.out or self.workers:
+            if self.workers or (self.out and not cluster):
                 raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
         elif cluster and self.workers:
             raise click.UsageError("--workers is for this machine: leave it out, --cluster has the workers that it has")
@@ -141,12 +147,16 @@ class Results:
         for name, (each, failure) in zip(self.paths, self.found, strict=True):
             file: dict[str, object] = {"file": as_text(name)}
             rows += [file | row for row in each.rows] if each else [file | {"error": failure}]
-        frame = pd.DataFrame(rows, columns=COLUMNS)
-        if path.endswith(".csv"):
-            return frame.to_csv(index=False).encode()
-        content = BytesIO()
-        frame.to_parquet(content, index=False)
-        return content.getvalue()
+        return table_bytes(pd.DataFrame(rows, columns=COLUMNS), path)
+
+
+def table_bytes(frame: "pd.DataFrame", path: str) -> bytes:
+    """Return a table in the format that the name of its file says."""
+    if path.endswith(".csv"):
+        return frame.to_csv(index=False).encode()
+    content = BytesIO()
+    frame.to_parquet(content, index=False)
+    return content.getvalue()
 
 
 with_batch = as_one("batch", Batch, _OPTIONS)

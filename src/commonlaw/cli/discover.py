@@ -1,6 +1,6 @@
 """`commonlaw discover`: from a table to a law."""
 
-from commonlaw.cli.batch import Batch, with_batch
+from commonlaw.cli.batch import Batch, table_bytes, with_batch
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
@@ -37,7 +37,6 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     batch.check(source, outputs.named, cluster)
     if cluster and not batch.each:
         source.check_streams()
-        question.check_streams()
     with working("Discovering ...") as show, on_cluster_at(cluster, show):
         if batch.each:
             results = batch.run(source, question, show)
@@ -46,6 +45,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     if batch.each:
         results.give(batch.out, LaterSteps())
     else:
+        later.write(batch.out, lambda: _coefficients(learned, str(batch.out)))
         outputs.give(learned, later)
 
 
@@ -69,6 +69,14 @@ def _on_cluster(
     stream, later = stream_of_workers(source), LaterSteps()
     law = question.answer(stream, part(show, 0.05, 0.9))
     outputs.keep(law, later)
+    law = question.explained(law, show, later)
     show("checking the law by forecasts of a few trials")
     few = few_trials(stream)
     return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later
+
+
+def _coefficients(learned: Learned, path: str) -> bytes:
+    """Return a table with a row for each coefficient of each object."""
+    from commonlaw.law.coefficients_csv import coefficient_rows
+
+    return table_bytes(coefficient_rows(learned.law), path)

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.many_objects import MANY, print_spread
 from commonlaw.cli.options import as_one, option
 from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
@@ -130,8 +131,7 @@ class Learned:
         say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
         if law.shared and law.explanation is None:
             say("\n".join((*map(in_line, law.structure()), "")))
-            columns = self._coefficient_columns()
-            print_table(list(columns), zip(*columns.values(), strict=True))
+            self._show_coefficients()
         else:
             say(str(law))
         if law.alternatives:
@@ -184,6 +184,15 @@ class Learned:
         found = self.findings
         outcomes = found.forecast.outcomes if found.forecast else ()
         return [*found.training.notes, *self.law.outcomes, *found.lacking, *outcomes]
+
+    def _show_coefficients(self) -> None:
+        """Print what the letters of the law stand for, of many objects how they are spread."""
+        if len(self.law.objects) > MANY:
+            pairs = zip(self.law.named_coefficients, self.law.letter_units(), strict=True)
+            print_spread(self.law, [_with_unit(each.name, unit) for each, unit in pairs])
+        else:
+            columns = self._coefficient_columns()
+            print_table(list(columns), zip(*columns.values(), strict=True))
 
     def _coefficient_columns(self) -> dict[str, list[object]]:
         """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""

@@ -93,11 +93,6 @@ class Question:
     no_cache: bool
     method: "AbstractMethod | None"
 
-    def check_streams(self) -> None:
-        """Refuse what does not go with files that are streamed."""
-        if self.explain:
-            raise click.UsageError("--explain with --cluster: leave it out, files of a stream have no properties")
-
     def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
         """Return the law of trials; `show` takes the text of each step."""
         import commonlaw as cl

@@ -131,9 +131,8 @@ class Source:
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
         given = {
-            "--dataset": self.dataset, "--object-name": self.object_name, "--property": self.properties,
-            "--wide": self.wide, "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where,
-            "--exclude": self.exclude, "--clip": self.clip, "--hold-out": self.hold_out,
+            "--dataset": self.dataset, "--object-name": self.object_name, "--wide": self.wide,
+            "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where, "--exclude": self.exclude, "--clip": self.clip, "--hold-out": self.hold_out,
             "--learn-until": self.learn_until,
         }  # fmt: skip
         if refused := [name for name, value in given.items() if value]:
@@ -146,7 +145,7 @@ class Source:
         roles: dict[str, Any] = {
             "object": self.object, "trial": self.trial, "time": self.time, "states": self.states,
             "inputs": self.inputs, "noise_columns": by_name("--noise-column", self.noise_columns),
-            "units": by_name("--unit", self.units),
+            "units": by_name("--unit", self.units), "properties": list(self.properties),
         }  # fmt: skip
         return TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
 
