@@ -132,8 +132,8 @@ class Source:
         """Refuse what does not go with files that are streamed."""
         given = {
             "--dataset": self.dataset, "--object-name": self.object_name, "--wide": self.wide,
-            "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where, "--exclude": self.exclude, "--clip": self.clip, "--hold-out": self.hold_out,
-            "--learn-until": self.learn_until,
+            "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where, "--exclude": self.exclude,
+            "--clip": self.clip, "--hold-out": self.hold_out, "--learn-until": self.learn_until,
         }  # fmt: skip
         if refused := [name for name, value in given.items() if value]:
             raise click.UsageError(f"{', '.join(refused)} with --cluster: leave it out, files are taken whole")
