@@ -19,12 +19,13 @@ from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
 from commonlaw.trials.trials import Trials
+from commonlaw.wording import counted
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrialStream:
     """Trials that are made while they are gone through, each time anew.
 
@@ -41,6 +42,10 @@ class TrialStream:
     schema: Schema
     source: Callable[[], Iterable[Trial]]
     parts: Sequence["TrialStream"] = ()
+
+    def __repr__(self) -> str:
+        of = f"{counted(len(self.parts), 'part')}, " if self.parts else ""
+        return f"<TrialStream: {of}{', '.join(self.schema.states)}>"
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.source())
