@@ -61,7 +61,8 @@ def _empty(times: Any, states: Any) -> NDArray[np.int64]:
         values = as_numbers(states)
     except CommonlawError:
         return np.empty(0, dtype=np.int64)
-    if not values.size or values.ndim not in (1, 2) or np.shape(times) != (len(values),):
+    is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
+    if not is_fit or np.isfinite(values).all():
         return np.empty(0, dtype=np.int64)
     measured = np.asarray(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
     last = len(measured) - int(measured[::-1].argmax())

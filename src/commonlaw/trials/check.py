@@ -264,11 +264,22 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
 
     Trials of fewer than five samples are left out, which can agree by chance.
     """
-    first: dict[tuple[bytes, ...], Trial] = {}
-    long = [trial for trial in trials if len(trial) >= _SHORT]
-    of = [tuple(each.tobytes() for each in (trial.times, trial.states, trial.inputs)) for trial in long]
-    pairs = ((trial, first.setdefault(key, trial)) for trial, key in zip(long, of, strict=True))
-    return tuple((trial, before) for trial, before in pairs if trial is not before)
+    alike = dict[tuple[object, ...], list[Trial]]()
+    pairs = list[tuple[Trial, Trial]]()
+    for trial in (each for each in trials if len(each) >= _SHORT):
+        some = slice(None, None, max(1, len(trial) // _SHORT))
+        earlier = alike.setdefault((trial.states.shape, trial.states[some].tobytes()), [])
+        before = next((each for each in earlier if _same_bytes(each, trial)), None)
+        if before is None:
+            earlier.append(trial)
+        elif before is not trial:
+            pairs.append((trial, before))
+    return tuple(pairs)
+
+
+def _same_bytes(one: Trial, other: Trial) -> bool:
+    names = ("times", "states", "inputs")
+    return one is other or all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names)
 
 
 def _copied(trials: Sequence[Trial]) -> list[Finding]:

@@ -180,6 +180,8 @@ class Trial:
 
     def measured(self) -> "Trial":
         """Return the trial without samples in which no state was measured."""
+        if self.complete:
+            return self
         kept = np.asarray(np.isfinite(self.states).any(axis=1))
         return self if kept.all() else self.rows(kept)
 
