@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
@@ -140,7 +140,8 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
     extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(*_outliers(problem, estimates))
     most, stated = problem.most_terms, problem.trials.schema.unmeasured
-    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated)
+    in_ratios = _in_ratios(problem, estimates)
+    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated, in_ratios)
 
 
 def is_settled(problem: SearchProblem, state: SearchState) -> bool:
@@ -159,6 +160,20 @@ def promised(problem: SearchProblem, state: SearchState) -> float:
         left = each.factor[:, -1] - columns @ estimate.coefficients.ravel()[chosen]
         found += float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
     return found
+
+
+def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats | None:
+    """Return the values of constants inside of terms, and of what such terms are multiplied by; zero of all others.
+
+    And of those whose signs differ between objects, shape (objects, equations x terms); nothing without constants.
+    """
+    terms = problem.models[0].terms
+    if not terms.constants:
+        return None
+    values = np.array([each.coefficients for each in estimates])
+    own = problem.allowed & np.array(terms.have_constants)
+    same = np.abs(np.sign(values).sum(axis=0)) == len(values)
+    return np.where(own & same, values, 0.0).reshape(len(values), -1)
 
 
 def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:

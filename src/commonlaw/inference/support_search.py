@@ -48,7 +48,9 @@ class SupportEvidence:
     ... Which terms may enter which equation has shape (equations, terms). Supports
     have prices beside what their coefficients cost. The offset is added to
     the value of all supports, for a comparison with those of other problems. Equations that are stated, shape
-    (equations,), keep all terms that may enter.
+    (equations,), keep all terms that may enter. Constants inside of terms, and what such terms are multiplied by,
+    scatter over objects in ratios: where the value of one is given, and not zero, shape (objects, columns), it is its
+    logarithm that scatters.
     """
 
     problems: Sequence[LeastSquaresProblem]
@@ -58,6 +60,7 @@ class SupportEvidence:
     most: int = MOST_TERMS
     offset: float = 0.0
     stated: Bools | None = None
+    in_ratios: Floats | None = None
 
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return the supports with the largest evidence that are found by choosing one equation after the other.
@@ -77,7 +80,7 @@ class SupportEvidence:
 
     def value(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
-        evidence = self.offset + minus_twice_log_evidence(self._factors, np.flatnonzero(supports), self.measured)
+        evidence = self.offset + minus_twice_log_evidence(self._scattering, np.flatnonzero(supports), self.measured)
         return evidence + sum(self.prices.of(each) for each in supports)
 
     def noise_variance(self, supports: Bools) -> float:
@@ -171,6 +174,22 @@ class SupportEvidence:
     @cached_property
     def _factors(self) -> Floats:
         return np.array([problem.factor for problem in self.problems])
+
+    @cached_property
+    def _scattering(self) -> Floats:
+        """The factors of what scatters over objects: coefficients, or logarithms of their sizes.
+
+        A law of s/(K + s) that is next to linear tells the ratio of its coefficient to K alone. Such lines all meet at
+        zero, where neither would scatter at all; lines of logarithms are parallel.
+        """
+        if self.in_ratios is None:
+            return self._factors
+        found, values = self._factors.copy(), self.in_ratios[:, np.newaxis, :]
+        slopes = np.where(values != 0, found[:, :, :-1] * values, 0.0)
+        found[:, :, :-1] = np.where(values != 0, slopes, found[:, :, :-1])
+        logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
+        found[:, :, -1] += np.sum(slopes * (logarithms - 1), axis=2)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
