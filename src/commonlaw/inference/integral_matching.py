@@ -6,7 +6,7 @@ Klaassen 2015), and constants inside of terms from a bank of values.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -89,6 +89,8 @@ class Match:
         Integrals of the others at each value in their banks, of unit norm, and the banks.
     integrals
         How they are integrated.
+    slopes
+        Derivatives by the constants, by index of a term and of a value, as far as they were asked for.
     """
 
     target: Floats
@@ -97,6 +99,7 @@ class Match:
     others: Floats
     banks: Banks
     integrals: "_Integrals"
+    slopes: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
     @cached_property
     def squares(self) -> Floats:
@@ -113,6 +116,25 @@ class Match:
         return not columns.shape[1] or (
             not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - INSIDE))
         )
+
+    def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
+        """Return the least sum of squares to first order about values of the constants, by their indices in banks."""
+        beside = [own for a, i in zip(others, indices, strict=True) for own in (self._column(a, i), self._slopes(a, i))]
+        whole = np.column_stack([self.plain[:, list(plain)], *beside])
+        left = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=1e-8)[0]
+        return float(left @ left)
+
+    def _column(self, a: int, index: int) -> Floats:
+        return self.columns_of(a)[:, [index]]
+
+    def _slopes(self, a: int, index: int) -> Floats:
+        """Return derivatives of one of the others by its constants, of unit norm, shape (n, constants)."""
+        if (a, index) not in self.slopes:
+            value = self.banks.constants[a][index]
+            steps = np.diag(np.where(value != 0, _CHANGE * value, _CHANGE))
+            columns = along(self.banks.others[a], self.banks.values, np.vstack([value, value + steps]))
+            self.slopes[a, index] = unit(self.integrals.of(columns[:, 1:] - columns[:, :1]))[0]
+        return self.slopes[a, index]
 
     def fitted(self, plain: Sequence[int], others: Sequence[int], constants: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Return coefficients by least squares, plain terms first, and what is left of the target.

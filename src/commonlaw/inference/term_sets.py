@@ -37,8 +37,9 @@ _MOST_NUMBERS = 7
 _KEPT = (2, 3, 2)
 """Sets that are kept of those of as many numbers, by how many terms are not plain."""
 
-_CLOSE = 6
-"""Sets, of those, whose constants are found to more digits than a bank has, before they are ranked."""
+_NEAR, _CLOSE = 30, 6
+"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; and sets,
+of these, with constants to more digits, before they are ranked."""
 
 _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
@@ -124,7 +125,7 @@ class _Ranked:
         coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= _MOST_NUMBERS]
         most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
-            (numbers, many, sorted(self._closely(key) for key in _different(sorted(listed))))
+            (numbers, many, sorted(self._closely(key) for key in self._nearest(_different(sorted(listed)))))
             for (numbers, many), listed in sorted(groups.items())
             if 0 < numbers <= most + 1
         ]
@@ -204,6 +205,11 @@ class _Ranked:
         begin = [match.banks.constants[a][i] for a, i in zip(key[1], self._values(match, key), strict=True)]
         return match.closest(*key, begin)
 
+    def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
+        """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
+        left = [sum(match.left_nearby(*key, self._values(match, key)) for match in self.matches) for key in keys]
+        return [keys[k] for k in np.argsort(left, kind="stable")[:_CLOSE]]
+
     def _closely(self, key: _Key) -> tuple[float, _Key]:
         """Return a set with what it leaves at the best constants."""
         fits = [match.fitted(*key, self._constants(match, key)) for match in self.matches]
@@ -263,7 +269,7 @@ def _different(ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
         if squares > before * (1 + _SAME):
             found.append(key)
         before = squares
-        if len(found) == _CLOSE:
+        if len(found) == _NEAR:
             break
     return found
 
