@@ -108,7 +108,7 @@ class Match:
 
     def columns_of(self, a: int) -> Floats:
         """Return the columns of one of the others, by its index."""
-        return self.others[:, self.banks.firsts[a] : self.banks.firsts[a + 1]]
+        return self.others[:, self._of(a)]
 
     def repeats(self, a: int) -> bool:
         """Return whether one of the others is along the curves what a plain term is, as abs(x) where x is positive."""
@@ -116,6 +116,41 @@ class Match:
         return not columns.shape[1] or (
             not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - INSIDE))
         )
+
+    def best_beside(self, plain: Sequence[int], a: int, beside: Floats | None = None) -> int:
+        """Return the index, in its bank, of the values of one of the others that leave least beside plain terms.
+
+        And beside more columns, shape (n, k).
+        """
+        chosen, columns = list(plain), self.columns_of(a)
+        own, inner = self._gram[np.ix_(chosen, chosen)], self._inner[chosen]
+        crossed, every = self._crossed[chosen][:, self._of(a)], self._every[self._of(a)]
+        if beside is not None:
+            between = self.plain[:, chosen].T @ beside
+            own = np.block([[own, between], [between.T, beside.T @ beside]])
+            inner, crossed = np.append(inner, beside.T @ self.target), np.vstack([crossed, beside.T @ columns])
+        solved = np.linalg.solve(own + INSIDE * np.eye(len(own)), np.column_stack([inner, crossed]))
+        outside = self.squares[self._of(a)] - np.sum(crossed * solved[:, 1:], axis=0)
+        return int(np.argmax(gains(every - solved[:, 0] @ crossed, outside)))
+
+    def _of(self, a: int) -> slice:
+        return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
+
+    @cached_property
+    def _gram(self) -> Floats:
+        return self.plain.T @ self.plain
+
+    @cached_property
+    def _inner(self) -> Floats:
+        return self.plain.T @ self.target
+
+    @cached_property
+    def _crossed(self) -> Floats:
+        return self.plain.T @ self.others
+
+    @cached_property
+    def _every(self) -> Floats:
+        return self.target @ self.others
 
     def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
         """Return the least sum of squares to first order about values of the constants, by their indices in banks."""
@@ -241,6 +276,14 @@ class _Window:
         times = (self.times - self.times[0])[self.observed]
         basis = np.linalg.qr(np.column_stack([times**k / self.std for k in range(order)]))[0]
         return np.asarray(rows - basis @ (basis.T @ rows))
+
+
+def gains(inner: Floats, outside: Floats) -> Floats:
+    """Return by how much columns lower the squares that others leave.
+
+    From their inner products with what is left, and their squares outside of the others.
+    """
+    return np.asarray(np.where(outside > INSIDE, inner**2 / np.maximum(outside, INSIDE), 0.0))
 
 
 def unit(columns: Floats) -> tuple[Floats, Floats]:

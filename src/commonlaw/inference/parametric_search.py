@@ -6,9 +6,10 @@ curves that are nearer. The law without such terms stays unless the evidence pay
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,13 +21,13 @@ from commonlaw.inference.pooled_trajectories import missed_by_pooling
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, is_settled
+from commonlaw.inference.search_state import ANY_ERROR, FINAL, NO_ERROR, is_settled
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
 from commonlaw.library import Constant, ParametricTerm, Ratios, Terms, parse_term
 from commonlaw.library.parametric import free_name
-from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior
+from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior, fit_each
 from commonlaw.progress import ProgressCallback, Stage
 
 _ROUNDS = 3
@@ -45,8 +46,12 @@ _INDIFFERENT = 2.0
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
 
-_MOST_FITTED = 30
-"""Sets of an equation that are fitted in a round at most."""
+_MOST_TRIED, _MOST_FITTED = 30, 8
+"""Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
+fitted in all ways."""
+
+_SHORT = (3.0, 0.3, *FINAL)
+"""Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
 
 
 def with_parametric_terms(
@@ -93,10 +98,11 @@ def _searched(
         estimates, proposed = curves[0], [_in_turn(own) for own in zip(*known, strict=True)]
         listed = _joint(proposed) if len(rows) > 1 else []
         for j, own in enumerate(proposed):
-            listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_FITTED]]
-            for k, each in enumerate(listed):
-                done = (number + (j + k / len(listed)) / len(rows)) / _ROUNDS
-                progress(Stage(f"fitting laws with constants inside of terms, {k} of {len(listed)}", done))
+            listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_TRIED]]
+            done = partial(_stage, progress, (number + j / len(rows)) / _ROUNDS, 1 / len(rows) / _ROUNDS)
+            likely = search.likeliest(listed, estimates, done)
+            for k, each in enumerate(likely):
+                done(0.5 + 0.5 * k / len(likely))
                 fitted = search.fit(each, estimates)
                 if fitted is not None and fitted.state.value < best.state.value:
                     best, rows = fitted, each
@@ -202,14 +208,36 @@ class _Search:
                 self.fitted[rows] = self._fit(rows, estimates)
         return self.fitted[rows]
 
-    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
-        built, template = _built(self.base, rows), self.found.template
+    def likeliest(
+        self, listed: Sequence[tuple[TermSet, ...]], estimates: Sequence[Estimate], done: Callable[[float], None]
+    ) -> list[tuple[TermSet, ...]]:
+        """Return laws that were not fitted yet, those first that fit a typical object best for their numbers.
+
+        By a short way, which may get stuck in single objects.
+        """
+        new, ranked = [each for each in dict.fromkeys(listed) if each not in self.fitted], []
+        for k, rows in enumerate(new):
+            done(0.5 * k / len(new))
+            with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+                _, problem, begun = self._posed(rows)
+                best = _best_fits(problem, estimates, begun, _short_way)
+                price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
+                ranked.append((float(np.median([each.deviance for each in best])) + price, k))
+        return [new[k] for _, k in sorted(ranked)[:_MOST_FITTED]]
+
+    def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[_Built, SearchProblem, list[Floats]]":
+        """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
+        built = _built(self.base, rows)
         models = tuple(replace(each, terms=built.terms) for each in self.base.models)
         besides = self.base.besides - int(built.terms.is_factor.sum())
         problem = replace(self.base, models=models, known=built.known, besides=besides)
         several = max(len(row.starts) for row in rows)
         begun = [[row.starts[min(k, len(row.starts) - 1)] for row in rows] for k in range(several)]
-        best = _best_fits(problem, estimates, [built.coefficients(each) for each in begun])
+        return built, problem, [built.coefficients(each) for each in begun]
+
+    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
+        (built, problem, begun), template = self._posed(rows), self.found.template
+        best = _best_fits(problem, estimates, begun, _every_way)
         if prior := _prior(problem, best):
             problem, best = _held(problem, best, prior)
         state = fit_with(problem, problem.allowed, NO_ERROR, best)
@@ -241,7 +269,24 @@ class _Search:
         return [self.found, *(each for each in self.fitted.values() if each is not None)]
 
 
-def _best_fits(problem: SearchProblem, estimates: Sequence[Estimate], begun: Sequence[Floats]) -> list[Estimate]:
+def _stage(progress: ProgressCallback, begun: float, share: float, done: float) -> None:
+    progress(Stage("fitting laws with constants inside of terms", begun + share * done))
+
+
+def _every_way(problem: SearchProblem) -> Sequence[Estimate]:
+    return fit_with(problem, problem.allowed, NO_ERROR).estimates
+
+
+def _short_way(problem: SearchProblem) -> Sequence[Estimate]:
+    return fit_each(problem.models, problem.starts, problem.allowed, _SHORT)
+
+
+def _best_fits(
+    problem: SearchProblem,
+    estimates: Sequence[Estimate],
+    begun: Sequence[Floats],
+    way: Callable[[SearchProblem], Sequence[Estimate]],
+) -> list[Estimate]:
     """Return the fit of largest likelihood of each object, from any of some coefficients.
 
     Each of these has the shape (objects, equations, terms).
@@ -250,7 +295,7 @@ def _best_fits(problem: SearchProblem, estimates: Sequence[Estimate], begun: Seq
     for coefficients in begun:
         starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
         with suppress(CommonlawError, NotPositiveError):
-            found.append(fit_with(replace(problem, starts=starts), problem.allowed, NO_ERROR).estimates)
+            found.append(way(replace(problem, starts=starts)))
     if not found:
         raise NotPositiveError
     return [min(own, key=lambda each: each.objective) for own in zip(*found, strict=True)]
@@ -260,7 +305,7 @@ def _held(problem: SearchProblem, free: Sequence[Estimate], prior: Prior) -> tup
     """Return estimates drawn to a prior where measurements bear it as well as those that are free; these elsewhere."""
     drawn = replace(problem, models=tuple(replace(each, prior=prior) for each in problem.models))
     own = np.array([each.coefficients for each in free])
-    held = _best_fits(drawn, free, [own, np.broadcast_to(prior.typical, own.shape)])
+    held = _best_fits(drawn, free, [own, np.broadcast_to(prior.typical, own.shape)], _short_way)
     models, best = list(problem.models), list(free)
     for o, (one, other) in enumerate(zip(held, free, strict=True)):
         if one.deviance < other.deviance + _INDIFFERENT:

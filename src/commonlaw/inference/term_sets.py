@@ -13,7 +13,7 @@ from itertools import combinations, groupby
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.inference.integral_matching import INSIDE, Course, Match
+from commonlaw.inference.integral_matching import INSIDE, Course, Match, gains
 from commonlaw.inference.search_problem import SearchProblem, spread
 from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
@@ -38,8 +38,8 @@ _KEPT = (2, 3, 2)
 """Sets that are kept of those of as many numbers, by how many terms are not plain."""
 
 _NEAR, _CLOSE = 30, 6
-"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; and sets,
-of these, with constants to more digits, before they are ranked."""
+"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; and
+those whose constants are then found to more digits, before they are ranked."""
 
 _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
@@ -112,6 +112,7 @@ class _Ranked:
 
     matches: Sequence[Match]
     others: Sequence[ParametricTerm]
+    constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
     def best(self, objects: int) -> list[TermSet]:
         """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
@@ -191,19 +192,22 @@ class _Ranked:
     def _values(self, match: Match, key: _Key) -> list[int]:
         """Return the index, in its bank, of the best values of each of the others of a set, found in turn."""
         plain, others = key
+        if len(others) == 1:
+            return [match.best_beside(plain, others[0])]
         chosen: dict[int, int] = {}
         for a in others * len(others):
             beside = [match.columns_of(b)[:, [i]] for b, i in chosen.items() if b != a]
-            basis = _basis(np.concatenate([match.plain[:, list(plain)], *beside], axis=1))
-            left, columns = match.target - basis @ (basis.T @ match.target), match.columns_of(a)
-            outside = np.sum(columns**2, axis=0) - np.sum((basis.T @ columns) ** 2, axis=0)
-            chosen[a] = int(np.argmax(_gains(left @ columns, outside)))
+            chosen[a] = match.best_beside(plain, a, np.concatenate([match.plain[:, :0], *beside], axis=1))
         return [chosen[a] for a in others]
 
-    def _constants(self, match: Match, key: _Key) -> tuple[Floats, ...]:
-        """Return the constants of a set that leave least of an object's measurements, from the best in the banks."""
-        begin = [match.banks.constants[a][i] for a, i in zip(key[1], self._values(match, key), strict=True)]
-        return match.closest(*key, begin)
+    def _constants(self, key: _Key) -> list[tuple[Floats, ...]]:
+        """Return for each object the constants of a set that leave least, from the best in the banks."""
+        if key not in self.constants:
+            self.constants[key] = []
+            for match in self.matches:
+                pairs = zip(key[1], self._values(match, key), strict=True)
+                self.constants[key].append(match.closest(*key, [match.banks.constants[a][i] for a, i in pairs]))
+        return self.constants[key]
 
     def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
         """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
@@ -212,7 +216,8 @@ class _Ranked:
 
     def _closely(self, key: _Key) -> tuple[float, _Key]:
         """Return a set with what it leaves at the best constants."""
-        fits = [match.fitted(*key, self._constants(match, key)) for match in self.matches]
+        pairs = zip(self.matches, self._constants(key), strict=True)
+        fits = [match.fitted(*key, constants) for match, constants in pairs]
         return sum(float(left @ left) for _, left in fits), key
 
     def _with_starts(self, key: _Key, objects: int) -> TermSet:
@@ -221,7 +226,7 @@ class _Ranked:
         That is what each object has by itself, and with the constants that are typical: those of an object alone may
         be far off.
         """
-        alone = [self._constants(match, key) for match in self.matches]
+        alone = self._constants(key)
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
         for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
@@ -230,14 +235,6 @@ class _Ranked:
             first, *others = (for_all(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))
         return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
-
-
-def _gains(inner: Floats, outside: Floats) -> Floats:
-    """Return by how much columns lower the squares that others leave.
-
-    From their inner products with what is left, and their squares outside of the others.
-    """
-    return np.asarray(np.where(outside > INSIDE, inner**2 / np.maximum(outside, INSIDE), 0.0))
 
 
 def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
@@ -257,8 +254,8 @@ def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
     for part in np.array_split(np.arange(len(sets)), -(-len(sets) // _AT_ONCE)) if filled.size else ():
         inside = np.matmul(whiten[part], crossed[sets[part]])
         left = every - np.sum(known[part] * inside, axis=1)
-        gains = _gains(left, match.squares - np.sum(inside**2, axis=1))
-        gained[np.ix_(part, filled)] = np.maximum.reduceat(gains, firsts[filled], axis=1)
+        each = gains(left, match.squares - np.sum(inside**2, axis=1))
+        gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts[filled], axis=1)
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
 
 
@@ -283,14 +280,6 @@ def _subsets(count: int, most: int) -> list[tuple[int, ...]]:
             break
         found += of_size
     return found
-
-
-def _basis(columns: Floats) -> Floats:
-    """Return an orthonormal basis of columns of unit norm."""
-    if not columns.shape[1]:
-        return columns
-    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(basis[:, sizes > np.sqrt(INSIDE) * sizes[0]])
 
 
 def for_all(found: Floats, objects: int) -> Floats:
