@@ -5,6 +5,7 @@ which terms are integrated are not the true ones, sums of squares rank sets of a
 trajectories have to judge the best of each size.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -37,9 +38,10 @@ _MOST_NUMBERS = 7
 _KEPT = (2, 3, 2)
 """Sets that are kept of those of as many numbers, by how many terms are not plain."""
 
-_NEAR, _CLOSE = 30, 6
-"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; and
-those whose constants are then found to more digits, before they are ranked."""
+_NEAR, _ALIKE, _CLOSE = 80, 2, 8
+"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; those
+among them with the same terms that have constants, as a bank may be nearer to the best constants of one than of
+another; and sets whose constants are then found to more digits, before they are ranked."""
 
 _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
@@ -126,7 +128,7 @@ class _Ranked:
         coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= _MOST_NUMBERS]
         most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
-            (numbers, many, sorted(self._closely(key) for key in self._nearest(_different(sorted(listed)))))
+            (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(sorted(listed)))))
             for (numbers, many), listed in sorted(groups.items())
             if 0 < numbers <= most + 1
         ]
@@ -209,6 +211,22 @@ class _Ranked:
                 self.constants[key].append(match.closest(*key, [match.banks.constants[a][i] for a, i in pairs]))
         return self.constants[key]
 
+    def _different(self, ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
+        """Return the first sets of a list, but for those that leave the same as the one before: they say the same.
+
+        Few have the same terms with constants, or none.
+        """
+        found, before, alike = list[_Key](), 0.0, Counter[tuple[int, ...]]()
+        for squares, key in ordered:
+            inside = tuple(a for a in key[1] if self.others[a].constants)
+            if squares > before * (1 + _SAME) and alike[inside] < (_ALIKE if inside else _CLOSE):
+                found.append(key)
+                alike[inside] += 1
+            before = squares
+            if len(found) == _NEAR:
+                break
+        return found
+
     def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
         """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
         left = [sum(match.left_nearby(*key, self._values(match, key)) for match in self.matches) for key in keys]
@@ -257,18 +275,6 @@ def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
         each = gains(left, match.squares - np.sum(inside**2, axis=1))
         gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts[filled], axis=1)
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
-
-
-def _different(ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
-    """Return the first sets of a list, but for those that leave the same as the one before: they say the same."""
-    found, before = [], 0.0
-    for squares, key in ordered:
-        if squares > before * (1 + _SAME):
-            found.append(key)
-        before = squares
-        if len(found) == _NEAR:
-            break
-    return found
 
 
 def _subsets(count: int, most: int) -> list[tuple[int, ...]]:
