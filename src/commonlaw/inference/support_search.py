@@ -185,10 +185,10 @@ class SupportEvidence:
         if self.in_ratios is None:
             return self._factors
         found, values = self._factors.copy(), self.in_ratios[:, np.newaxis, :]
-        slopes = np.where(values != 0, found[:, :, :-1] * values, 0.0)
-        found[:, :, :-1] = np.where(values != 0, slopes, found[:, :, :-1])
         logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
-        found[:, :, -1] += np.sum(slopes * (logarithms - 1), axis=2)
+        found[:, :, :-1] *= np.where(values != 0, values, 1.0)
+        # Counted from one where objects are alike, whatever the units
+        found[:, :, -1] += np.sum(found[:, :, :-1] * (logarithms - logarithms.mean(axis=0)), axis=2)
         return found
 
 
