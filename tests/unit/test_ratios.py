@@ -198,7 +198,7 @@ def test_equations_have_ratios_beside_plain_terms(tmp_path):
     assert second in (  # The same: x/(K + x) = 1 - K/(K + x)
         "y' = d y + f x y/(K2 + x)",
         "y' = d y + f y/(K2 + x)",
-        "y' = d y/(K2 + x) + f x y/(K2 + x)",
+        "y' = (d y + f x y)/(K2 + x)",
     )
     states = np.array([[0.5, 1.0, 0.0], [3.0, 2.0, 0.0]])
     for name, own in objects.items():
