@@ -86,6 +86,19 @@ def test_a_saved_law_forecasts_tables_with_other_doses():
     assert "doses=('dose',)" in law.to_script()
 
 
+def test_a_law_is_simulated_with_doses():
+    *_, trials = drawn(INJECTED)
+    law = cl.fit(INJECTED, trials, doses="dose")
+    times = np.linspace(0, 6, 13)
+    found = law.simulate(times, [4.0], doses={"dose": {1.5: 30.0}})["a"].states[:, 0]
+    volume, k = (law.letter_values()[0][0, law.letters.index(each)] for each in ("V", "k"))
+    expected = 4 * np.exp(-k * times) + np.where(times > 1.5, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    np.testing.assert_allclose(law.simulate(times, [4.0])["a"].states[:, 0], 4 * np.exp(-k * times), rtol=1e-6)
+    with pytest.raises(cl.CommonlawError, match="unknown dose 'dos'"):
+        law.simulate(times, [4.0], doses={"dos": {1.0: 1.0}})
+
+
 def test_the_command_line_takes_doses(tmp_path):
     *_, trials = drawn(INJECTED)
     trials.to_frame().to_csv(tmp_path / "doses.csv", index=False)

@@ -128,8 +128,9 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
     alike = [pair for pair in laws if _fit_alike(pair[1], best)]
     others = [law for _, law in laws if not _fit_alike(law, best)]
     if not alike:
-        least = min((each.state.value for each in others), default=np.inf) - best.state.value
-        step = Step(UNMEASURED_STATE, "none", f"laws with one have at least {least:.3g} more of -2 log evidence")
+        more = [each.state.value - best.state.value for each in others]
+        why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
+        step = Step(UNMEASURED_STATE, "none", why)
         return best_of([with_provenance(found, (step,), ()), *found.rivals, *others])
     (hypothesis, chosen), *same = alike
     why = f"{hypothesis.words}; without it -2 log evidence is {found.state.value - best.state.value:.3g} more"

@@ -60,6 +60,7 @@ class AbstractDelegates(AbstractAverages):
         events: Sequence[Event] = (),
         dense: bool = False,
         sensitivities: bool = False,
+        doses: Mapping[str, Mapping[float, float]] | None = None,
     ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
@@ -73,15 +74,16 @@ class AbstractDelegates(AbstractAverages):
         method, tolerance, events, dense
             How to integrate and what to look for, see `commonlaw.integration.simulate`.
         sensitivities
-            Whether to give the derivatives of the states by the object's coefficients (those in the support of a
-            shared law, else the object's own), equation by equation, and by the initial states.
+            Whether to give the derivatives of states by coefficients in the support, row by row, and by initial states.
+        doses
+            Amounts by their times, of a law whose inputs are doses: ``{"dose": {3.0: 60.0}}``.
 
         Raises
         ------
         CommonlawError
-            If the law has inputs or lacks an object, or an initial state has not as many numbers as the law has states.
+            If the law has other inputs, lacks an object, or has not as many states as an initial state.
         """
-        how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense}
+        how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         simulate = resolve_name("commonlaw.forecast:simulate_law")
         found: dict[str, Trajectory] = simulate(self, times, initial, sensitivities=sensitivities, **how)
         return found

@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.trial import Trial
 from commonlaw.trials.trials import Trials
 
-_MOMENT = 1e-4
+MOMENT = 1e-4
 """How long a dose takes, relative to the shortest step of a trial: less than it would show."""
 
 
@@ -49,7 +49,7 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
 def _with_moments(trial: Trial) -> Trial:
     """Return a trial whose inputs are amounts with samples in which they are added, but for those of its end."""
     given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
-    moment = _MOMENT * float(np.diff(trial.times).min(initial=np.inf))
+    moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
     times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
     order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
     inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
