@@ -126,6 +126,18 @@ def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_pole
         assert (np.abs(below + rest) > 0).all()
 
 
+def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
+    table = enzymes(1, noise=0.01).to_frame()
+    table["u"] = np.where(table["object"] == "a", 0.0, 1.0 + (table["trial"].astype(str) == "1"))
+    trials = cl.Trials.from_frame(table, object="object", trial="trial", time="t", states=["s"], inputs=["u"])
+    variables = Variables(("s",), ("u",))
+    problem = prepare(trials, PolynomialLibrary(1).bind(variables), np.full((3, 1, 3), np.nan))
+    (sets,) = matching_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables))
+    texts = {text for each in sets for text in each.others[0].expressions(variables, each.others[0].constants)}
+    assert "(s)/(K + s)" in texts
+    assert any("u" in each for each in texts)
+
+
 @pytest.mark.parametrize(("power", "noise"), [(1, 0.01), (1, 0.05), (2, 0.01), (2, 0.05)])
 def test_the_kinetics_of_enzymes_are_found(power, noise):
     law = cl.discover(enzymes(power, noise), library=QUADRATIC, cache=False)

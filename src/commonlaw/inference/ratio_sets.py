@@ -256,7 +256,7 @@ class _Ranked:
         banks = list[Floats]()
         for side, own, size in zip(self.sides, coefficients, sizes, strict=True):
             here = np.sqrt(np.mean((side.below[:, below[:-1]] @ own) ** 2))
-            new = tried * here / size[below[-1]]
+            new = tried * here / (size[below[-1]] or 1.0)  # An input may be zero in all trials of an object
             banks.append(np.column_stack([np.tile(own, (len(new), 1)), new])[:, order])
         left = in_parallel(lambda each, bank: each.left(ordered, bank, self._by_size), self.sides, banks)
         places = [np.argmin(each, axis=0) for each in left]
