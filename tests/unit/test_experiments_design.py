@@ -1,5 +1,7 @@
 """Which experiment next: proposals against closed forms, forecasts, and what then happens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -276,3 +278,10 @@ def test_states_on_a_logarithmic_scale_start_above_zero():
         cl.design(law, {"x": "0..10", "duration": 5, "rate": 5})
     found = cl.design(law, {"x": "1..10", "duration": "1..8", "rate": 5}, about="coefficients")
     assert found.experiments[0].experiment.times[-1] == 8.0
+
+
+def test_laws_with_doses_are_refused():
+    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
+    dosed = replace(law, schema=replace(law.schema, doses=("u",)))
+    with pytest.raises(cl.CommonlawError, match="u is added in a moment"):
+        cl.design(dosed, {"x": 0, "duration": 1, "rate": 10, "u": 1})

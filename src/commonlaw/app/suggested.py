@@ -31,7 +31,9 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
         raise CommonlawError(f"a budget of {asked.trials} trials: choose 1 to {_MOST}")
     made = suggestions(found.law, found.findings.training, asked.trials)
     if not made:
-        raise CommonlawError("nothing can be suggested: how accurate this law's coefficients are is not known")
+        raise CommonlawError(
+            "nothing can be suggested: that takes a law without doses that knows how accurate its coefficients are"
+        )
     return {
         "suggestions": [
             {

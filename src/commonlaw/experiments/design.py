@@ -84,8 +84,8 @@ def design(
     Raises
     ------
     CommonlawError
-        If a law does not know its noise or how accurate its coefficients are, laws do not go together, something is
-        not known or cannot be set, or no experiment is within the budget.
+        If a law has doses, or does not know its noise or how accurate its coefficients are; if laws do not go together,
+        something is not known or cannot be set, or no experiment is within the budget.
 
     Examples
     --------

@@ -49,11 +49,16 @@ class Hypothesis:
         Raises
         ------
         CommonlawError
-            If the law does not know its noise or its covariance, or is one of discrete time.
+            If the law does not know its noise or its covariance, is one of discrete time, or has doses.
         """
         if law.order == 0:
             raise CommonlawError(
                 "a law of discrete time does not say what happens between samples: discover one of order 1 or 2"
+            )
+        if law.schema.doses:
+            raise CommonlawError(
+                f"{', '.join(law.schema.doses)} is added in a moment: experiments can be designed with inputs that last, "
+                "and of laws without doses"
             )
         known = law.uncertainty.select([law.index(name) for name in objects])
         own = known.known_covariance()
