@@ -56,9 +56,9 @@ class Hypothesis:
                 "a law of discrete time does not say what happens between samples: discover one of order 1 or 2"
             )
         if law.schema.doses:
+            names = ", ".join(law.schema.doses)
             raise CommonlawError(
-                f"{', '.join(law.schema.doses)} is added in a moment: experiments can be designed with inputs that last, "
-                "and of laws without doses"
+                f"{names} is added in a moment: experiments can be designed for laws without doses only"
             )
         known = law.uncertainty.select([law.index(name) for name in objects])
         own = known.known_covariance()
