@@ -9,7 +9,6 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.poles import has_poles
-from commonlaw.inference.pooled_trajectories import missed_by_pooling
 from commonlaw.inference.search import fit_with
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.told_constants import are_constants_told
@@ -57,12 +56,6 @@ def test_constants_are_told_where_a_term_bends_and_not_where_it_is_straight():
     assert not are_constants_told(problem, state)
 
 
-def test_pooled_coefficients_miss_next_to_nothing_where_constants_are_known_well():
-    rates = {"a": 1.0, "b": 2.0, "c": 1.4}
-    problem, state = fitted(decaying(rates, [4.0, 2.0], half=1.0), [(-own, 1.0) for own in rates.values()])
-    assert missed_by_pooling(problem, state) < 1
-
-
 def test_a_law_that_objects_would_share_only_where_it_is_linear_is_not_taken():
     """Of (a n + b n^2)/(K + n) three objects tell lines that meet, far from the logistic growth that they show."""
     generator, times, courses = np.random.default_rng(1013), np.linspace(0, 8, 50), []
@@ -72,8 +65,3 @@ def test_a_law_that_objects_would_share_only_where_it_is_linear_is_not_taken():
     trials = cl.Trials.from_arrays([times] * 6, noisy, object=[*"aabbcc"], names=["n"])
     law = cl.discover(trials, library="ratio(poly:2, poly:2)", cache=False)
     assert law.structure() == ("n' = a n + b n^2",)
-
-
-def test_one_object_has_nothing_to_pool():
-    problem, state = fitted(decaying({"a": 1.0}, [4.0, 2.0], half=1.0), [(-1.0, 1.0)])
-    assert missed_by_pooling(problem, state) == 0

@@ -17,7 +17,6 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.poles import has_poles
-from commonlaw.inference.pooled_trajectories import missed_by_pooling
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
@@ -244,8 +243,6 @@ class _Search:
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
         if not (is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
             raise NotPositiveError
-        if state.value < min(each.state.value for each in self.listed()):
-            state = replace(state, value=state.value + missed_by_pooling(problem, state))
         law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
         law = replace(law, provenance=template.provenance)
         return LawSearch(law, problem, state, None, (state,))
