@@ -54,7 +54,11 @@ class Cluster:
         return f"{counted(len(workers), 'worker')}{each}, dashboard {self.client.dashboard_link}"
 
     def check(self) -> None:
-        """Refuse workers whose versions are not those of this process, and a cluster without a worker."""
+        """Refuse a client that is closed, a cluster without a worker, and workers of other versions."""
+        if self.client.status != "running":
+            raise CommonlawError(
+                f"the client is {self.client.status}: connect it to a scheduler, Client('tcp://host:8786')"
+            )
         with self._lost_in_words():
             try:
                 self.client.wait_for_workers(1, timeout=_PATIENCE)

@@ -147,6 +147,8 @@ def test_a_scheduler_that_stops_is_an_error_in_words(tmp_path):
                 with pytest.raises(cl.CommonlawError, match=r"the connection to the cluster at tcp://.* was lost"):
                     next(work)
                 lost = time.monotonic()
+            with pytest.raises(cl.CommonlawError, match="the client is closed"), on_cluster(client):
+                pass
         finally:
             scheduler.kill()
     assert time.monotonic() - lost < 10
