@@ -221,7 +221,9 @@ class _Search:
                 _, problem, begun = self._posed(rows)
                 best = _best_fits(problem, estimates, begun, _short_way)
                 price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
-                ranked.append((float(np.median([each.deviance for each in best])) + price, k))
+                fits = [each.objective for each in best]
+                if np.isfinite(fits).all():  # A root of less than zero is not
+                    ranked.append((float(np.median(fits)) + price, k))
         return [new[k] for _, k in sorted(ranked)[:_MOST_FITTED]]
 
     def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[_Built, SearchProblem, list[Floats]]":
