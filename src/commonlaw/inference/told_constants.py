@@ -28,7 +28,7 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
         except np.linalg.LinAlgError:
             return False
         squares.append(found**2 / np.sum(inverse**2, axis=1))
-    lost = bent & ~(np.mean(squares, axis=0) >= _SURE**2)
+    lost = bent & ~(np.median(squares, axis=0) >= _SURE**2)
     return not any(
         lost[own].sum() > 1 and (lost & constant)[own].any() for own in equations == equations[:, np.newaxis]
     )
