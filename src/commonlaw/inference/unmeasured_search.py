@@ -19,7 +19,7 @@ from commonlaw.inference.drives import UNMEASURED_STATE, with_provenance
 from commonlaw.inference.law_search import PATH, LawSearch, best_of
 from commonlaw.inference.search import polish, to_scale, with_close_neighbours
 from commonlaw.inference.search_problem import SearchProblem, prepare
-from commonlaw.inference.search_state import NO_ERROR, SearchState, is_settled, promised
+from commonlaw.inference.search_state import NO_ERROR, SearchState, promised
 from commonlaw.law import Law, Step
 from commonlaw.law.text import structure
 from commonlaw.library import Terms, parse_term
@@ -37,6 +37,10 @@ _NAME = "u"
 
 _AGAIN, _ROUNDS, _GAIN = 2, 2, 0.1
 """How many hypotheses are searched again from the terms that they came to, how often, and for what gain."""
+
+_PROMISED = 0.1
+"""Twice the log-likelihood for each object that a fit may be promised elsewhere: more, where many terms are nearly
+alike, says that the evidence means nothing."""
 
 _ALIKE = 1.0
 """Twice the log-likelihood in which two laws of as many coefficients fit alike."""
@@ -234,7 +238,7 @@ class _Hypothesis:
                 problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
                 if not self._has_effect(state):
                     break
-                if np.isfinite(state.value) and is_settled(problem, state):
+                if np.isfinite(state.value) and promised(problem, state) < _PROMISED * len(state.estimates):
                     return LawSearch(self._template(trials), problem, state, None, (state,))
                 few = state.supports  # Fits that got stuck on the way may not from there
         return None
