@@ -26,6 +26,10 @@ from commonlaw.hierarchy import (
 )
 from commonlaw.kernel import MeasuredStructure, address, kernel
 
+_UNTOLD = 1e-6
+"""Columns of mean square one over objects that are so small in one of them, as of an input that is never on there, tell
+nothing of this object's coefficient; what its trials do not tell is zero, which counts for nothing."""
+
 _NEAR = 1e-12
 """Columns whose square is less than this share outside the span of others have too few digits there."""
 
@@ -157,7 +161,12 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float) -> float:
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < WORST_CONDITION:
         return np.inf
-    estimates = np.asarray(np.linalg.solve(columns, targets)[..., 0])
+    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _UNTOLD
+    estimates = np.empty(columns.shape[:2])
+    estimates[told] = np.linalg.solve(columns[told], targets[told])[..., 0]
+    ridge = _UNTOLD**2 * np.eye(columns.shape[1])
+    projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
+    estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)))
 
 

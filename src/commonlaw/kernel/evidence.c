@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Columns of mean square one over objects that are so small in one of them tell this object's coefficient not at all. */
+static const double UNTOLD = 1e-6;
+
 static double of_noise(Measured measured, double squares) {
     return fmax(squares - measured.outliers, 0) + measured.prior;
 }
@@ -119,16 +122,33 @@ static double condition(double *matrix, int64_t k) {
     return largest / least;
 }
 
-/* Fill the information on the columns' coefficients and their estimates; false if a column depends on others. */
+/* Estimate the coefficients of an object whose trials do not tell all of them: what they do not tell is zero. */
+static bool estimate_told(const Support *s, const double *columns, const double *reduced, double *estimates) {
+    const int64_t k = s->k, size = k + 1;
+    double *matrix = s->mixed;
+    for (int64_t a = 0; a < k; ++a) {
+        estimates[a] = 0;
+        for (int64_t c = 0; c <= a; ++c) estimates[a] += columns[c * k + a] * reduced[c * size + k];
+        for (int64_t b = 0; b < k; ++b) {
+            matrix[a * k + b] = a == b ? UNTOLD * UNTOLD : 0;
+            for (int64_t c = 0; c < k; ++c) matrix[a * k + b] += columns[c * k + a] * columns[c * k + b];
+        }
+    }
+    return solve_vector(matrix, k, estimates);
+}
+
+/* Fill the information on the columns' coefficients and their estimates. */
 static bool estimate(Support *s, double variance) {
     const int64_t k = s->k, size = k + 1;
     for (int64_t o = 0; o < s->objects; ++o) {
         const double *columns = s->columns + o * k * k, *reduced = s->reduced + o * size * size;
         double *estimates = s->estimates + o * k, *information = s->information + o * k * k;
-        for (int64_t a = k - 1; a >= 0; --a) {
+        bool told = true;
+        for (int64_t a = 0; a < k; ++a) told = told && fabs(columns[a * k + a]) > UNTOLD;
+        if (!told && !estimate_told(s, columns, reduced, estimates)) return false;
+        for (int64_t a = k - 1; told && a >= 0; --a) {
             double t = reduced[a * size + k];
             for (int64_t b = a + 1; b < k; ++b) t -= columns[a * k + b] * estimates[b];
-            if (columns[a * k + a] == 0) return false;
             estimates[a] = t / columns[a * k + a];
         }
         for (int64_t a = 0; a < k; ++a)

@@ -13,7 +13,7 @@ static const double RIDGE = 1e-12;
 #define EACH_LANE for (int l = 0; l < LANES; ++l)
 
 /* Solve for a vector in place by elimination with pivots; false if singular. */
-static bool solve_vector(double *matrix, int64_t k, double *right) {
+bool solve_vector(double *matrix, int64_t k, double *right) {
     for (int64_t c = 0; c < k; ++c) {
         int64_t pivot = c;
         for (int64_t a = c + 1; a < k; ++a)
