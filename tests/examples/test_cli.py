@@ -290,6 +290,7 @@ def test_the_help_of_discover_groups_options_by_method(run):
         "Options of weak-regression",
         "Output",
         "Several files",
+        "Cluster",
         "Options",
     ]
 

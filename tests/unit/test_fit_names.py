@@ -56,6 +56,11 @@ def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
     ("text", "function", "values"),
     [
         ("x' = r x (1 - x/K)", lambda x, r, K: r * x * (1 - x / K), {"r": 0.5, "K": 8.0}),
+        (
+            "x' = r x (1 - x/K) (1 - x/L)",
+            lambda x, r, K, L: r * x * (1 - x / K) * (1 - x / L),
+            {"r": -0.5, "K": 1.0, "L": 4.0},
+        ),
         ("x' = -k (x - 20 - a)", lambda x, k, a: -k * (x - 20 - a), {"k": 0.5, "a": 3.0}),
         ("x' = x/(2 tau) + c/tau x^2", lambda x, tau, c: x / (2 * tau) + c / tau * x**2, {"tau": 4.0, "c": -3.0}),
         (
@@ -77,7 +82,6 @@ def test_what_is_multiplied_out_is_the_same_function_and_gives_its_coefficients_
     [
         ("x' = (k + m) (x - 20)", "'x - 20' twice|term x - 20 twice"),
         ("x' = (a + b x)/tau", "both no variables"),
-        ("x' = r x (1 - x/K) (1 - x/L)", "twice|both no variables"),
         ("x' = " + "*".join("(a + b x)" for _ in range(20)), "more than 200 summands"),
         ("x' = a x + e", "'e': e is the base of exponentials, or a coefficient"),
     ],
