@@ -28,9 +28,12 @@ def concentrations(values, first):
     *rate, volume, k = values
     ka = rate[0] if rate else 0.0
     state, found = np.array([100.0 if rate else 0.0, first]), [first]
+
+    def rates(_, z):
+        return [-ka * z[0], ka * z[0] / volume - k * z[1]]
+
     for begin, end in pairwise(HOURS):
         state = state + DOSES.get(begin, 0.0) * np.array([1.0, 0.0] if rate else [0.0, 1 / volume])
-        rates = lambda _, z: [-ka * z[0], ka * z[0] / volume - k * z[1]]  # noqa: E731
         state = solve_ivp(rates, (begin, end), state, rtol=1e-9, atol=1e-11).y[:, -1]
         found.append(state[1])
     return np.array(found)

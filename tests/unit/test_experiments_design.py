@@ -269,6 +269,23 @@ def test_an_input_is_shaped_to_tell_its_coefficient():
     assert found.bits == pytest.approx(np.log2(1 + information) / 2, rel=1e-3)
 
 
+@pytest.mark.parametrize("shapes", ["constant, step", ["constant", "step"], ("constant", "step")])
+def test_shapes_are_a_list_however_they_are_written(shapes):
+    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
+    found = cl.design(law, {"x": 0, "duration": 2, "samples": 9, "u": 2, "u.period": 2, "u.shape": shapes})
+    assert found.experiments[0].experiment.settings["u.shape"] == "constant"
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [({"u.shape": "1..5"}, r"unknown shape of an input '1\.\.5'"), ({"object": "1..5"}, r"unknown object .* '1\.\.5'")],
+)
+def test_ranges_of_words_are_refused_by_name(setting, message):
+    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.design(law, {"x": 0, "duration": 2, "samples": 9, "u": 2, **setting})
+
+
 def test_states_on_a_logarithmic_scale_start_above_zero():
     random, times = np.random.default_rng(0), np.linspace(0, 5, 40)
     states = [5 * np.exp(-rate * times + 0.05 * random.normal(size=40)) for rate in (0.5, 0.8)]

@@ -14,6 +14,8 @@ from commonlaw.law.from_text import read_equations
 from commonlaw.trials import Schema
 
 HOURS = np.array([0.25, 0.5, 0.75, 1, 1.25, 2, 3, 4, 5, 6, 8])
+DAYS = np.linspace(0, 40, 21)
+SWALLOWED = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])
 WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
 MICROCONSTANTS = "conc' = -(k10 + k12) conc + k21 tissue; tissue' = k12 conc - k21 tissue"
 EPIDEMIC = "S' = -b S I; I' = b S I - g I"
@@ -27,16 +29,22 @@ def injected(values):
     return np.array([(expm(matrix * t) @ [first, 0.0])[0] for t in HOURS])
 
 
-def infected(values, times=np.linspace(0, 40, 21)):  # noqa: B008
+def infected(values):
     first, b, g = values
-    rates = lambda _, z: [-b * z[0] * z[1], b * z[0] * z[1] - g * z[1]]  # noqa: E731
-    return solve_ivp(rates, (0, 40), [990.0, first], t_eval=times, rtol=1e-10, atol=1e-8).y[1]
+
+    def rates(_, z):
+        return [-b * z[0] * z[1], b * z[0] * z[1] - g * z[1]]
+
+    return solve_ivp(rates, (0, 40), [990.0, first], t_eval=DAYS, rtol=1e-10, atol=1e-8).y[1]
 
 
-def saturated(values, times=np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])):  # noqa: B008
+def saturated(values):
     first, ka, volume, most, half = values
-    rates = lambda _, z: [-ka * z[0], ka * z[0] / volume - most * z[1] / (half + z[1])]  # noqa: E731
-    return solve_ivp(rates, (0, 12), [100.0, first], t_eval=times, rtol=1e-10, atol=1e-10, method="LSODA").y[1]
+
+    def rates(_, z):
+        return [-ka * z[0], ka * z[0] / volume - most * z[1] / (half + z[1])]
+
+    return solve_ivp(rates, (0, 12), [100.0, first], t_eval=SWALLOWED, rtol=1e-10, atol=1e-10, method="LSODA").y[1]
 
 
 CASES = {
@@ -44,7 +52,7 @@ CASES = {
     "epidemic": (EPIDEMIC, infected, (10.0, 5e-4, 0.15), ("b", "g"), "I"),
     "saturated": (SATURATED, saturated, (0.0, 1.5, 20.0, 1.0, 1.5), ("ka", "V", "Vm", "Km"), "conc"),
 }
-TIMES = {"microconstants": HOURS, "epidemic": np.linspace(0, 40, 21)}
+TIMES = {"microconstants": HOURS, "epidemic": DAYS, "saturated": SWALLOWED}
 STARTS = {
     "microconstants": {"starts": {"tissue": 0.0}, "starts_at": 0.0},
     "epidemic": {"starts": {"S": 990.0}},
@@ -59,9 +67,8 @@ def drawn(case, count=3, noise=0.01):
     measured = [solution(own) for own in values]
     noise *= np.std(measured)
     measured = [own + noise * generator.standard_normal(len(own)) for own in measured]
-    times = TIMES.get(case, np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0]))
     objects = [f"person {i}" for i in range(count)]
-    return values, noise, measured, cl.Trials.from_arrays([times] * count, measured, object=objects, names=[name])
+    return values, noise, measured, cl.Trials.from_arrays([TIMES[case]] * count, measured, object=objects, names=[name])
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.cluster import done_in_parts
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import compare, refine, written_alike
+from commonlaw.inference import ErrorKind, compare, refine, written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.domain import Domain
 from commonlaw.progress import ProgressCallback, part
@@ -31,7 +31,7 @@ class Fitting:
     """How parts are fitted: keyword arguments of `refine` and `compare`."""
 
     noise: Mapping[str, float] | None
-    errors: str
+    errors: ErrorKind
     huber_threshold: float
 
 
@@ -113,9 +113,10 @@ def _evidences(laws: Mapping[str, Law], fitting: Fitting, part: TrialStream) -> 
     """Return minus twice the log-evidence of each law in a part, up to a constant that they share."""
     trials = part.read()
     given = {name: _typical(law, trials.objects) for name, law in laws.items()}
-    settings = {"noise": fitting.noise, "errors": fitting.errors, "huber_threshold": fitting.huber_threshold}
     with unannounced():
-        frame = compare(given, trials, **settings)  # type: ignore[arg-type]
+        frame = compare(
+            given, trials, noise=fitting.noise, errors=fitting.errors, huber_threshold=fitting.huber_threshold
+        )
     return dict(zip(frame["law"], frame["2 log B"], strict=True))
 
 
@@ -140,7 +141,7 @@ def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> _Part:
             _typical(law, trials.objects),
             trials,
             noise=fitting.noise,
-            errors=fitting.errors,  # type: ignore[arg-type]
+            errors=fitting.errors,
             huber_threshold=fitting.huber_threshold,
             partial_pooling=False,
             progress=lambda _: None,

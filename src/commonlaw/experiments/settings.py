@@ -88,9 +88,9 @@ class Settings:
             _check_new(options, law)
             objects = _some(law.objects)
         else:
-            listed = options.get("object", law.objects)
-            objects = _chosen_objects(listed, law)
-            options["object"] = listed if EACH in listed else objects  # type: ignore[operator]
+            named = _named_objects(options.get("object", law.objects), law)
+            objects = _some(law.objects if EACH in named else named)
+            options["object"] = named if EACH in named else objects
         _check_complete(options, law)
         return cls(objects, options)
 
@@ -143,14 +143,15 @@ def read(name: str, value: object) -> Options:
     >>> read("x", "5..60"), read("rate", "15, 30"), read("x", (5, 60)), read("object", ["Ball 1"])
     (Range(low=5.0, high=60.0), (15.0, 30.0), Range(low=5.0, high=60.0), ('Ball 1',))
     """
-    if isinstance(value, Range):
+    in_words = _is_in_words(name)
+    if isinstance(value, Range) and not in_words:
         return value
     if isinstance(value, str):
         low, dots, high = value.partition("..")
-        if dots:
+        if dots and not in_words:
             return _range(name, low, high)
         return tuple(_plain(name, part.strip()) for part in value.split(","))
-    if isinstance(value, tuple) and len(value) == 2 and name not in ("times", "object"):
+    if isinstance(value, tuple) and len(value) == 2 and name != "times" and not in_words:
         return _range(name, *value)
     values = value if isinstance(value, list | tuple) else [value]
     if name == "times" and values and not isinstance(values[0], list | tuple | np.ndarray):
@@ -170,17 +171,20 @@ def _range(name: str, low: object, high: object) -> Range:
 def _plain(name: str, value: object) -> Value:
     if name == "times":
         return tuple(np.asarray(value, dtype=np.float64).tolist())
-    if name == "object":
+    if _is_in_words(name):
         return str(value)
     try:
         number = float(str(value))
     except ValueError:
-        if name.endswith(".shape"):
-            return str(value)
         raise CommonlawError(f"{name} is {value!r}: give a number, a range such as 5..60, or a list") from None
     if not np.isfinite(number):
         raise CommonlawError(f"{name} is {value}: give a finite number")
     return number
+
+
+def _is_in_words(name: str) -> bool:
+    """Whether the values of a setting are words: names of objects, and of the shapes of inputs."""
+    return name == "object" or name.endswith(".shape")
 
 
 def _is_number(value: Value) -> TypeGuard[float]:
@@ -190,6 +194,10 @@ def _is_number(value: Value) -> TypeGuard[float]:
 def numbers_of(options: Options) -> tuple[float, ...]:
     """Return the ends of a range, or the numbers of a list."""
     return (options.low, options.high) if isinstance(options, Range) else tuple(filter(_is_number, options))
+
+
+def _words_of(options: Options) -> tuple[str, ...]:
+    return () if isinstance(options, Range) else tuple(map(str, options))
 
 
 def _replaced(name: str, given: Mapping[str, Options]) -> bool:
@@ -211,12 +219,12 @@ def _check_name(name: str, law: Law) -> None:
     raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
 
 
-def _chosen_objects(options: Options, law: Law) -> tuple[str, ...]:
-    names = tuple(map(str, options)) if isinstance(options, tuple) else ()
+def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(_words_of(options)))
     for name in names:
         if name not in (*law.objects, EACH):
             raise unknown("object of this law", name, (*law.objects, EACH))
-    return _some(law.objects if EACH in names else tuple(dict.fromkeys(names)))
+    return names
 
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -268,6 +276,6 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
                 f"{name} can start at zero or below, and this law follows its logarithm: give it above 0"
             )
     for name in law.schema.inputs:
-        for shape in options.get(f"{name}.shape", ()):  # type: ignore[union-attr]
+        for shape in _words_of(options.get(f"{name}.shape", ())):
             if shape not in SHAPES:
                 raise unknown("shape of an input", shape, SHAPES)
