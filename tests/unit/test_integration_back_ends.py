@@ -192,6 +192,18 @@ def test_exponential_growth_is_followed_until_it_has_run_away(method, dense):
     assert np.isnan(found.states[31:]).all()
 
 
+@pytest.mark.parametrize("options", [{}, {"dense": True}, {"sensitivities": True}])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_trajectory_ends_where_it_goes_beyond_a_limit(method, options):
+    """What grows makes this law ever stiffer: without a limit it takes all steps that there are."""
+    growing = field("xy", {"x": 1.0}, {"x*y": -1.0})
+    found = run(growing, [1.0, 1.0], np.linspace(0, 20, 41), method=method, limit=1e3, **options)
+    assert str(found.outcome).startswith("diverged (thing): the forecast ran away at t = ")
+    assert np.log(1e3) <= found.ended < np.log(1e3) + 0.5
+    np.testing.assert_allclose(found.states[:13, 0], np.exp(found.times[:13]), rtol=1e-5)
+    assert np.isnan(found.states[15:]).all()
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_whole_powers_are_integrated_through_zero(method):
     moved = field("x", {"1": 1.0, "x**3": 0.5, "(x - 1)**5": 0.0, "exp(x**7)": -0.1})

@@ -95,11 +95,14 @@ class Hypothesis:
             for own in planned
         ]
 
-    def says(self, experiments: Sequence[Experiment]) -> list[tuple[Gaussian, ...] | None]:
-        """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge."""
+    def says(self, experiments: Sequence[Experiment], limit: float | None = None) -> list[tuple[Gaussian, ...] | None]:
+        """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge.
+
+        They diverge where a state is larger than a limit, see `simulate`.
+        """
         planned = [_planned(self.law, each) for each in experiments]
         problems = [own.problem(name) for own in planned for name in own.experiment.objects]
-        found = iter(simulate(problems, tolerance=_TOLERANCE, sensitivities=True))
+        found = iter(simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit))
         return [self._said(own, [next(found) for _ in own.experiment.objects]) for own in planned]
 
     def _said(self, planned: "_Planned", found: Sequence[Trajectory]) -> tuple[Gaussian, ...] | None:

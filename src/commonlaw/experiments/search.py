@@ -12,7 +12,7 @@ from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import MOST, Hypothesis
-from commonlaw.experiments.settings import Range, Settings
+from commonlaw.experiments.settings import Range, Settings, numbers_of
 from commonlaw.law import Law
 
 POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
@@ -26,6 +26,10 @@ SURE = 0.95
 """The chance that counts as settled: that of an interval."""
 
 MOST_REPEATS = 100
+
+_FAR = 1000
+"""A forecast that goes so many times farther than states have been, or start from, diverges: what a law says there,
+linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +146,19 @@ class Search:
         experiments = self.hypotheses[0].within(experiments, self.limits)
         left, said = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
         for each in self.hypotheses:
-            found = each.says([experiments[i] for i in left])
+            found = each.says([experiments[i] for i in left], self._farthest)
             for i, own in zip(left, found, strict=True):
                 said[i] += [] if own is None else [own]
             left = [i for i, own in zip(left, found, strict=True) if own is not None]
         return [Candidate(experiments[i], points[i], tuple(said[i])) for i in left]
+
+    @cached_property
+    def _farthest(self) -> float | None:
+        """How large a state may become, if it is known where they have been."""
+        names, visited = self.law.terms.variables.states, self.law.provenance.domain.visited
+        been = [value for name in names for value in visited.get(name, ())]
+        starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
+        return _FAR * float(np.abs([*been, *starts]).max()) if been else None
 
     def chance(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""

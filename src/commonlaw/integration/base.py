@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.initial_value_problem import InitialValueProblem
+from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory
 from commonlaw.outcomes import Outcome, OutcomeKind
 
@@ -42,6 +42,13 @@ def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
     if size == 0:
         size = max(np.max(np.abs(rates(t, initial))) for t in np.linspace(times[0], times[-1], 10)) * span
     return float(size) if 0 < size < np.inf else 1.0
+
+
+def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float:
+    """Return what a state may reach before it counts as infinite."""
+    if options.limit is not None:
+        return options.limit
+    return FAR * state_scale(problem.initial, problem.field, problem.times)
 
 
 def not_integrated(time: float, why: str, where: str) -> Outcome:

@@ -68,6 +68,7 @@ class OutputOptions:
     events: tuple[Event, ...] = ()
     dense: bool = False
     sensitivities: bool = False
+    limit: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:

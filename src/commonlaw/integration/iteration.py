@@ -27,7 +27,7 @@ class Iteration(AbstractIntegrator):
         vector_field, width = problem.field, len(problem.initial)
         states = np.full((len(problem.times), width), np.nan)
         states[0] = problem.initial
-        sensitivities, limit, outcome, ended = None, 0.0, None, None
+        sensitivities, limit, outcome, ended = None, self.options.limit, None, None
         if self.options.sensitivities:
             parameters = len(vector_field.parameters)
             sensitivities = np.full((*states.shape, parameters + width), np.nan)

@@ -41,7 +41,16 @@ class LsodaIntegrator(AbstractIntegrator):
             first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
             search = _EventSearch(functions, problem.start, first)
         dense = options.dense or options.sensitivities
-        own = problem.initial, problem.times, options.tolerance, problem.where, search, dense, problem.stops
+        own = (
+            problem.initial,
+            problem.times,
+            options.tolerance,
+            problem.where,
+            search,
+            dense,
+            problem.stops,
+            options.limit,
+        )
         result = solve(RightHandSide(vector_field, vector_field.jacobian), *own)
         found = occurrences(options.events, search.found if search else [], width)
         result = replace(result, events=found)
@@ -113,11 +122,12 @@ def solve(
     search: _EventSearch | None = None,
     dense: bool = False,
     stops: Floats | None = None,
+    limit: float | None = None,
 ) -> Trajectory:
     """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
 
     The absolute tolerance is a thousandth of the relative one times the size of the states. No step goes past one of
-    the `stops`, the last of which is the last time.
+    the `stops`, the last of which is the last time. A state that is larger than the limit ran away.
     """
     states, width = np.full((len(times), len(start)), np.nan), len(start)
     states[0] = start
@@ -144,7 +154,7 @@ def solve(
                 mark = solver.t
             before = solver.t
             with quiet(UserWarning):
-                bad = solver.step() or _runaway(solver.y, size)
+                bad = solver.step() or _runaway(solver.y, FAR * size if limit is None else limit)
             if bad:
                 how, why = "ran away", bad
                 break
@@ -211,8 +221,8 @@ class _Track:
         return np.asarray(whole(np.minimum(times, self.knots[-1])).T)
 
 
-def _runaway(states: Floats, size: float) -> str | None:
+def _runaway(states: Floats, limit: float) -> str | None:
     largest = np.abs(states).max()
-    if largest <= FAR * size:
+    if largest <= limit:
         return None
     return f"a state reached {largest:.3g}" if np.isfinite(largest) else "a state is not finite"

@@ -33,6 +33,7 @@ def simulate(
     events: Sequence[Event] = (),
     dense: bool = False,
     sensitivities: bool = False,
+    limit: float | None = None,
 ) -> tuple[Trajectory, ...]:
     """Integrate many objects, each from its own start; those of one law share what is compiled.
 
@@ -54,6 +55,9 @@ def simulate(
         Whether `Trajectory.at` is to give states at any time.
     sensitivities
         Whether to integrate the derivatives by the coefficients and the initial states too.
+    limit
+        A state larger than this ran away; by default 1e10 times the initial states and their change over the first
+        sample.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def simulate(
     """
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
-    options, problems = OutputOptions(tolerance, tuple(events), dense, sensitivities), tuple(problems)
+    options, problems = OutputOptions(tolerance, tuple(events), dense, sensitivities, limit), tuple(problems)
     points = sum(len(problem.times) + _STOP * (len(problem.stops) - 1) for problem in problems)
     if method == "auto" and not sensitivities and points < _FEW_POINTS:
         method = "scipy"

@@ -13,7 +13,7 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.base import FAR, AbstractIntegrator, most_steps, not_integrated, state_scale
+from commonlaw.integration.base import FAR, AbstractIntegrator, largest_state, most_steps, not_integrated
 from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.heyoka.compiled import Compiled, Found, Structure, compiled
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
@@ -24,6 +24,9 @@ from commonlaw.outcomes import Outcome
 Dense = Callable[[Floats], Floats]
 
 _NOT_FINITE = "a state is not finite"
+
+_LOOK = 1000
+"""Steps after which to look whether a state ran away: on its way to infinity steps may become shorter without end."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +46,14 @@ class HeyokaIntegrator(AbstractIntegrator):
         width = len(problem.initial)
         with np.errstate(all="ignore"):
             self.compiled.start(problem, self._levels(problem))
-            path = _propagate(self.compiled, problem, self.options.dense)
+            path = _propagate(self.compiled, problem, self.options)
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
-            reached = _before_runaway(problem, path.rows[:, :width])
+            reached = _before_runaway(problem, self.options, path.rows[:, :width])
             rows[:reached] = path.rows[:reached]
             ended, outcome = path.ended, None
             if path.broke or reached < len(path.rows):
-                ended, outcome = _runaway(self.compiled, problem, rows[reached - 1], float(problem.times[reached - 1]))
+                last = rows[reached - 1], float(problem.times[reached - 1])
+                ended, outcome = _runaway(self.compiled, problem, self.options, *last)
             elif ended is not None and path.failure:
                 outcome = not_integrated(ended, path.failure, problem.where)
         found = [each for each in path.found if ended is None or each[1] <= ended]
@@ -78,7 +82,7 @@ class _Path:
     """How far heyoka came: rows at the first times (at least at the first), what happened, and the states at any time.
 
     `ended` says when a terminal event or want of steps ended it early, `failure` why it is not integrated to the end,
-    `broke` whether a number was not finite.
+    `broke` whether a state was not finite, or ran away.
     """
 
     rows: Floats
@@ -89,12 +93,12 @@ class _Path:
     broke: bool = False
 
 
-def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Path:
+def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> _Path:
     """Integrate over the times from where the law was placed."""
     stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, most_steps(problem.stops)
     if len(times) == 1:
-        return _Path(row[np.newaxis], [], _dense(None, row, law.width) if dense else None)
-    if dense:
+        return _Path(row[np.newaxis], [], _dense(None, row, law.width) if options.dense else None)
+    if options.dense:
         result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=most, c_output=True)
         done = result == heyoka.taylor_outcome.time_limit
         rows = (
@@ -102,7 +106,7 @@ def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Pat
         )
         states = _dense(output, row, law.width)
     else:
-        result, rows = _rows(law, problem)
+        result, rows = _rows(law, problem, options)
         states = None
     # A state that is not finite at once leaves no row at all.
     rows, found, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
@@ -112,12 +116,13 @@ def _propagate(law: Compiled, problem: InitialValueProblem, dense: bool) -> _Pat
         case heyoka.taylor_outcome.err_nf_state:
             return _Path(rows, found, states, None, _NOT_FINITE, broke=True)
         case heyoka.taylor_outcome.step_limit:
-            return _Path(rows, found, states, time, f"{most} steps were not enough")
+            failure = f"{most} steps were not enough"
+            return _Path(rows, found, states, time, failure, broke=_ran_away(law, problem, options))
     found.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
     return _Path(rows, found, states, time)
 
 
-def _rows(law: Compiled, problem: InitialValueProblem) -> tuple[Any, Floats]:
+def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> tuple[Any, Floats]:
     """Return how heyoka ended and the rows at the times, as far as it came; inputs change their course at stops."""
     stepper, times, left = law.stepper, problem.times, most_steps(problem.stops)
     parts, reached = [law.stepper.state.copy()[np.newaxis]], 1
@@ -126,10 +131,11 @@ def _rows(law: Compiled, problem: InitialValueProblem) -> tuple[Any, Floats]:
         until = int(np.searchsorted(times, stop, side="right"))
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
-        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, left))
+        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(left, _LOOK)))
         parts.append(rows[1 : 1 + len(wanted)])
-        left, reached = left - steps, until
-        if result != heyoka.taylor_outcome.time_limit or stop == times[-1]:
+        left, reached = left - steps, reached + len(parts[-1])
+        goes_on = left > 0 and result == heyoka.taylor_outcome.step_limit and not _ran_away(law, problem, options)
+        if not goes_on and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
             return result, np.concatenate(parts)
 
 
@@ -141,9 +147,15 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
     return lambda times: np.array(output(np.minimum(times, output.bounds[1]))[:, :width])
 
 
-def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: float) -> tuple[float, Outcome]:
+def _ran_away(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
+    return bool(np.max(np.abs(law.stepper.state[: law.width])) > largest_state(problem, options))
+
+
+def _runaway(
+    law: Compiled, problem: InitialValueProblem, options: OutputOptions, row: Floats, time: float
+) -> tuple[float, Outcome]:
     """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
-    limit = FAR * state_scale(problem.initial, problem.field, problem.times)
+    limit = largest_state(problem, options)
     law.reset(time, row)
     for _ in range(most_steps(problem.stops)):
         law.stepper.step(law.follow(problem) - law.stepper.time)
@@ -156,10 +168,10 @@ def _runaway(law: Compiled, problem: InitialValueProblem, row: Floats, time: flo
     return time, not_integrated(time, _NOT_FINITE, problem.where)
 
 
-def _before_runaway(problem: InitialValueProblem, states: Floats) -> int:
+def _before_runaway(problem: InitialValueProblem, options: OutputOptions, states: Floats) -> int:
     """Return how many of the first rows are finite and not too far."""
     # The largest state of most trajectories is not even far from the initial ones: then the rates need not be known.
-    if np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
+    if options.limit is None and np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
         return len(states)
-    limit = FAR * state_scale(problem.initial, problem.field, problem.times)
+    limit = largest_state(problem, options)
     return int(np.logical_and.accumulate((np.abs(states) <= limit).all(axis=1)).sum())
