@@ -172,7 +172,7 @@ def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
 
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
     other = law.other_laws[0].law
-    with pytest.raises(CommonlawError, match="of the same objects and terms"):
+    with pytest.raises(CommonlawError, match="of the same objects and states"):
         law.with_others((PlausibleLaw(0.3, other.select(["mug"])),))
     with pytest.raises(CommonlawError, match="has the probability 0"):
         law.with_others((PlausibleLaw(0.0, other),))

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import forecast_from
 from commonlaw.inference.search import STRONG
@@ -135,13 +135,14 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
 def _exchange(law: Law, rival: Law) -> str:
     """Return which terms a rival has in place of those of the law, equation by equation."""
     parts = []
-    for side, own, others in zip(law.left_hand_sides, law.support, rival.support, strict=True):
-        more, fewer = (_listed(law, each) for each in (others & ~own, own & ~others))
+    for side, own, others in zip(law.left_hand_sides, _names(law), _names(rival), strict=True):
+        more, fewer = (", ".join(x for x in one if x not in other) for one, other in ((others, own), (own, others)))
         if more or fewer:
             change = f"{more} in place of {fewer}" if more and fewer else f"{more} as well" if more else f"no {fewer}"
             parts.append(f"{side} with {change}")
     return ", ".join(parts)
 
 
-def _listed(law: Law, support: Bools) -> str:
-    return ", ".join(law.terms.names[k] for k in np.flatnonzero(support))
+def _names(law: Law) -> list[list[str]]:
+    """Return the terms of each equation, without the constants inside of them."""
+    return [[law.terms.names[k] for k in np.flatnonzero(own & law.terms.is_factor)] for own in law.support]

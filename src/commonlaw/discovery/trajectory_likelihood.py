@@ -237,7 +237,7 @@ class TrajectoryLikelihood(AbstractMethod):
         law = finish(
             found.search,
             covariance=self.covariance,
-            universal=found.universal,
+            universal=lambda law: universal_in(law, found.screened.structure),
             partial_pooling=self.partial_pooling,
             seed=self.seed,
             progress=part(progress, CHOSEN, 1.0),
@@ -357,11 +357,6 @@ class _Found:
     def evidence(self) -> float:
         """Minus twice its logarithm, comparable between orders."""
         return evidence_of_order(self.search.problem, self.search.state)
-
-    @property
-    def universal(self) -> Bools:
-        """Return which coefficients of the law all objects have in common, shape (equations, terms)."""
-        return universal_in(self.search.template, self.screened.structure)
 
 
 def universal_in(law: Law, asked: ModelStructure) -> Bools:

@@ -1,5 +1,6 @@
 """What else a law could be: the supports that the measurements leave plausible, fitted, with their probabilities."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -9,7 +10,7 @@ from commonlaw.array_types import Bools
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, evidence_of, fit_neighbours, neighbours
-from commonlaw.law import Law, PlausibleLaw, Provenance
+from commonlaw.law import Law, PlausibleLaw, Provenance, with_constants_of
 
 LEAST = 0.01
 """Probability below which a law is not carried along: what it says would not move an interval of 95 % by much."""
@@ -31,13 +32,43 @@ def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[P
     (own, _), *others = weighted(problem, chosen)
     kept = [(share, state) for share, state in others if share > LEAST][: MOST - 1]
     total = own + sum(share for share, _ in kept)
-    template = replace(law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None))
-    found = [(share / total, fitted_law(template, problem, state)) for share, state in kept]
-    wider = law.uncertainty.widening
-    return tuple(
-        PlausibleLaw(share, replace(each, uncertainty=replace(each.uncertainty, widening=wider)))
-        for share, each in found
-    )
+    return tuple(PlausibleLaw(share / total, _beside(law, fitted_law(law, problem, state))) for share, state in kept)
+
+
+def with_rivals(
+    others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Callable[[], Law]]]
+) -> tuple[PlausibleLaw[Law], ...]:
+    """Return what else a law could be, with laws of other terms that were fitted beside it.
+
+    Parameters
+    ----------
+    others
+        What is known already, by `other_laws`.
+    law
+        What the others are no more probable than.
+    rivals
+        By how much -2 log evidence of each is above that of the law, and what returns it. Those that measure something
+        else are left out.
+    """
+    own = 1.0 - sum(each.probability for each in others)
+    found, said = [*others], {each.law.structure() for each in others} | {law.structure()}
+    for above, fitted in sorted(rivals, key=lambda pair: pair[0]):
+        share = own * float(np.exp(-max(0.0, above) / 2))
+        if share <= LEAST or len(found) == MOST - 1:
+            break
+        rival = with_constants_of(_beside(law, fitted()), law)
+        if rival.schema == law.schema and rival.structure() not in said:
+            said.add(rival.structure())
+            found.append(PlausibleLaw(share, rival))
+    total = own + sum(each.probability for each in found)
+    found = [each._replace(probability=each.probability / total) for each in found]
+    return tuple(sorted(found, key=lambda each: -each.probability))
+
+
+def _beside(law: Law, other: Law) -> Law:
+    """Return another law as it is kept beside a law: without a record, its bands as much wider."""
+    uncertainty = replace(other.uncertainty, inclusion_probabilities=None, widening=law.uncertainty.widening)
+    return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 
 
 def weighted(problem: SearchProblem, chosen: SearchState) -> list[tuple[float, SearchState]]:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.averaging import other_laws
+from commonlaw.inference.averaging import other_laws, with_rivals
 from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_choice import candidates, chosen, runs_away
@@ -35,7 +35,7 @@ from commonlaw.inference.search import fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.search_state import ANY_ERROR, SearchState, neighbours
 from commonlaw.inference.trial_differences import differing_trials
-from commonlaw.law import Law, Step
+from commonlaw.law import Law, PlausibleLaw, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -49,6 +49,9 @@ after which the law is chosen. They are only shown, while it works."""
 
 _RIVALS = 2
 """Laws of other terms that are fitted under each kind of errors, too."""
+
+_SAME = 1e-3
+"""Standard deviations of the noise in which the ends of trajectories agree where one law is written in two ways."""
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -79,6 +82,10 @@ class LawSearch:
     solver: AbstractSolver | None
     found: Sequence[SearchState]
     rivals: "tuple[LawSearch, ...]" = ()
+
+    def fitted(self) -> Law:
+        """Return the law with its coefficients and their errors."""
+        return fitted_law(self.template, self.problem, self.state)
 
     @property
     def among_plain(self) -> "LawSearch":
@@ -297,7 +304,7 @@ def finish(
     found: LawSearch,
     *,
     covariance: CovarianceKind,
-    universal: Bools,
+    universal: Callable[[Law], Bools],
     partial_pooling: bool,
     seed: int,
     progress: ProgressCallback,
@@ -311,7 +318,7 @@ def finish(
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal
-        Coefficients that all objects have in common, shape (equations, terms).
+        Returns which coefficients of a law all objects have in common, shape (equations, terms).
     partial_pooling
         Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
     seed
@@ -337,10 +344,34 @@ def finish(
             history=(*template.provenance.history, *history(template, problem, state, compared)),
         ),
     )
-    law = calibrated(law, problem, state, lambda each: each.partial_pooling(universal, partial_pooling))
-    if found.solver is not None:
-        law = law.with_others(other_laws(problem, state, law))
-    return law.partial_pooling(universal, partial_pooling)
+
+    def pooled(law: Law) -> Law:
+        return law.partial_pooling(universal(law), partial_pooling)
+
+    law = calibrated(law, problem, state, pooled)
+    others = other_laws(problem, state, law) if found.solver is not None else ()
+    others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
+    return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))
+
+
+def _different(found: LawSearch) -> list[LawSearch]:
+    """Return the rivals that are not the same law in other words, as another or the law itself is."""
+    listed = [found]
+    for rival in found.rivals:
+        if not any(_is_same(rival, each) for each in listed):
+            listed.append(rival)
+    return listed[1:]
+
+
+def _is_same(one: LawSearch, other: LawSearch) -> bool:
+    """Return whether laws with as many coefficients have the same trajectories, by far less than the noise."""
+    if one.state.supports.sum() != other.state.supports.sum() or one.template.states != other.template.states:
+        return False
+    pairs = zip(one.state.estimates, other.state.estimates, strict=True)
+    ends = [(a[[0, -1]], b[[0, -1]]) for x, y in pairs for a, b in zip(x.states, y.states, strict=True)]
+    width = len(one.problem.noise)
+    apart = np.max([abs(a - b)[:, :width] for a, b in ends], axis=(0, 1))
+    return bool((apart < _SAME * one.problem.noise).all())
 
 
 def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:

@@ -106,8 +106,8 @@ class AbstractAverages(AbstractEquations):
         self.uncertainty.known_covariance()
         laws = self.plausible if averaged else (PlausibleLaw(1.0, self),)
         weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
-        values = np.array([each.law.coefficients for each in laws])
-        errors = np.nan_to_num([each.law.standard_errors for each in laws])
+        values = np.array([self._by_own_terms(each.law, each.law.coefficients) for each in laws])
+        errors = np.nan_to_num([self._by_own_terms(each.law, each.law.standard_errors) for each in laws])
         degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
         whole = np.array([np.full(len(self.states), np.inf) if each is None else each for each in degrees])
         low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
@@ -217,7 +217,7 @@ class AbstractAverages(AbstractEquations):
         for i in np.unique(chosen).tolist():
             law, own = laws[i].law, chosen == i
             drawn = law.uncertainty.draws(law.coefficients[:, law.support], int(own.sum()), seed)
-            whole[own] = _placed(drawn, law)
+            whole[own] = self._by_own_terms(law, _placed(drawn, law))
         values = [each.of(whole) for each in self.named_coefficients]
         return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
 
@@ -225,13 +225,22 @@ class AbstractAverages(AbstractEquations):
         """Return what else the law could be, each law changed alike."""
         return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
 
+    def _by_own_terms(self, law: AbstractEquations, values: Floats) -> Floats:
+        """Return values of another law's terms, shape (..., equations, terms), for the terms of this one, by name."""
+        if law.terms is self.terms:
+            return values
+        found = np.zeros((*values.shape[:-1], len(self.terms)))
+        for name, own in zip(law.terms.names, np.moveaxis(values, -1, 0), strict=True):
+            if name in self.terms.names:
+                found[..., self.terms.names.index(name)] = own
+        return found
+
     def _check_others(self) -> None:
-        """Refuse other laws that are not of the same objects and terms, or whose probabilities are none."""
-        shape = self.coefficients.shape
+        """Refuse other laws that are not of the same objects and states, or whose probabilities are none."""
         for probability, law in self.other_laws:
-            same = (law.objects, law.order, law.terms.names) == (self.objects, self.order, self.terms.names)
-            if not same or law.coefficients.shape != shape or law.other_laws:
-                raise CommonlawError("what else a law could be is a law of the same objects and terms, and no more")
+            same = (law.objects, law.order, law.states) == (self.objects, self.order, self.states)
+            if not same or law.other_laws:
+                raise CommonlawError("what else a law could be is a law of the same objects and states, and no more")
             if not 0 < probability < 1:
                 raise CommonlawError(f"what else the law could be has the probability {probability:g}")
         if sum(each.probability for each in self.other_laws) >= 1:

@@ -91,13 +91,18 @@ class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tru
 
 
 class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """What else a law could be: which terms (by their index) are in which equation, and by object what they have."""
+    """What else a law could be: which terms (by their index) are in which equation, and by object what they have.
+
+    Terms, and the constants inside of them, where they are not those of the law.
+    """
 
     probability: float
     support: list[list[int]]
     coefficients: dict[str, list[float]]
     uncertainty: UncertaintyDocument
     explanation: ExplanationDocument | None = None
+    terms: list[str] | None = None
+    constants: list[str] = []
 
 
 class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

@@ -1,7 +1,7 @@
 """The saved form of a law: JSON of a versioned schema."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple, cast
 
@@ -66,7 +66,7 @@ def _document(law: AbstractAverages) -> LawDocument:
         schema=law.schema,
         rates=list(terms.variables.states[len(law.schema.states) :]),
         constants=list(terms.variables.constants),
-        terms=[term.expression(terms.variables.names) for term in terms.terms],
+        terms=_saved_terms(terms),
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         provenance=ProvenanceDocument(
@@ -81,18 +81,25 @@ def _document(law: AbstractAverages) -> LawDocument:
         properties={name: {**values} for name, values in law.properties.items()},
         explanation=None if law.explanation is None else _saved_explanation(law.explanation),
         with_discrepancy=None if wider is None else _document(wider),
-        other_laws=[_saved_other(each.probability, each.law) for each in law.other_laws],
+        other_laws=[_saved_other(each.probability, each.law, terms) for each in law.other_laws],
     )
 
 
-def _saved_other(probability: float, law: AbstractAverages) -> OtherDocument:
-    support = np.any(law.coefficients != 0, axis=0)
+def _saved_terms(terms: Terms) -> list[str]:
+    return [term.expression(terms.variables.names) for term in terms.terms]
+
+
+def _saved_other(probability: float, law: AbstractAverages, terms: Terms) -> OtherDocument:
+    """Return the document of what else a law of these terms could be."""
+    support, own = np.any(law.coefficients != 0, axis=0), law.terms != terms
     return OtherDocument(
         probability=probability,
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         explanation=None if law.explanation is None else _saved_explanation(law.explanation),
+        terms=_saved_terms(law.terms) if own else None,
+        constants=list(law.terms.variables.constants) if own else [],
     )
 
 
@@ -202,6 +209,8 @@ def decode(content: bytes) -> Decoded:
 def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
     """Return what another law is made of, given what the law is made of that is saved with it."""
     terms, schema, order, objects, coefficients, _, _, properties = own
+    if saved.terms is not None:
+        terms = parse_terms(saved.terms, replace(terms.variables, constants=tuple(saved.constants)))
     shape = (coefficients.shape[1], len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
@@ -210,7 +219,7 @@ def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
         row[indices] = True
     rows = [saved.coefficients.get(name, []) for name in objects]
     parameters = int(support.sum())
-    values = np.zeros_like(coefficients)
+    values = np.zeros((len(objects), *shape))
     values[:, support] = _matrix(rows, "coefficients of what else it could be are", (len(objects), parameters))
     if not np.array_equal(np.any(values != 0, axis=0), support):
         raise CommonlawError("the law is damaged: what else it could be has terms without a coefficient")

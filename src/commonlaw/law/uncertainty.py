@@ -25,7 +25,7 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
     probability
         Between 0 and 1, among all that remains plausible.
     law
-        Of the same objects, over the same terms.
+        Of the same objects and states. Terms, and constants inside of them, that both laws have are of the same name.
     """
 
     probability: float

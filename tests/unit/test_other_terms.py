@@ -1,0 +1,71 @@
+"""What else a law could be, where it has other terms with constants inside."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import lambertw
+
+import commonlaw as cl
+from commonlaw.law import Law, Provenance, with_constants_of
+
+
+@pytest.fixture(scope="module")
+def trials() -> cl.Trials:
+    """Of one object, at a noise at which other laws remain plausible."""
+    generator, times = np.random.default_rng(3), np.linspace(0, 5, 25)
+    # s' = -s/(0.8 + s)
+    states = [0.8 * lambertw(start / 0.8 * np.exp((start - times) / 0.8)).real for start in (3.0, 1.5)]
+    noisy = [each[:, np.newaxis] + 0.05 * generator.standard_normal((len(times), 1)) for each in states]
+    return cl.Trials.from_arrays([times] * 2, noisy, names=["s"])
+
+
+@pytest.fixture(scope="module")
+def law(trials) -> Law:
+    return cl.discover(trials, library="poly:2 + saturating")
+
+
+def test_laws_with_other_terms_are_plausible_by_their_evidence(law, trials):
+    assert law.structure() == ("s' = a s/(K + s)",)
+    assert sum(each.probability for each in law.plausible) == pytest.approx(1)
+    second = law.other_laws[0]
+    assert second.law.structure() == ("s' = a + b/(K2 + s)",)
+    behind = cl.compare([law, cl.fit("s' = a + b/(K2 + s)", trials)], trials)["2 log B"].max()
+    assert np.log(law.plausible[0].probability / second.probability) == pytest.approx(behind / 2, abs=0.3)
+
+
+def test_a_law_in_other_words_is_not_counted_twice(law):
+    """``a + b s/(K + s)`` is ``a + b - b K/(K + s)``."""
+    said = [each.law.structure() for each in law.plausible]
+    assert ("s' = a + b s/(K + s)",) not in said
+
+
+def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):
+    with_it = sum(each.probability for each in law.plausible if "s/(K + s)" in each.law.terms.names)
+    drawn = law.draws(20_000)
+    assert np.mean(drawn["K"] == 0) == pytest.approx(1 - with_it, abs=0.01)
+    (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in law.interval_ends())
+    assert np.quantile(drawn["K"], [0.025, 0.975]) == pytest.approx([low, high], abs=0.03)
+
+
+def test_forecasts_are_averaged_over_laws_of_other_terms(law, trials):
+    forecast = law.predict(trials, return_std=True)
+    assert len(forecast.parts) == len(law.plausible)
+    alone = law.predict(trials, return_std=True, averaged=False)
+    assert forecast.std[0].max() >= alone.std[0].max()
+
+
+def test_laws_of_other_terms_are_kept(law):
+    kept = Law.from_json(law.to_json())
+    assert kept.to_json() == law.to_json()
+    for one, other in zip(kept.plausible, law.plausible, strict=True):
+        assert one.law.terms == other.law.terms
+        assert one.law.structure() == other.law.structure()
+        np.testing.assert_array_equal(one.law.coefficients, other.law.coefficients)
+
+
+def test_constants_have_one_name_where_they_are_inside_of_the_same_terms():
+    law = Law.from_text("x' = x/(K + x) + y/(L + y); y' = x/(M + x)", dict.fromkeys("KLM", 1.0))
+    other = Law.from_text("x' = y/(K + y) + y; y' = x/(L + x) + exp(x/M)", dict.fromkeys("KLM", 2.0))
+    named = with_constants_of(replace(other, provenance=Provenance()), law)
+    assert named.terms.names == ("y/(L + y)", "y", "x/(M + x)", "exp(x/M2)", "L", "M", "M2")
