@@ -166,7 +166,7 @@ class _Forecaster:
         law, noise, deviations = self.law, _noise_of(self.law), []
         covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
         for own, trajectory in zip(self.beginnings, found, strict=True):
-            known = covariance[law.objects.index(own.trial.object)]
+            known = covariance[law.index(own.trial.object)]
             if own.fitted is None:
                 each = errors.measurement_std(own.start_samples.states, with_typical(own.start_samples.noise, noise))
                 std = trajectory_std(trajectory, known, start_covariance(law, own.start_samples, each, self.seed))

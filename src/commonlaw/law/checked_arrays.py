@@ -31,11 +31,15 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
     shape = (len(objects), parameters, parameters)
     matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
     variances = np.diagonal(matrices, axis1=1, axis2=2)
-    for name, matrix, own in zip(objects, matrices, variances, strict=True):
-        if np.any(own < 0):
-            raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
-        if np.any(np.abs(matrix - matrix.T) > _ASYMMETRY * np.outer(np.sqrt(own), np.sqrt(own))):
-            raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
-    symmetric = matrices / 2 + matrices.transpose(0, 2, 1) / 2  # The sum of the largest numbers is infinite
+    negative = np.any(variances < 0, axis=1)
+    if negative.any():
+        name = objects[int(np.argmax(negative))]
+        raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
+    errors, turned = np.sqrt(variances), matrices.transpose(0, 2, 1)
+    uneven = np.abs(matrices - turned) > _ASYMMETRY * errors[:, :, np.newaxis] * errors[:, np.newaxis]
+    if uneven.any():
+        name = objects[int(np.argmax(uneven.any(axis=(1, 2))))]
+        raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
+    symmetric = matrices / 2 + turned / 2  # The sum of the largest numbers is infinite
     symmetric.flags.writeable = False
     return symmetric

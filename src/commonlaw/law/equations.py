@@ -77,9 +77,15 @@ class AbstractEquations(ShownInNotebooks, ABC):
         CommonlawError
             If the law has no such object.
         """
-        if name not in self.objects:
+        index = self._indices.get(str(name))
+        if index is None:
             raise unknown("object of this law", name, self.objects)
-        return self.objects.index(str(name))
+        return index
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        """The index of each object."""
+        return {name: index for index, name in enumerate(self.objects)}
 
     def coefficients_of(self, name: object) -> Floats:
         """Return the coefficients of one object, shape (equations, terms).

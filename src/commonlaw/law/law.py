@@ -23,9 +23,13 @@ from commonlaw.library import Terms
 from commonlaw.trials import Schema
 from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import ObjectProperties, normalized
+from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_NAMED = 50
+"""Objects that are named where a law is shown in one line; of more their number says more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,7 @@ class Law(AbstractDelegates):
         object.__setattr__(self, "coefficients", values)
         object.__setattr__(self, "uncertainty", self.uncertainty.checked(self.objects, self.support))
         object.__setattr__(self, "properties", normalized(self.properties))
-        others = [name for name in self.properties if name not in self.objects]
+        others = [name for name in self.properties if name not in self._indices]
         if others:
             raise CommonlawError(f"properties are given for {', '.join(others)}, which the law does not have")
         self._check_others()
@@ -275,7 +279,8 @@ class Law(AbstractDelegates):
 
     def __repr__(self) -> str:
         form = self.structure() if self.shared else ("each object with its own terms",)
-        return f"<Law of {', '.join(self.objects)}: {'; '.join(form)}>"
+        few = self.objects if len(self.objects) <= _NAMED else (counted(len(self.objects), "object"),)
+        return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:
         own = self.provenance.equations and len(self.objects) == 1

@@ -38,11 +38,12 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     CommonlawError
         If a property cannot be what a relation takes.
     """
-    unseen = [name for name in trials.objects if name not in law.objects]
+    known_objects = {*law.objects}
+    unseen = [name for name in trials.objects if name not in known_objects]
     if not unseen:
         return law, ()
     drawn = [_drawn(law, name, trials) for name in unseen]
-    seen = [name for name in trials.objects if name in law.objects]
+    seen = [name for name in trials.objects if name in known_objects]
     indices = [law.index(name) for name in seen]
     known = law.uncertainty.covariance
     covariance = None

@@ -294,7 +294,8 @@ def normalized(properties: ObjectProperties) -> dict[str, dict[str, Property]]:
 
 def check_properties(properties: ObjectProperties, objects: Sequence[str], schema: Schema) -> None:
     """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used."""
-    orphans = [name for name in properties if name not in objects]
+    known_objects = {*objects}
+    orphans = [name for name in properties if name not in known_objects]
     if orphans:
         raise CommonlawError(
             f"properties are given for objects without trials: {', '.join(orphans)}; "
