@@ -3,10 +3,14 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.cli.later import LaterSteps
 from commonlaw.law import Law, Uncertainty
+from commonlaw.law.file import law_bytes
+from commonlaw.trials.parquet import parquet_bytes, parquet_columns
 
 LAW = cl.datasets.linear_drag.truth()
 
@@ -58,3 +62,59 @@ def test_a_law_of_enormous_errors_comes_back_and_is_shown():
     law = Law.from_json(Law(LAW.terms, LAW.schema, 2, LAW.objects, LAW.coefficients, found).to_json())
     np.testing.assert_array_equal(law.covariance, enormous)
     assert "10^{154}" in law.to_latex("Ball 1")
+
+
+def explained():
+    """A law with everything that a file keeps by object: pooling, relations, properties, what else it could be."""
+    drops = cl.datasets.linear_drag(noise=0.05)
+    law = cl.discover(drops, order=2, library="poly:1")
+    masses = {name: {"mass": mass, "make": "A"} for name, mass in zip(drops.objects, (3, 1, 1, 0.6, 0.4), strict=True)}
+    return law.explain({**masses})
+
+
+def test_a_law_in_parquet_is_the_law(tmp_path):
+    law = explained()
+    law.save(tmp_path / "law.parquet")
+    assert Law.load(tmp_path / "law.parquet").to_json() == law.to_json()
+    table = pd.read_parquet(tmp_path / "law.parquet").set_index("object")
+    np.testing.assert_array_equal(table["coefficients 0 0"], law.coefficients[:, 0, 0])
+    np.testing.assert_array_equal(table["properties mass"], [3, 1, 1, 0.6, 0.4])
+
+
+def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_it_in_commands(tmp_path, monkeypatch):
+    monkeypatch.setattr("commonlaw.law.file.LARGEST_JSON", 1000)
+    with pytest.raises(cl.CommonlawError, match=r"a law of 5 objects would be too large .* name the file .parquet"):
+        LAW.save(tmp_path / "law.json")
+    later = LaterSteps()
+    later.write_law(str(tmp_path / "law.json"), LAW)
+    later.write_law(str(tmp_path / "law.json"), LAW)
+    assert later.written == [str(tmp_path / "law.json.parquet")]
+    assert [each.split(": ")[0].endswith("would be too large to be read again") for each in later.failures] == [True]
+    assert Law.load(tmp_path / "law.json.parquet").to_json() == LAW.to_json()
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ([1, 3], "damaged"),
+        ([100_000, 1], "has the shape"),
+        ([1, -1], "has the shape"),
+        ("x", "damaged"),
+        (7, "damaged"),
+    ],
+)
+def test_a_damaged_law_in_parquet_is_refused(tmp_path, shape, message):
+    columns, metadata = parquet_columns("", law_bytes(LAW, ".parquet"))
+    rest = json.loads(metadata[b"commonlaw law"])
+    rest["coefficients"]["shape"] = shape
+    (tmp_path / "law.parquet").write_bytes(parquet_bytes(columns, {b"commonlaw law": json.dumps(rest).encode()}))
+    with pytest.raises(
+        cl.CommonlawError, match=f"law.parquet: this is not a law or it is damaged: .*{message}|{message}"
+    ):
+        Law.load(tmp_path / "law.parquet")
+
+
+def test_measurements_in_parquet_are_no_law(tmp_path):
+    cl.datasets.linear_drag().to_parquet(tmp_path / "drops.parquet")
+    with pytest.raises(cl.CommonlawError, match=r"drops.parquet: this Parquet file holds measurements"):
+        Law.load(tmp_path / "drops.parquet")

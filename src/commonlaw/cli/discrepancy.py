@@ -86,7 +86,7 @@ def discrepancy(
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
         later = LaterSteps()
-        later.write(save, lambda: found.law.to_json().encode())
+        later.write_law(save, found.law)
         later.draw(plot, lambda plots: plots.plot_discrepancy(found))
     if as_json:
         print_json(_document(found))

@@ -73,7 +73,7 @@ def explain(
             law = replace(law, properties=found.values, schema=schema)
         law = law.explain(_listed(names))
         later = LaterSteps()
-        later.write(save, lambda: law.to_json().encode())
+        later.write_law(save, law)
         later.draw(plot, lambda plots: plots.plot_relations(law))
     if as_json:
         relations = law.relations().to_dict(orient="records")

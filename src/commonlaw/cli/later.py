@@ -9,6 +9,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 
 if TYPE_CHECKING:
+    from commonlaw.law import Law
     from commonlaw.plots import Figure
 
 T = TypeVar("T")
@@ -49,6 +50,17 @@ class LaterSteps:
             self._unwritten.append(str(error))
         else:
             self.written += [path] if path not in self.written else []
+
+    def write_law(self, path: str | None, law: "Law") -> None:
+        """Write a law if that is asked for; one of so many objects that its JSON is too large as Parquet beside it."""
+        from commonlaw.law.file import law_file
+
+        failure, nothing = f"{path} was not made", ("", b"")
+        name, content = self.take(failure, lambda: law_file(law, path), nothing) if path else nothing
+        self.write(name or None, lambda: content)
+        said = f"{path} would be too large to be read again: the law is in {name}, name that"
+        if name not in ("", path) and said not in self.failures:
+            self.failures.append(said)
 
     def draw(self, path: str | None, figure: "Callable[[ModuleType], Figure | None]") -> None:
         """Draw a figure if one is asked for, by a function of the room of plots."""

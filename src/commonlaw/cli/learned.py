@@ -57,7 +57,7 @@ class Outputs:
 
     def keep(self, law: "Law", later: LaterSteps) -> None:
         """Write the law as it is so far."""
-        later.write(self.save, lambda: law.to_json().encode())
+        later.write_law(self.save, law)
 
     def give(self, learned: "Learned", later: LaterSteps) -> None:
         """Write the files and print the rest."""

@@ -79,7 +79,7 @@ class WrittenTable(WrittenFile):
 
 def is_law_file(value: str) -> bool:
     """Whether a text that may be a law or the file of one is a file."""
-    return value.endswith(".json")
+    return value.endswith((".json", ".parquet"))
 
 
 def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
         trials = source.select(source.load(law.schema))
         law = cl.refine(law, trials, **settings, progress=show)
         later = LaterSteps()
-        later.write(save, lambda: law.to_json().encode())
+        later.write_law(save, law)
     say(str(law))
     if history:
         print_history(law)

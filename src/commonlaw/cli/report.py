@@ -57,9 +57,9 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
         later = LaterSteps()
         if law is None:
             law = question.answer(training, part(show, 0.0, 0.5))
-            later.write(save, law.to_json().encode)
+            later.write_law(save, law)
             law = question.explained(law, show, later)
-            later.write(save, law.to_json().encode)
+            later.write_law(save, law)
         command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
 
         def page() -> bytes:

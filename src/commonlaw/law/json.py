@@ -55,10 +55,10 @@ class Decoded(NamedTuple):
 
 def encode(law: AbstractAverages) -> bytes:
     """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
-    return msgspec.json.format(msgspec.json.encode(_document(law)), indent=1) + b"\n"
+    return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1) + b"\n"
 
 
-def _document(law: AbstractAverages) -> LawDocument:
+def document_of(law: AbstractAverages) -> LawDocument:
     terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
     method = provenance.differentiation
     return LawDocument(
@@ -80,7 +80,7 @@ def _document(law: AbstractAverages) -> LawDocument:
         ),
         properties={name: {**values} for name, values in law.properties.items()},
         explanation=None if law.explanation is None else _saved_explanation(law.explanation),
-        with_discrepancy=None if wider is None else _document(wider),
+        with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(each.probability, each.law, terms) for each in law.other_laws],
     )
 
@@ -175,7 +175,21 @@ def _read_errors(saved: ErrorsDocument | None) -> ErrorModel:
 
 
 def decode(content: bytes) -> Decoded:
-    """Return what the law of a JSON document is made of, the one with its discrepancy, and what else it could be.
+    """Return what the law of a JSON document is made of, see `decode_document`."""
+    try:
+        raw = read_json(content, dict[str, Any])
+    except CommonlawError as error:
+        raise not_a_law(error) from None
+    return decode_document(raw)
+
+
+def not_a_law(error: Exception) -> CommonlawError:
+    """Return what is said of a document that is no law."""
+    return CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again")
+
+
+def decode_document(raw: dict[str, Any]) -> Decoded:
+    """Return what the law of a document is made of, the one with its discrepancy, and what else it could be.
 
     Documents of versions 1 to 3 are read too.
 
@@ -185,12 +199,11 @@ def decode(content: bytes) -> Decoded:
         If it is not a law, is damaged, or is of another version.
     """
     try:
-        version = read_json(content, HeaderDocument).version
+        version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
-            raw = read_json(content, dict[str, Any])
             document = msgspec.convert(as_now(raw, version), type=LawDocument)
     except (CommonlawError, msgspec.ValidationError) as error:
-        raise CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again") from None
+        raise not_a_law(error) from None
     if not 1 <= version <= VERSION:
         raise CommonlawError(
             f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "

@@ -28,6 +28,8 @@ from commonlaw.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
+    from commonlaw.law.json import Decoded
+
 _NAMED = 50
 """Objects that are named where a law is shown in one line; of more their number says more."""
 
@@ -349,21 +351,28 @@ class Law(AbstractDelegates):
         """
         from commonlaw.law.json import decode
 
-        own, wider, others = decode(content.encode() if isinstance(content, str) else content)
+        return cls._of(decode(content.encode() if isinstance(content, str) else content))
+
+    @classmethod
+    def _of(cls, decoded: "Decoded") -> "Law":
+        own, wider, others = decoded
         plausible = tuple(PlausibleLaw(probability, cls(*each)) for probability, each in others)
         law = cls(*own)
         provenance = replace(law.provenance, with_discrepancy=wider and cls(*wider))
         return replace(law, provenance=provenance).with_others(plausible)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the law as JSON, whole or not at all.
+        """Write the law, whole or not at all: as JSON, or if the file is named ``.parquet`` with a row for each object.
 
         Raises
         ------
         CommonlawError
-            If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file.
+            If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file; or
+            if there are so many objects that their JSON would not be read again.
         """
-        write_whole(path, self.to_json().encode())
+        from commonlaw.law.file import law_bytes
+
+        write_whole(path, law_bytes(self, path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Law":
@@ -374,8 +383,10 @@ class Law(AbstractDelegates):
         CommonlawError
             If the file cannot be read or is no law; the message names the file.
         """
+        from commonlaw.law.file import decoded_file
+
         content = read_file(path)
         try:
-            return cls.from_json(content)
+            return cls._of(decoded_file(content))
         except CommonlawError as error:
             raise CommonlawError(f"{path}: {error}") from None

@@ -80,12 +80,34 @@ def write_parquet(
     path: str | os.PathLike[str], columns: Mapping[str, Column], roles: Mapping[str, object], notes: Sequence[str]
 ) -> None:
     """Write columns, empty where they are NaN or None, with their roles and notes."""
-    arrow, parquet = _arrow("writing Parquet files")
     kept = json.dumps({"roles": roles, "notes": notes}).encode()
+    write_whole(path, parquet_bytes(columns, {_METADATA: kept}))
+
+
+def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
+    """Return a Parquet file of columns, empty where they are NaN or None."""
+    arrow, parquet = _arrow("writing Parquet files")
     table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
     content = io.BytesIO()
-    parquet.write_table(table.replace_schema_metadata({_METADATA: kept}), content)
-    write_whole(path, content.getvalue())
+    parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
+    return content.getvalue()
+
+
+def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], dict[bytes, bytes]]:
+    """Return the cells of a Parquet file by column, None where they are empty, and its metadata.
+
+    Raises
+    ------
+    CommonlawError
+        If it is damaged, or larger than what is held in memory.
+    """
+    arrow, _ = _arrow("reading Parquet files")
+    with _whole(source):
+        file = _file(arrow.BufferReader(content))
+        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
+        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        columns = {name: column.to_pylist() for name, column in zip(data.column_names, data.columns, strict=True)}
+        return columns, dict(file.schema_arrow.metadata or {})
 
 
 def _arrow(feature: str) -> tuple[Any, Any]:
