@@ -29,6 +29,7 @@ from .errors import CommonlawError as CommonlawError
 from .experiments import Design as Design, design as design
 from .forecast import (
     Forecast as Forecast,
+    forecast_stream as forecast_stream,
 )
 from .formulation import (
     DiscreteForm as DiscreteForm,

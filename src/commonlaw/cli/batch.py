@@ -40,7 +40,7 @@ _OPTIONS = (
         metavar="RESULTS.csv",
         help="With --each: write one table (.csv or .parquet) with a row for each coefficient of each file: its value, "
         "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file. With "
-        "--cluster alone: a row for each coefficient of each object.",
+        "a stream of files: a row for each coefficient of each object.",
     ),
     _several(
         "--workers",
@@ -72,7 +72,7 @@ class Batch:
     out: str | None
     workers: int | None
 
-    def check(self, source: Source, given: Sequence[str], cluster: str | None) -> None:
+    def check(self, source: Source, given: Sequence[str], cluster: str | None, streams: bool) -> None:
         """Refuse what does not go together; `given` are options that are for a single file."""
         if not self.each:
             if self.more:
@@ -80,7 +80,7 @@ class Batch:
                     "several files: say --each to find a law in each of them, or put them into one table with a column "
                     "that names the object (and one for the trial) to find the law that they share"
                 )
-            if self.workers or (self.out and not cluster):
+            if self.workers or (self.out and not streams):
                 raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
         elif cluster and self.workers:
             raise click.UsageError("--workers is for this machine: leave it out, --cluster has the workers that it has")

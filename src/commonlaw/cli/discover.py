@@ -4,7 +4,7 @@ from commonlaw.cli.batch import Batch, table_bytes, with_batch
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
-from commonlaw.cli.on_cluster import few_trials, on_cluster_at, stream_of_workers, with_cluster
+from commonlaw.cli.on_cluster import few_trials, on_cluster_at, stream_of, with_cluster
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
@@ -21,8 +21,8 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     """Find the law that the objects in FILE share.
 
     FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
-    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from. With
-    --cluster it is a Parquet file, a folder of such, or a pattern in quotes.
+    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from. A folder
+    of Parquet files, or a pattern in quotes, is gone through file by file, with --cluster by workers.
 
     \b
     Examples:
@@ -34,14 +34,15 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
       commonlaw discover 'runs/*.parquet' --object car --trial run --time t --state x --cluster tcp://host:8786
       commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
     """
-    batch.check(source, outputs.named, cluster)
-    if cluster and not batch.each:
+    streams = bool(cluster) or source.is_stream
+    batch.check(source, outputs.named, cluster, streams)
+    if streams and not batch.each:
         source.check_streams()
     with working("Discovering ...") as show, on_cluster_at(cluster, show):
         if batch.each:
             results = batch.run(source, question, show)
         else:
-            learned, later = (_on_cluster if cluster else _here)(source, question, outputs, show)
+            learned, later = (_by_stream if streams else _here)(source, question, outputs, show)
     if batch.each:
         results.give(batch.out, LaterSteps())
     else:
@@ -61,12 +62,12 @@ def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCa
     return Learned.check(law, source, trials, training, bool(outputs.plot), later), later
 
 
-def _on_cluster(
+def _by_stream(
     source: Source, question: Question, outputs: Outputs, show: ProgressCallback
 ) -> tuple[Learned, LaterSteps]:
-    """Find a law in files that workers read; it is checked by forecasts of a few trials."""
+    """Find a law in files that are gone through one by one; it is checked by forecasts of a few trials."""
     show("listing the files")
-    stream, later = stream_of_workers(source), LaterSteps()
+    stream, later = stream_of(source), LaterSteps()
     law = question.answer(stream, part(show, 0.05, 0.9))
     outputs.keep(law, later)
     law = question.explained(law, show, later)

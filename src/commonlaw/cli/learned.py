@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.many_objects import MANY, print_spread
+from commonlaw.cli.many_objects import print_spread
 from commonlaw.cli.options import as_one, option
 from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
@@ -187,6 +187,8 @@ class Learned:
 
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
+        from commonlaw.law.spread import MANY
+
         if len(self.law.objects) > MANY:
             pairs = zip(self.law.named_coefficients, self.law.letter_units(), strict=True)
             print_spread(self.law, [_with_unit(each.name, unit) for each, unit in pairs])

@@ -11,7 +11,7 @@ from commonlaw.cli.options import option
 from commonlaw.cli.source import Source
 from commonlaw.cluster import connected, current_cluster, on_cluster
 from commonlaw.progress import ProgressCallback
-from commonlaw.trials import Trial, Trials, TrialStream
+from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -25,7 +25,7 @@ with_cluster = option(
     metavar="ADDRESS",
     help="Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
     "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
-    "the workers see them.",
+    "the workers see them. Without it a folder or a pattern of Parquet files is gone through here, file by file.",
 )
 """Adds the option to a command, which receives it as `cluster`."""
 
@@ -41,21 +41,31 @@ def on_cluster_at(address: str | None, show: ProgressCallback) -> Iterator[None]
         yield
 
 
-def stream_of_workers(source: Source) -> TrialStream:
-    """Return the trials of files as a stream; a worker lists them, as they need not be here."""
-    here = replace(source, path=str(Path(str(source.path)).absolute()))
-    return _by_a_worker(Source.stream, here)
+def stream_of(source: Source, schema: Schema | None = None) -> TrialStream:
+    """Return the trials of files as a stream; a worker lists them if there is one, as they need not be here.
+
+    Names that no option gives are taken from `schema`.
+    """
+    if schema is not None:
+        source = replace(
+            source,
+            object=source.object or schema.object,
+            trial=source.trial or schema.trial,
+            time=source.time or schema.time,
+            states=source.states or schema.measured,
+            inputs=source.inputs or schema.inputs,
+        )
+    return _by_a_worker(Source.stream, replace(source, path=str(Path(str(source.path)).absolute())))
 
 
 def few_trials(stream: TrialStream) -> Trials:
-    """Return the first trials of the first file of a stream, as a worker reads them."""
+    """Return the first trials of the first file of a stream, read by a worker if there is one."""
     return Trials(_by_a_worker(_first, stream.parts[0]), stream.schema)
 
 
 def _by_a_worker(function: Callable[[T], R], item: T) -> R:
     cluster = current_cluster()
-    assert cluster is not None
-    return cluster.merged(function, [item], lambda found: found[0])
+    return function(item) if cluster is None else cluster.merged(function, [item], lambda found: found[0])
 
 
 def _first(stream: TrialStream) -> tuple[Trial, ...]:

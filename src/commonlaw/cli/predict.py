@@ -1,16 +1,20 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil, isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
+from commonlaw.cli.batch import table_bytes
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.on_cluster import on_cluster_at, stream_of, with_cluster
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
+from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile, WrittenTable
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
 from commonlaw.effort import check_memory
@@ -19,6 +23,9 @@ from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
+
+_ERRORS, _WORST = ("rms error", "largest error", "last error"), 10
+"""What is shown of the errors of a stream by letter values, and trials that are shown themselves."""
 
 _BYTES_A_VALUE = 200
 """Of a forecast, with what is made of it on the way."""
@@ -56,6 +63,19 @@ _BYTES_A_VALUE = 200
     "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf)."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False),
+    metavar="FOLDER",
+    help="Of a folder or a pattern of files: write measured and forecast states, a Parquet file for each file.",
+)
+@click.option(
+    "--out",
+    type=WrittenTable(),
+    metavar="ERRORS.csv",
+    help="Of a folder or a pattern of files: write the errors of each trial (.csv or .parquet).",
+)
+@with_cluster
 def predict(
     law_path: str,
     source: Source,
@@ -66,6 +86,9 @@ def predict(
     save: str | None,
     plot: str | None,
     as_json: bool,
+    folder: str | None,
+    out: str | None,
+    cluster: str | None,
     **grid: float,
 ) -> None:
     """Forecast every trial in FILE with LAW.json, each from its own initial state.
@@ -81,10 +104,22 @@ def predict(
       commonlaw predict law.json drops.csv --save forecast.csv
       commonlaw predict law.json drops.csv --until 30 --step 0.1 --save forecast.csv
       commonlaw predict law.json lynx.csv --from 1920 --plot forecast.png
+      commonlaw predict law.json 'runs/*.parquet' --folder forecasts --out errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
 
     law = Law.load(law_path)
+    if cluster or source.is_stream:
+        given = {
+            "--save": save, "--plot": plot, "--discrepancy": discrepancy, "--input-between": input_between,
+            "--until": grid["until"], "--step": grid["step"],
+        }  # fmt: skip
+        _check_stream(source, given)
+        how = {"start": start, "from_time": from_time}
+        _forecast_stream(law, source, folder, out, as_json, cluster, how)
+        return
+    if folder or out:
+        raise click.UsageError("--folder and --out are for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
         return_std = bool(save or plot) and law.has_std
@@ -108,6 +143,44 @@ def predict(
         print_frame(errors.dropna(axis=1, how="all"))
         say(f"R^2 of all forecasts: {forecast.score():.5g}")
     later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
+
+
+def _check_stream(source: Source, given: Mapping[str, object]) -> None:
+    """Refuse what does not go with files that are streamed."""
+    source.check_streams()
+    if refused := [name for name, value in given.items() if value]:
+        raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, or forecast single files")
+
+
+def _forecast_stream(
+    law: "Law",
+    source: Source,
+    folder: str | None,
+    out: str | None,
+    as_json: bool,
+    cluster: str | None,
+    how: dict[str, Any],
+) -> None:
+    """Forecast the trials of files, one file after the other or by workers, and say how far off that is."""
+    from commonlaw.forecast import forecast_stream
+    from commonlaw.law.spread import letter_values
+
+    later = LaterSteps()
+    with working("Forecasting ...") as show, on_cluster_at(cluster, show):
+        errors = forecast_stream(law, stream_of(source, law.schema), folder=folder, progress=show, **how)
+        later.write(out, lambda: table_bytes(errors, str(out)))
+    finite = errors.replace([np.inf, -np.inf], np.nan)
+    if as_json:
+        print_json({"errors": finite.to_dict(orient="records")})
+    else:
+        for state, own in finite.groupby("state", sort=False):
+            known = own.dropna(subset="rms error")
+            say(f"Errors of forecasts of {state}, by trial:\n")
+            print_frame(letter_values({name: known[name].to_numpy() for name in _ERRORS}, "trial"))
+        worst = errors.sort_values("rms error", ascending=False, kind="stable")[:_WORST]
+        say("\nThe worst:\n")
+        print_frame(worst.dropna(axis=1, how="all"))
+    later.end(silent=as_json)
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:

@@ -7,6 +7,7 @@ import click
 
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.on_cluster import on_cluster_at, stream_of, with_cluster
 from commonlaw.cli.options import in_options, option
 from commonlaw.cli.output import say
 from commonlaw.cli.paths import ReadFile, WrittenFile
@@ -30,8 +31,14 @@ from commonlaw.progress import part
     type=ReadFile(),
     help="A saved law to report on; nothing is learned then.",
 )
-def report(source: Source, question: Question, out: str, save: str | None, law_path: str | None) -> None:
+@with_cluster
+def report(
+    source: Source, question: Question, out: str, save: str | None, law_path: str | None, cluster: str | None
+) -> None:
     """Find the law that the objects in FILE share, and write a page that says all about it.
+
+    Of a folder of Parquet files, or a pattern in quotes, all trials are forecast, with --cluster by workers, and the
+    page shows few objects that stand for all.
 
     The page needs nothing else: it opens offline, on a phone too, and prints. It has the verdict and the law as a
     formula, trials beside forecasts, coefficients, what else it could be, what the law leaves, where it may be used,
@@ -44,16 +51,22 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
       commonlaw report drops.csv --law law.json
     """
     from commonlaw.law import Law
+    from commonlaw.law.script import Source as Table
     from commonlaw.report import check_packages, law_report, to_page
-    from commonlaw.verdict import find
+    from commonlaw.trials import TrialStream
+    from commonlaw.verdict import find, find_by_stream
 
     if save and law_path:
         raise click.UsageError("--save writes the law that is found, and with --law none is looked for: leave one out")
     check_packages()
-    with working("Reporting ...") as show:
+    streams = bool(cluster) or source.is_stream
+    if streams:
+        source.check_streams()
+    with working("Reporting ...") as show, on_cluster_at(cluster, show):
         law = Law.load(law_path) if law_path else None
-        trials = source.load(law.schema if law else None)
-        training = source.select(trials)
+        known = law.schema if law else None
+        trials = stream_of(source, known) if streams else source.load(known)
+        training = trials if isinstance(trials, TrialStream) else source.select(trials)
         later = LaterSteps()
         if law is None:
             law = question.answer(training, part(show, 0.0, 0.5))
@@ -64,7 +77,13 @@ def report(source: Source, question: Question, out: str, save: str | None, law_p
 
         def page() -> bytes:
             show("judging the law")
-            made = law_report(find(law, trials, training), command, source.path or "", in_options, show)
+            if isinstance(trials, TrialStream) or isinstance(training, TrialStream):
+                assert isinstance(trials, TrialStream)
+                found = find_by_stream(law, trials, part(show, 0.5, 1.0))
+                table = Table(source.path or "", properties=source.properties, stream=True)
+                made = law_report(found.few, command, table, in_options, show, everything=found)
+            else:
+                made = law_report(find(law, trials, training), command, source.path or "", in_options, show)
             return to_page(made, lambda name: show(f"drawing {name}"))
 
         later.write(out, page)

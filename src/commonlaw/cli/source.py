@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
+from pathlib import Path
 from typing import Any
 
 import click
@@ -128,6 +129,12 @@ class Source:
             trials = trials.split(**_conditions("--exclude", self.exclude, trials))[1]
         return trials.clip_irregular() if self.clip else trials
 
+    @property
+    def is_stream(self) -> bool:
+        """Whether the file is a folder of Parquet files, or a pattern of them."""
+        path = Path(self.path or "")
+        return bool(self.path) and not path.is_file() and (path.is_dir() or any(each in str(path) for each in "*?["))
+
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
         given = {
@@ -136,9 +143,9 @@ class Source:
             "--clip": self.clip, "--hold-out": self.hold_out, "--learn-until": self.learn_until,
         }  # fmt: skip
         if refused := [name for name, value in given.items() if value]:
-            raise click.UsageError(f"{', '.join(refused)} with --cluster: leave it out, files are taken whole")
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, files are taken whole")
         if not self.path:
-            raise click.UsageError("give Parquet files: commonlaw discover 'runs/*.parquet' --cluster ...")
+            raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
     def stream(self) -> TrialStream:
         """Return the trials of Parquet files as a stream."""

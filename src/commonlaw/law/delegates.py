@@ -15,7 +15,7 @@ report                        `commonlaw.report`
 
 from collections.abc import Mapping, Sequence
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 from numpy.typing import ArrayLike
 
@@ -25,10 +25,11 @@ from commonlaw.law.forecast import Forecast
 from commonlaw.law.page import Page
 from commonlaw.law.simplification import Simplification
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.trials import Trials
+from commonlaw.trials import Trials, TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
+    from distributed import Client
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.patterns import Residuals
@@ -186,8 +187,7 @@ class AbstractDelegates(AbstractAverages):
         <BLANKLINE>
         with v = x', g [m/s²] = 9.856 ± 0.045, c [1/s] = 0.714 ± 0.011
         """
-        adapted: Self = resolve_name("commonlaw.inference:adapt")(self, trials)
-        return adapted
+        return cast(Self, resolve_name("commonlaw.inference:adapt")(self, trials))
 
     def bounds(self, trials: Trials, terms: Sequence[str] | None = None, *, level: float = 0.95) -> "Bounds":
         """Say how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
@@ -197,8 +197,7 @@ class AbstractDelegates(AbstractAverages):
         CommonlawError
             If there are more than 30 such terms, or one is named that is in the law or cannot be read.
         """
-        found: Bounds = resolve_name("commonlaw.inference:bounds")(self, trials, terms, level=level)
-        return found
+        return cast("Bounds", resolve_name("commonlaw.inference:bounds")(self, trials, terms, level=level))
 
     def discrepancy(
         self,
@@ -307,8 +306,7 @@ class AbstractDelegates(AbstractAverages):
         >>> print(cl.fit("x'' = -g - c v", drops).residuals(drops))
         The residuals look like white noise: no pattern is significant.
         """
-        found: Residuals = resolve_name("commonlaw.discrepancy:residuals")(self, trials)
-        return found
+        return cast("Residuals", resolve_name("commonlaw.discrepancy:residuals")(self, trials))
 
     def score(self, trials: Trials, start: int | None = None) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
@@ -343,7 +341,9 @@ class AbstractDelegates(AbstractAverages):
         verdict: LawVerdict = judge(self, trials, learned)
         return verdict
 
-    def report(self, trials: Trials, learned: Trials | None = None) -> Page:
+    def report(
+        self, trials: Trials | TrialStream, learned: Trials | None = None, client: "Client | None" = None
+    ) -> Page:
         """Return a page on the law that needs nothing else: save it, send it, print it, or look at it in a notebook.
 
         The verdict and the law as a formula, trials beside forecasts, coefficients, what else it could be, what it
@@ -352,9 +352,11 @@ class AbstractDelegates(AbstractAverages):
         Parameters
         ----------
         trials
-            What was measured.
+            What was measured. All of a stream is forecast, and the page shows few objects that stand for all.
         learned
             What of it the law was learned from, see `verdict`; all by default.
+        client
+            A dask client, whose workers go through a stream.
 
         Examples
         --------
@@ -363,19 +365,18 @@ class AbstractDelegates(AbstractAverages):
         >>> cl.fit("x'' = -g - c v", drops).report(drops).html[:15]
         '<!DOCTYPE html>'
         """
-        page: Page = resolve_name("commonlaw.report:law_page")(self, trials, learned)
-        return page
+        return cast(Page, resolve_name("commonlaw.report:law_page")(self, trials, learned, client))
 
     def simplify(self, tolerance: float = 2.0) -> Simplification[Self]:
         """Return the law in its simplest form: numbers that are nearly zero, one, a ratio, or each other replaced.
 
-        A number is replaced by zero, by a ratio of small whole numbers, or by another number of the law or its
-        opposite, where that is shorter to write than its digits that are known (minimum description length; Rissanen
-        1983): 0.667 ± 0.001 becomes 2/3, and 0.67 ± 0.05 stays. The numbers that remain follow by the covariance.
-        Numbers with units become zero or each other, as what else they are depends on units. Equations are in the
-        shortest form among equivalent ones; where a part of a fraction vanishes within its error, a number goes: of
-        ``a + b/(K + s)`` with b near ``-K a`` remains ``a s/(K + s)``. What several objects have is replaced for all of
-        them, and what `explain` said of them does not enter.
+        A number is replaced by zero, a ratio of small whole numbers, or another number of the law or its opposite,
+        where that is shorter to write than its digits that are known (minimum description length; Rissanen 1983):
+        0.667 ± 0.001 becomes 2/3, and 0.67 ± 0.05 stays. The numbers that remain follow by the covariance. Numbers with
+        units become zero or each other, as what else they are depends on units. Equations are in the shortest form
+        among equivalent ones; where a part of a fraction vanishes within its error, a number goes: of ``a + b/(K + s)``
+        with b near ``-K a`` remains ``a s/(K + s)``. What several objects have is replaced for all of them, and what
+        `explain` said of them does not enter.
 
         Parameters
         ----------
@@ -396,5 +397,4 @@ class AbstractDelegates(AbstractAverages):
         >>> print(cl.fit("x'' = -g - c v + b v^2", drops).simplify().equations[0])
         x'' = -(c*v + g)
         """
-        found: Simplification[Self] = resolve_name("commonlaw.law.simplifying:simplified")(self, tolerance)
-        return found
+        return cast(Simplification[Self], resolve_name("commonlaw.law.simplifying:simplified")(self, tolerance))

@@ -31,6 +31,8 @@ class Source:
     reading
         How rows are read, by keywords of `Trials.read`, which take precedence over what the law says; None leaves one
         out.
+    stream
+        Whether the table is a stream of Parquet files.
     """
 
     table: str = "trials.csv"
@@ -38,6 +40,7 @@ class Source:
     properties: tuple[str, ...] = ()
     training: str = ""
     reading: Mapping[str, Any] = field(default_factory=dict)
+    stream: bool = False
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
@@ -102,11 +105,14 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
     }
     said = ", ".join(f"{name}={each!r}" for name, each in roles.items() if each is not None)
     reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
-    read = f"cl.Trials.{reading}, {said})"
+    read = (
+        f"cl.TrialStream.from_parquet({source.table!r}, {said})" if source.stream else f"cl.Trials.{reading}, {said})"
+    )
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
     made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
-    return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", f"print(law.verdict({judged}))", ""])
+    last = "law.report(trials).save('report.html')" if source.stream else f"print(law.verdict({judged}))"
+    return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", last, ""])
 
 
 def _columns(schema: Schema) -> tuple[str, ...]:

@@ -14,6 +14,9 @@ from commonlaw.plots.style import COLORS, add_legend, frozen_layout, styled
 _NAMED = 50
 """Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
 
+_DRAWN = 1000
+"""Objects that are drawn, evenly by rank, of more: there are no more points across a page."""
+
 
 @styled()
 def plot_intervals(law: Law) -> Figure:
@@ -83,8 +86,8 @@ def _in_order(dots: DotPlot) -> Figure:
 
 def _draw_in_order(panel: Axes, each: Coefficient) -> None:
     order = np.argsort(each.learned)
-    values, low, high = (own[order] for own in (each.learned, each.low, each.high))
-    ranks = np.arange(len(values))
+    ranks = np.unique(np.linspace(0, len(order) - 1, min(len(order), _DRAWN)).round().astype(int))
+    values, low, high = (own[order[ranks]] for own in (each.learned, each.low, each.high))
     panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
     panel.plot(values, ranks, color=COLORS[0], linewidth=2)
     panel.set_xlabel(each.label)

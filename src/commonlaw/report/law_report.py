@@ -1,26 +1,40 @@
 """The report of a law: what it says, what it is good for, how it was found, on one page."""
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
+from commonlaw.cluster import on_cluster
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.page import Page
 from commonlaw.law.script import Source
+from commonlaw.progress import on_terminal
 from commonlaw.report import law_sections, leftovers, making
+from commonlaw.report.all_objects import all_objects
 from commonlaw.report.document import Report
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.html import check_packages
 from commonlaw.report.law_case import LawCase, listed
 from commonlaw.report.markup import literal
 from commonlaw.report.write import to_page
-from commonlaw.trials import Trials
-from commonlaw.verdict import Findings, find
+from commonlaw.trials import Trials, TrialStream
+from commonlaw.verdict import Findings, ManyFindings, find, find_by_stream
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
-def law_page(law: Law, trials: Trials, learned: Trials | None = None) -> Page:
+def law_page(
+    law: Law, trials: Trials | TrialStream, learned: Trials | None = None, client: "Client | None" = None
+) -> Page:
     """Return the report of a law as a page, see `Law.report`."""
     check_packages()
-    return Page(to_page(law_report(find(law, trials, learned))).decode())
+    if isinstance(trials, Trials):
+        return Page(to_page(law_report(find(law, trials, learned))).decode())
+    with on_cluster(client):
+        found = find_by_stream(law, trials, on_terminal())
+    made = law_report(found.few, table=Source("runs/*.parquet", stream=True), everything=found)
+    return Page(to_page(made).decode())
 
 
 def law_report(
@@ -30,6 +44,7 @@ def law_report(
     words: Callable[[str], str] = str,
     progress: Callable[[str], None] = lambda _: None,
     rivals: Sequence[CandidateLaw] = (),
+    everything: ManyFindings | None = None,
 ) -> Report:
     """Return the report of a law.
 
@@ -46,6 +61,8 @@ def law_report(
         Takes what is being done.
     rivals
         Candidates that were fitted before, the law among them; fitted for the report if there are none.
+    everything
+        What all objects of a stream show, if the findings are about few that stand for them.
     """
     check_packages()
     case, law = LawCase(findings, words, tuple(rivals)), findings.law
@@ -62,7 +79,7 @@ def law_report(
         making.data_checks,
         making.choices,
     )
-    sections = []
+    sections = [all_objects(everything)] if everything else []
     for part in parts:
         progress(part.__name__)
         sections.append(part(case))

@@ -1,0 +1,154 @@
+"""Forecasts of the trials of a stream, part by part, by workers or here: a row of errors for each trial is kept."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from commonlaw.cluster import done_in_parts, on_cluster
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError
+from commonlaw.files import make_folder, write_whole
+from commonlaw.forecast.prediction import predict
+from commonlaw.law import Forecast, Law
+from commonlaw.progress import ProgressCallback, part
+from commonlaw.trials import TrialStream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from distributed import Client
+
+_LISTED = 0.1
+"""Share of the time after which objects are listed. It is only shown."""
+
+WITHIN = "within 95 % band"
+"""Column with the share of a state's measurements in the bands of its forecast."""
+
+
+def forecast_stream(
+    law: Law,
+    stream: TrialStream,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    start: int | None = None,
+    from_time: float | None = None,
+    client: "Client | None" = None,
+    progress: ProgressCallback = lambda _: None,
+) -> "pd.DataFrame":
+    """Forecast each trial of a stream from its own initial state, file by file, and return how far off that is.
+
+    Parameters
+    ----------
+    law
+        The law; of several objects it must know those of the stream, or what their coefficients follow from.
+    stream
+        What to forecast.
+    folder
+        Where each file of the stream has its forecasts written, in the columns of `Forecast.to_frame`, as
+        ``forecast-000001.parquet`` and so on; on a cluster the workers write them.
+    start, from_time
+        See `Law.predict`.
+    client
+        A dask client, whose workers do it; else it is done here.
+    progress
+        Takes the text of each step.
+
+    Returns
+    -------
+    errors
+        A row for each trial and state: the columns of `Forecast.errors`, how many samples were compared, the standard
+        deviation of what was measured (``spread``), and the share of it in 95 % bands if the law tells these.
+
+    Raises
+    ------
+    CommonlawError
+        If the law and the trials do not go together, see `Law.predict`.
+    """
+    import pandas as pd
+
+    with on_cluster(client):
+        found = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
+        return pd.concat(found, ignore_index=True)
+
+
+def forecast_parts(
+    law: Law,
+    stream: TrialStream,
+    progress: ProgressCallback,
+    folder: str | os.PathLike[str] | None = None,
+    **how: Any,
+) -> "list[pd.DataFrame]":
+    """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
+    parts = stream.parts or (stream,)
+    names = dict(done_in_parts(_objects, parts, "listing objects", part(progress, 0.0, _LISTED)))
+    where = None if folder is None else Path(folder).absolute()
+    files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
+    pieces = [_Piece(_law_of(law, names[i]), parts[i], files[i]) for i in range(len(parts))]
+    found = dict(done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0)))
+    return [found[i] for i in range(len(parts))]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A part of a stream, the law of its objects, and the file of its forecasts, if they are kept."""
+
+    law: Law
+    stream: TrialStream
+    file: Path | None
+
+
+def _objects(stream: TrialStream) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(trial.object for trial in stream))
+
+
+def _law_of(law: Law, names: Sequence[str]) -> Law:
+    """Return what forecasts of some objects take of a law, which is small."""
+    if len(law.objects) == 1:
+        return law
+    known = {*law.objects}
+    unseen = [name for name in names if name not in known]
+    if unseen and law.explanation is None:
+        raise CommonlawError(
+            f"{unseen[0]} is not in the law: of a stream, objects that the law has not seen are forecast by their "
+            "properties; explain the law first"
+        )
+    some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
+    own = law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
+    return replace(own, uncertainty=replace(own.uncertainty, shared_factor=None, unpooled=None))
+
+
+def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
+    """Forecast the trials of a part; return their errors, and write the forecasts if they are kept."""
+    with unannounced():
+        forecast = predict(piece.law, piece.stream.read(), return_std=piece.law.has_std, **how)
+    if piece.file is not None:
+        content = BytesIO()
+        forecast.to_frame().to_parquet(content, index=False)
+        make_folder(piece.file.parent)
+        write_whole(piece.file, content.getvalue())
+    compared = [_compared(forecast, i) for i in range(len(forecast.trials))]
+    errors, schema = forecast.errors(), forecast.trials.schema
+    measured = [schema.states.index(name) for name in schema.measured]
+    for column, values in zip(("samples", "spread", WITHIN), np.array(compared).transpose(1, 0, 2), strict=True):
+        errors[column] = values[:, measured].ravel()
+    return errors
+
+
+def _compared(forecast: Forecast, index: int) -> tuple[Any, Any, Any]:
+    """Return of each state of a trial how many samples are compared, their standard deviation, the share in bands."""
+    ahead = forecast.ahead[index]
+    states = forecast.trials[index].states[ahead]
+    seen = np.isfinite(states)
+    counts = np.maximum(seen.sum(axis=0), 1)
+    means = np.nansum(states, axis=0) / counts
+    spread = np.sqrt(np.nansum((states - means) ** 2, axis=0) / counts)
+    share = np.full(states.shape[1], np.nan)
+    if forecast.std is not None and forecast.noise is not None:
+        low, high = (end[ahead] for end in forecast.bands(measured=True)[index])
+        share = ((low <= states) & (states <= high) & seen).sum(axis=0) / counts
+    return seen.sum(axis=0), spread, share

@@ -1,0 +1,49 @@
+"""Folders and patterns of Parquet files in commands, gone through here file by file."""
+
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+
+
+@pytest.fixture(autouse=True)
+def _files(tmp_path):
+    drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.001, trials=3)
+    for name in drops.objects:
+        drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
+    cl.fit("x'' = -g - c v", drops).save(tmp_path / "law.parquet")
+
+
+def test_a_pattern_is_a_stream(run, tmp_path):
+    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--save", "found.json", "--out", "values.csv"]
+    code, out, err = run("discover", *words)
+    assert code == 0, err
+    assert "2 files with 2 objects" in out
+    assert pd.read_csv(tmp_path / "values.csv")["object"].nunique() == 2
+
+
+def test_forecasts_of_a_pattern_are_written_file_by_file(run, tmp_path):
+    code, out, err = run("predict", "law.parquet", "Ball *.parquet", "--folder", "f", "--out", "errors.parquet")
+    assert code == 0, err
+    assert "of 6 trials" in out
+    assert len(pd.read_parquet(tmp_path / "errors.parquet")) == 6
+    assert sorted(each.name for each in (tmp_path / "f").iterdir()) == [f"forecast-00000{i}.parquet" for i in (1, 2)]
+
+
+def test_a_page_on_a_pattern(run, tmp_path):
+    code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--out", "page.html")
+    assert code == 0, err
+    assert "6 trials of 2 objects in 2 files were forecast" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["law.parquet", "Ball *.parquet", "--save", "f.csv", "--step", "1"], "--save, --step with a stream of files"),
+        (["law.parquet", "Ball *.parquet", "--where", "trial=1"], "--where with a stream of files"),
+        (["law.parquet", "Ball 1.parquet", "--folder", "f"], "--folder and --out are for a folder or a pattern"),
+    ],
+)
+def test_what_does_not_go_with_a_stream_is_refused(run, words, said):
+    code, _, err = run("predict", *words)
+    assert (code, said in " ".join(err.split())) == (2, True)

@@ -1,0 +1,104 @@
+"""Forecasts of all trials of a stream, and a report of few objects that stand for all."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from commonlaw.law.spread import letter_values, strangest
+from commonlaw.report.all_objects import all_objects
+from commonlaw.report.document import Picture, Table
+from commonlaw.verdict import find_by_stream
+
+ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
+
+
+@pytest.fixture(scope="module")
+def drops():
+    """Sixty balls with a drag that goes with the inverse of the mass."""
+    masses = np.exp(np.random.default_rng(1).normal(0, 0.5, 60))
+    made = cl.datasets.linear_drag(drag=tuple(-0.3 / masses), trials=2, noise=0.01)
+    return cl.Trials(
+        made.trials, made.schema, {n: {"mass": float(m)} for n, m in zip(made.objects, masses, strict=True)}
+    )
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory, drops):
+    folder = tmp_path_factory.mktemp("runs")
+    for i in range(3):
+        drops.select(object=list(drops.objects[20 * i : 20 * i + 20])).to_parquet(folder / f"{i}.parquet")
+    return cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+
+
+@pytest.fixture(scope="module")
+def law(drops):
+    return cl.fit("x'' = -g - c v", drops)
+
+
+def test_errors_are_those_of_forecasts_of_all_trials(law, stream, drops, tmp_path):
+    found = cl.forecast_stream(law, stream, folder=tmp_path / "forecasts")
+    whole = law.predict(drops, return_std=True)
+    pd.testing.assert_frame_equal(found[list(whole.errors())], whole.errors())
+    assert (found["samples"] == [len(each) for each in drops]).all()
+    np.testing.assert_allclose(found["spread"], [each.states.std() for each in drops])
+    frame = whole.to_frame()
+    inside = (frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"])
+    np.testing.assert_allclose(
+        found["within 95 % band"], inside.groupby([frame["object"], frame["trial"]], sort=False).mean()
+    )
+    written = [pd.read_parquet(tmp_path / "forecasts" / f"forecast-00000{i}.parquet") for i in (1, 2, 3)]
+    pd.testing.assert_frame_equal(pd.concat(written, ignore_index=True), frame, check_dtype=False)
+
+
+def test_objects_that_the_law_has_not_seen_are_forecast_by_their_properties(drops, stream):
+    seen = cl.Trials(
+        drops.select(object=list(drops.objects[:30])).trials,
+        drops.schema,
+        {n: drops.properties[n] for n in drops.objects[:30]},
+    )
+    law = cl.fit("x'' = -g - c v", seen)
+    with pytest.raises(cl.CommonlawError, match=r"Ball 31 is not in the law: .* explain the law first"):
+        cl.forecast_stream(law, stream)
+    explained = law.explain()
+    expected = explained.predict(drops, return_std=True).errors()
+    np.testing.assert_allclose(cl.forecast_stream(explained, stream)["rms error"], expected["rms error"], rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def found(law, stream):
+    return find_by_stream(law, stream, lambda _: None)
+
+
+def test_few_objects_stand_for_all_and_all_are_counted(found, law, drops):
+    whole = law.predict(drops, return_std=True)
+    assert found.score == pytest.approx(whole.score(), abs=1e-12)
+    assert (found.trials, found.diverged, found.files) == (120, 0, 3)
+    assert 0.9 < found.coverage < 1
+    few = found.few.trials.objects
+    assert len(few) == 24
+    assert {found.relative.index[0], found.relative.index[-1]} <= {*few}
+    assert found.few.law.objects == few
+    assert found.few.trials.properties[few[0]] == drops.properties[few[0]]
+
+
+def test_the_page_tells_of_all_objects(law, found):
+    first, *blocks = all_objects(found).blocks
+    assert "120 trials of 60 objects in 3 files were forecast" in first.text
+    tables = {each.name: each.frame for each in blocks if isinstance(each, Table)}
+    assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
+    letters = tables["spread"].set_index("of 60 objects")
+    assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(law.letter_values()[0][:, 1]))
+    assert [each.name for each in blocks if isinstance(each, Picture)] == ["coefficients-of-all"]
+
+
+def test_letter_values_are_quantiles_and_the_strangest_is_the_farthest():
+    values = np.random.default_rng(0).normal(size=(200, 2))
+    values[17, 1] = 9.0
+    table = letter_values({"a": values[:, 0], "b": values[:, 1]}, "object").set_index("of 200 objects")
+    assert table.loc["lower eighth", "a"] == pytest.approx(np.quantile(values[:, 0], 0.125))
+    assert table.loc["largest", "b"] == 9.0
+    indices, columns, far = strangest(values, ["a", "b"], 3)
+    assert (indices[0], columns[0]) == (17, "b")
+    low, middle, high = np.quantile(values[:, 1], [0.25, 0.5, 0.75])
+    assert far[0] == pytest.approx((9 - middle) / ((high - low) / 1.349))
