@@ -59,6 +59,7 @@ def encode(law: AbstractAverages) -> bytes:
 
 
 def document_of(law: AbstractAverages) -> LawDocument:
+    """Return what is saved of a law."""
     terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
     method = provenance.differentiation
     return LawDocument(
