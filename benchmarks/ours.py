@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.problem import Problem
-from commonlaw.formulation import law_variables, merge, redrawn
+from commonlaw.formulation import law_variables, merge, redrawn, redrawn_rows
 from commonlaw.library import Terms
 
 Floats = NDArray[np.float64]
@@ -56,12 +56,10 @@ def bootstrap_rows(problem: Problem) -> Run:
     def run() -> Floats:
         form, terms, (trial,) = _compressing(problem)
         library, targets = form.rows(trial, terms)
-        generator, models = np.random.default_rng(0), []
-        for _ in range(problem.models):
-            drawn = generator.integers(len(library), size=len(library))
-            weights = np.bincount(drawn, minlength=len(library)).astype(np.float64)
-            models.append(_solved([cl.LeastSquaresProblem.of(library, targets, weights)], problem.thresholds[0]))
-        return np.stack(models)
+        generator, counts = np.random.default_rng(0), np.empty((problem.models, len(library)))
+        for own in counts:
+            own[:] = np.bincount(generator.integers(len(library), size=len(library)), minlength=len(library))
+        return np.stack([_solved([each], problem.thresholds[0]) for each in redrawn_rows(library, targets, counts)])
 
     return run
 

@@ -318,3 +318,10 @@ def test_the_default_smooths_only_laws_of_second_order():
     assert default_differentiation(2) == SmoothedDifference(SavitzkyGolay(35, 3), CenteredDifference())
     assert default_differentiation(2, 35) == default_differentiation(2)
     assert default_differentiation(2, 34) == SmoothingSpline()
+
+
+def test_the_parabola_through_three_samples_is_that_of_numpy():
+    times = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.5, 40))
+    states = np.stack([np.sin(times), 1e6 + times**2], axis=1)
+    found = FiniteDifference().differentiate(times, states, 1).derivatives[0]
+    np.testing.assert_allclose(found, np.gradient(states, times, axis=0, edge_order=2), rtol=1e-9, atol=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, merge, redrawn
+from commonlaw.formulation import LeastSquaresProblem, merge, redrawn, redrawn_rows
 from commonlaw.formulation.least_squares_problem import BLOCK
 from commonlaw.formulation.preconditioned import PreconditionedGram, can_precondition
 
@@ -119,3 +119,30 @@ def test_draws_of_blocks_with_dependent_columns_are_merged():
     (found,) = redrawn(blocks, np.ones((1, 8)))
     np.testing.assert_allclose(found.factor.T @ found.factor, merge(blocks).factor.T @ merge(blocks).factor, atol=1e-9)
     assert found.rows == 400
+
+
+def test_draws_of_rows_are_those_of_weighted_rows():
+    generator = np.random.default_rng(5)
+    library = monomials(walk(3000))[:, :30]
+    targets = library[:, :2] @ [[1.0, 2.0], [3.0, -1.0]] + 1e-3 * generator.normal(size=(3000, 2))
+    targets[-1] += 5.0  # A row without which much less is left
+    counts = np.array([np.bincount(generator.integers(3000, size=3000), minlength=3000) for _ in range(8)], dtype=float)
+    assert (counts[:, -1] == 0).any()
+    support = np.ones(30, dtype=bool)
+    for found, own in zip(redrawn_rows(library, targets, counts), counts, strict=True):
+        expected = LeastSquaresProblem.of(library, targets, own)
+        assert (found.terms, found.rows) == (30, 3000)
+        for target in range(2):
+            values = expected.least_squares(support, target)
+            misses = (found.least_squares(support, target) - values) * expected.norms
+            assert np.abs(misses).max() < 1e-8 * np.abs(values * expected.norms).max()
+            assert found.rss(values, target) == pytest.approx(expected.rss(values, target), rel=1e-7)
+
+
+def test_draws_of_rows_with_dependent_columns_are_compressed_one_by_one():
+    library = np.random.default_rng(7).normal(size=(400, 6))
+    library[:, 3] = library[:, 2]
+    counts = np.full((1, 400), 2.0)
+    (found,) = redrawn_rows(library, library[:, :1], counts)
+    expected = LeastSquaresProblem.of(library, library[:, :1], counts[0]).factor
+    np.testing.assert_allclose(found.factor.T @ found.factor, expected.T @ expected, atol=1e-9)

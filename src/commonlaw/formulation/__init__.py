@@ -21,6 +21,7 @@ from commonlaw.formulation.least_squares_problem import (
     leave_one_out,
     merge,
     redrawn,
+    redrawn_rows,
 )
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
 from commonlaw.formulation.strong import StrongForm
@@ -47,6 +48,7 @@ __all__ = [
     "merged_rows",
     "plain_rates",
     "redrawn",
+    "redrawn_rows",
     "refuse_constant_states",
     "refuse_vanishing_states",
     "reweight",

@@ -2,14 +2,14 @@
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
-from itertools import groupby
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, groupby
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.least_squares_problem import BLOCK, LeastSquaresProblem
+from commonlaw.formulation.least_squares_problem import BLOCK, LeastSquaresProblem, merge
 from commonlaw.library import Terms
 from commonlaw.trials import Trial
 
@@ -39,6 +39,16 @@ class AbstractFormulation(ABC):
         CommonlawError
             As `rows`.
         """
+
+    def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
+        """Return the rows of several trials, compressed together.
+
+        Raises
+        ------
+        CommonlawError
+            As `rows`.
+        """
+        return merge(each for trial in trials for each in self.problems(trial, terms))
 
 
 class AbstractSampledForm(AbstractFormulation):
@@ -82,6 +92,17 @@ class AbstractSampledForm(AbstractFormulation):
             raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
         return found
 
+    def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
+        """Return the rows of several trials, of which blocks are filled together, as `AbstractFormulation` does."""
+        for trial in trials:
+            self._check(trial, terms)
+        width = len(terms) + trials[0].states.shape[1]
+        segments = chain.from_iterable(self.segments(trial, []) for trial in trials)
+        found = LeastSquaresProblem.of_blocks(_blocks(segments, terms, width), len(terms), width)
+        if not np.isfinite(found.factor).all():
+            return super().problem(trials, terms)  # Its message names the trial
+        return found
+
     def _check(self, trial: Trial, terms: Terms) -> None:
         """Refuse a trial with missing states where all are needed."""
         missing = np.argwhere(np.isnan(trial.states))
@@ -97,10 +118,30 @@ class AbstractSampledForm(AbstractFormulation):
 def _blocks(segments: Iterable[Segment], terms: Terms, width: int) -> Iterator[Floats]:
     """Yield rows ``[library | targets]`` in blocks that stay in cache; each is overwritten by the next."""
     block = np.empty((BLOCK, width), order="F")
-    for _, values, targets in segments:
+    for values, targets in _together(segments):
         for i in range(0, len(values), BLOCK):
             some = values[i : i + BLOCK]
             rows = block[: len(some)]
             terms.evaluate(some, rows[:, : len(terms)])
             rows[:, len(terms) :] = targets[i : i + BLOCK]
             yield rows
+
+
+def _together(segments: Iterable[Segment]) -> Iterator[tuple[Floats, Floats]]:
+    """Yield values and targets of segments, those of several short ones together, as far as they fit into a block."""
+    held, size = list[tuple[Floats, Floats]](), 0
+    for _, values, targets in segments:
+        if held and size + len(values) > BLOCK:
+            yield _joined(held)
+            held, size = [], 0
+        held.append((values, targets))
+        size += len(values)
+    if held:
+        yield _joined(held)
+
+
+def _joined(held: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    if len(held) == 1:
+        return held[0]
+    values, targets = zip(*held, strict=True)
+    return np.concatenate(values), np.concatenate(targets)

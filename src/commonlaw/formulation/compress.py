@@ -1,8 +1,9 @@
 """Trials compressed, object by object, as they come."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,12 @@ MOST_GROUPS = 32
 _TRIALS_FOR_ACCURACY = 4
 """Trials of an object that the accuracy of its rows is estimated from."""
 
+_TOGETHER = 32_768
+"""Samples of short trials that are compressed together."""
+
+_LONG = 1000
+"""Samples."""
+
 _SMALLEST = 1e-50
 """Of the largest value of a state: the square of its cube is still a number."""
 
@@ -33,7 +40,7 @@ class ObjectRows:
     ----------
     groups
         For each of its trials (or of 32 groups of trials, if there are more), the problems of segments that follow each
-        other in time.
+        other in time. Short trials that nobody wants apart count as one.
     count
         How many trials there are.
     extremes
@@ -137,11 +144,34 @@ def rows_by_object(
         If a trial cannot be used.
     """
     found = dict[str, ObjectRows]()
-    for trial, problems in _with_problems(trials, form, terms, segments, n_jobs):
-        extremes = np.array([[each.min() for each in trial.states.T], [each.max() for each in trial.states.T]])
-        kept = (_middle(trial),) if sampled else ()
-        _add(found, {trial.object: ObjectRows((tuple(problems),), 1, extremes, kept)})
+    for some, problems in _with_problems(_in_order(trials, segments), form, terms, segments, n_jobs):
+        extremes = np.array([_over(np.min, some), _over(np.max, some)])
+        kept = tuple(map(_middle, some)) if sampled else ()
+        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, kept)})
     return found
+
+
+def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, ...]]:
+    """Yield trials, those of an object that follow each other together where segments of time are not wanted."""
+    held, size = list[Trial](), 0
+    for trial in trials:
+        if held and (segments > 1 or trial.object != held[0].object or size + len(trial) > _TOGETHER):
+            yield tuple(held)
+            held, size = [], 0
+        held.append(trial)
+        size += len(trial)
+    if held:
+        yield tuple(held)
+
+
+def _over(least: Callable[..., Any], trials: Sequence[Trial]) -> Floats:
+    """Return the least or the largest value of each state in some trials, shape (states,)."""
+    # Columns of long trials go several times faster one by one
+    each = [
+        [least(own) for own in trial.states.T] if len(trial) > _LONG else least(trial.states, axis=0)
+        for trial in trials
+    ]
+    return np.asarray(least(each, axis=0))
 
 
 def merged_rows(parts: Iterable[dict[str, ObjectRows]]) -> dict[str, ObjectRows]:
@@ -169,17 +199,17 @@ def _middle(trial: Trial) -> Trial:
 
 
 def _with_problems(
-    trials: Iterable[Trial], form: AbstractFormulation, terms: Terms, segments: int, n_jobs: int
-) -> Iterator[tuple[Trial, list[LeastSquaresProblem]]]:
-    def work(trial: Trial) -> tuple[Trial, list[LeastSquaresProblem]]:
-        return trial, form.problems(trial, terms, segments)
+    trials: Iterable[tuple[Trial, ...]], form: AbstractFormulation, terms: Terms, segments: int, n_jobs: int
+) -> Iterator[tuple[tuple[Trial, ...], list[LeastSquaresProblem]]]:
+    def work(some: tuple[Trial, ...]) -> tuple[tuple[Trial, ...], list[LeastSquaresProblem]]:
+        return some, form.problems(some[0], terms, segments) if len(some) == 1 else [form.problem(some, terms)]
 
     if n_jobs == 1:
         return map(work, trials)
     from joblib import Parallel, cpu_count, delayed
 
     parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator", initializer=end_with_parent)
-    return iter(parallel(delayed(work)(trial) for trial in trials))
+    return iter(parallel(delayed(work)(some) for some in trials))
 
 
 def refuse_vanishing_states(trials: Trials) -> None:

@@ -25,7 +25,10 @@ BLOCK = 2048
 
 _FEWER = 1e-2
 """Of the largest: the least diagonal entry of a factor that comes from a preconditioned Gram matrix, whose rounding is
-then magnified ten thousand times."""
+then magnified ten thousand times; of targets its square."""
+
+_DRAWN_TOGETHER = 256
+"""Rows whose products of values are held at a time, for all draws."""
 
 _SINGULAR = 1e-14
 """Columns, scaled to unit norm, whose reciprocal condition is below this depend on each other."""
@@ -153,7 +156,9 @@ class LeastSquaresProblem:
         if ridge:
             matrix = np.concatenate([matrix, np.diag(np.sqrt(ridge) / scales)])
             right = np.concatenate([right, np.zeros(len(scales))])
-        reduced, _, _, _ = lapack.dgeqrf(np.column_stack([matrix, right]))
+        reduced = np.column_stack([matrix, right])
+        if ridge or not support.all():  # Else it is triangular
+            reduced, _, _, _ = lapack.dgeqrf(reduced)
         triangle = reduced[: len(scales)]
         if lapack.dtrcon(triangle[:, :-1])[0] > _SINGULAR:
             coefficients[support] = lapack.dtrtrs(triangle[:, :-1], triangle[:, -1])[0] / scales
@@ -229,21 +234,74 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[Lea
     counts
         How often each was drawn, shape (draws, problems).
     """
-    from scipy.linalg import lapack, solve_triangular
+    from scipy.linalg import solve_triangular
 
     factor, rows = merge(problems).factor, counts @ np.array([problem.rows for problem in problems])
     if not can_precondition(factor):
         return [_merged_as_drawn(problems, own) for own in counts]
     mixed = np.array([solve_triangular(factor, each.factor.T, trans="T").T for each in problems])
     grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
-    found = list[LeastSquaresProblem]()
-    for own, number, gram in zip(counts, rows, (counts @ grams).reshape(-1, *factor.shape), strict=True):
-        upper, failed = lapack.dpotrf(gram)
-        if failed or upper.diagonal().min() < _FEWER * upper.diagonal().max():
-            found.append(_merged_as_drawn(problems, own))
+    factors = (_factor_of(gram, factor, problems[0].terms) for gram in (counts @ grams).reshape(-1, *factor.shape))
+    return [
+        _merged_as_drawn(problems, own) if each is None else LeastSquaresProblem(each, problems[0].terms, int(number))
+        for own, number, each in zip(counts, rows, factors, strict=True)
+    ]
+
+
+def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[LeastSquaresProblem]:
+    """Return for each draw of rows the problem in which each of them counts as often as it was drawn.
+
+    The products of each row's values, once the rows are preconditioned by the factor of all, are summed by one matrix
+    product for all draws, block by block. A draw in which columns are much less independent than in all rows is
+    compressed by orthogonal transformations.
+
+    Parameters
+    ----------
+    library, targets
+        As `LeastSquaresProblem.of` takes them, shapes (n, terms) and (n, targets).
+    counts
+        How often each row was drawn, shape (draws, n).
+    """
+    from scipy.linalg import lapack
+
+    factor, terms = LeastSquaresProblem.of(library, targets).factor, library.shape[1]
+    if not can_precondition(factor):
+        return [LeastSquaresProblem.of(library, targets, own) for own in counts]
+    inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
+    left, right = np.triu_indices(size)
+    sums, products = np.zeros((len(counts), len(left))), np.empty((_DRAWN_TOGETHER, len(left)))
+    for begin in range(0, len(library), _DRAWN_TOGETHER):
+        some = slice(begin, begin + _DRAWN_TOGETHER)
+        mixed = np.concatenate([library[some], targets[some]], axis=1) @ inverse
+        own, first = products[: len(mixed)], 0
+        for column in range(size):
+            np.multiply(mixed[:, column:], mixed[:, column : column + 1], out=own[:, first : first + size - column])
+            first += size - column
+        sums += counts[:, some] @ own
+    gram, found = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
+    for each, drawn in zip(sums, counts, strict=True):
+        gram[left, right] = each
+        drawn_factor = _factor_of(gram, factor, terms)
+        if drawn_factor is None:
+            found.append(LeastSquaresProblem.of(library, targets, drawn))
         else:
-            found.append(LeastSquaresProblem(np.triu(upper) @ factor, problems[0].terms, int(number)))
+            found.append(LeastSquaresProblem(drawn_factor, terms, len(library)))
     return found
+
+
+def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
+    """Return the factor of rows from the upper half of their Gram matrix, when they are preconditioned by a factor.
+
+    None where columns of terms are much less independent than in that factor, whose rounding would be magnified, or
+    targets are explained so much better that what is left of them would be rounding.
+    """
+    from scipy.linalg import lapack
+
+    upper, failed = lapack.dpotrf(gram)
+    shares = upper.diagonal() / upper.diagonal().max()
+    if failed or shares[:terms].min(initial=1.0) < _FEWER or shares[terms:].min(initial=1.0) < _FEWER**2:
+        return None
+    return np.asarray(np.triu(upper) @ factor)
 
 
 def _merged_as_drawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSquaresProblem:

@@ -4,6 +4,7 @@ import math
 import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,7 +157,8 @@ class Trial:
         if inputs.size == 0:
             inputs = _frozen(np.empty((len(times), 0)), 2)
         if np.isnan(noise).all():
-            noise = _frozen(np.full(states.shape, np.nan), 2)
+            noise = np.full(states.shape, np.nan)
+            noise.flags.writeable = False
         for name, values in (("times", times), ("states", states), ("inputs", inputs), ("noise", noise)):
             object.__setattr__(self, name, values)
         self._check()
@@ -168,6 +170,11 @@ class Trial:
     def label(self) -> str:
         """Object and trial as shown in messages: ``Golf Ball, trial 1``."""
         return f"{self.object}, trial {self.name}"
+
+    @cached_property
+    def known_noise(self) -> Bools:
+        """Of which states standard deviations of measurements are known, shape (states,)."""
+        return np.asarray(np.isfinite(self.noise).any(axis=0))
 
     @property
     def complete(self) -> bool:
@@ -236,8 +243,9 @@ class Trial:
                 f"{self.label}: standard deviations of shape {self.noise.shape} for states of shape "
                 f"{self.states.shape}; give one for each measurement"
             )
-        known = np.isfinite(self.noise).any(axis=0)
-        lacking = np.isnan(self.noise) & np.isfinite(self.states) & known
+        if not self.known_noise.any() and np.isnan(self.noise).all():
+            return
+        lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
         bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
         if len(bad):
             raise CommonlawError(
@@ -344,7 +352,7 @@ def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
 def check_noise_columns(trial: Trial, schema: Schema) -> None:
     """Refuse a trial with standard deviations of a state for which the schema names no column, or without others."""
     for j, name in enumerate(schema.states):
-        named, known = name in schema.noise_columns, bool(np.isfinite(trial.noise[:, j]).any())
+        named, known = name in schema.noise_columns, bool(trial.known_noise[j])
         if known and not named and name not in schema.starts:
             raise CommonlawError(
                 f"{trial.label} has standard deviations of {name}: name their column in the schema, noise_columns="
