@@ -62,6 +62,6 @@ def test_rates_and_states_on_a_logarithmic_scale_are_told_as_measured() -> None:
 def test_rates_of_long_trials_are_told_by_segments_of_them() -> None:
     times = 0.02 * np.arange(20_000)
     states = np.sin(times) + 1e-3 * np.random.default_rng(0).standard_normal(20_000)
-    visited = Domain.of(Trials.from_arrays(times, states), ["v"]).visited
+    visited = Domain.of(Trials.from_arrays(times, states), [("x", "v")]).visited
     assert visited["x"] == (states.min(), states.max())
     assert visited["v"] == pytest.approx((-1.0, 1.0), abs=0.02)

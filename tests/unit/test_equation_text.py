@@ -72,7 +72,7 @@ def test_names_that_are_no_words_stand_between_backticks():
         ("x''' = a", "an equation begins with"),
         ("", "there is no equation"),
         ("x' = a; x' = b", "x has two equations"),
-        ("x' = a; y'' = b", "are of different orders"),
+        ("x' = a; y[k+1] = b", "are in continuous and in discrete time"),
         ("y' = a", "the equations are of y, the states are x"),
     ],
 )

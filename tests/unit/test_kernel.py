@@ -75,8 +75,9 @@ def model_of(
     order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000, constants=()
 ):
     """A model over irregular trials with inputs and gaps, and states and coefficients to begin with."""
-    generator = np.random.default_rng(len(text) + order)
-    equations, trials = len(names) // order, []
+    orders = order if isinstance(order, tuple) else ()
+    generator = np.random.default_rng(len(text) + (sum(orders) or order))
+    equations, trials = len(orders) or len(names) // order, []
     for n in (12, 9):
         times = np.cumsum(generator.uniform(0.05, 0.2, n))
         values = generator.uniform(0.5, 1.5, (n, equations))
@@ -84,7 +85,7 @@ def model_of(
         trials.append(trial(times, values, generator.standard_normal((n, len(inputs))), str(n)))
     found = meshes(trials, most=cut, input_between=between)
     scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
-    variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, constants=constants)
+    variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, constants=constants, orders=orders)
     own = (Constant(variables.index(name)) for name in constants)
     terms = Terms(variables, (*parse_library(text).bind(variables).terms, *own))
     noise, unit = np.full(equations, 0.1), np.linspace(0.1, 0.3, len(names))
@@ -103,6 +104,11 @@ def with_latent(pair, **levels):
 CASES = {
     "first order": lambda: model_of(),
     "second order": lambda: model_of(2, "poly:2", ("x", "y", "v", "w")),
+    "mixed orders": lambda: model_of((1, 2), "poly:2", ("x", "y", "v")),
+    "mixed orders, memory and force": lambda: with_latent(
+        model_of((2, 1), "terms:1,x,y,v,u", ("x", "y", "v")), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
+    ),
+    "mixed orders, constants inside": lambda: model_of((2, 1, 2), INSIDE, tuple("xyzvw"), constants=CONSTANTS),
     "one state": lambda: model_of(1, "poly:3", ("x",)),
     "many states": lambda: model_of(1, "poly:1", tuple("abcdefg")),
     "without inputs": lambda: model_of(inputs=()),
@@ -244,7 +250,7 @@ def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
 @pytest.mark.parametrize(("order", "text", "names"), DIFFICULT)
 def test_libraries_of_all_kinds_are_programs(library, order, text, names):
     field, mesh, states = difficult(order, text, names)
-    equations = len(names) // order
+    equations = len(field.coefficients)
     model = TrajectoryModel(field.terms, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
     estimate = Estimate((states,), field.coefficients)
     found, expected = (

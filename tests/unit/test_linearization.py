@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from benchmarks.variational import cramer_rao, solve
+from commonlaw.library import with_rates
 from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, fit, linearize, meshes
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.normal_equations import eliminate_states
@@ -78,7 +79,8 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     coefficients, equations, width = field.coefficients, len(field.coefficients), field.width
     mesh.measured[2, 0] = np.nan
     noise = np.linspace(0.5, 0.8, equations)
-    unit = np.concatenate([noise, 0.9 * noise])[:width]
+    second = with_rates(order, equations)
+    unit = np.concatenate([noise, 0.9 * noise[second]])
     huber_threshold, model_error, step = 2.0, 0.7, np.median(mesh.steps[mesh.contiguous])
     model = TrajectoryModel(field.terms, (mesh,), ObservationModel(noise, huber_threshold), unit)
     linearization = linearize(model, Estimate((states,), coefficients), model_error)
@@ -88,7 +90,8 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     each = noise * mesh.scale
     scaled = np.abs(residuals) / each
     deviations = np.zeros_like(states)
-    variances = np.tile(np.tile(100**2 * np.mean(each**2, axis=0), order), (len(mesh), 1))
+    vague = 100**2 * np.mean(each**2, axis=0)
+    variances = np.tile(np.concatenate([vague, vague[second]]), (len(mesh), 1))
     variances[:, equations:] *= (0.03 / step) ** 2
     seen = np.isfinite(residuals)
     deviations[:, :equations][seen] = residuals[seen]

@@ -4,33 +4,40 @@ import numpy as np
 import pytest
 
 from commonlaw.integration import Inputs, VectorField
-from commonlaw.library import PolynomialLibrary, Variables
+from commonlaw.library import Order, PolynomialLibrary, Variables
 
 FREE = np.random.default_rng(1).random((2, 28)) < 0.5
 
 
-def field(order: int, free: np.ndarray | None = None) -> VectorField:
-    states = ("x", "y") if order != 2 else ("x", "y", "v_x", "v_y")
-    terms = PolynomialLibrary(2).bind(Variables(states, ("u",), "t"))
+RATES = {2: ("v_x", "v_y"), (1, 2): ("v_y",)}
+"""The rates by order of the law."""
+ORDERS = [0, 1, *RATES]
+
+
+def field(order: Order, free: np.ndarray | None = None) -> VectorField:
+    terms = PolynomialLibrary(2).bind(Variables(("x", "y", *RATES.get(order, ())), ("u",), "t"))
     coefficients = np.random.default_rng(0).standard_normal((2, len(terms)))
     coefficients[:, 3] = 0
     return VectorField(terms, coefficients, order, Inputs.of(np.array([0.4]), np.sin([[0.4]])), free)
 
 
-def points(order: int) -> np.ndarray:
-    return np.random.default_rng(2).uniform(-1, 1, (7, 4 if order != 2 else 6))
+def points(order: Order) -> np.ndarray:
+    return np.random.default_rng(2).uniform(-1, 1, (7, 4 + len(RATES.get(order, ()))))
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_derivatives_are_sums_of_terms_behind_the_rates(order):
     found, values = field(order), points(order)
     highest = found.terms.evaluate(values) @ found.coefficients.T
-    expected = np.hstack([values[:, 2:4], highest]) if order == 2 else highest
+    expected = {
+        2: np.hstack([values[:, 2:4], highest]),
+        (1, 2): np.column_stack([highest[:, 0], values[:, 2], highest[:, 1]]),
+    }.get(order, highest)
     np.testing.assert_allclose(found.derivatives(values), expected, atol=1e-14)
     np.testing.assert_allclose(found.linearize(values).derivatives, expected, atol=1e-14)
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_the_derivatives_by_the_states_are_those_of_differences(order):
     found, values = field(order), points(order)
     by_states = found.linearize(values).by_states
@@ -40,7 +47,7 @@ def test_the_derivatives_by_the_states_are_those_of_differences(order):
         np.testing.assert_allclose(by_states[:, :, k], numeric, atol=1e-8)
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("every", [True, False])
 def test_the_derivatives_by_the_parameters_are_those_of_differences(order, every):
     plain = field(order)
@@ -56,9 +63,9 @@ def test_the_derivatives_by_the_parameters_are_those_of_differences(order, every
         np.testing.assert_allclose(by_parameters[:, :, i], numeric, atol=1e-13)
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_one_point_is_a_row_with_the_inputs_at_its_time(order):
-    found, z = field(order), np.array([0.3, -0.7, 0.2, 0.5])[: 4 if order == 2 else 2]
+    found, z = field(order), np.array([0.3, -0.7, 0.2, 0.5])[: 2 + len(RATES.get(order, ()))]
     values = np.concatenate([z, [np.sin(0.4), 0.4]])[np.newaxis]
     np.testing.assert_array_equal(found.point(0.4, z), values)
     np.testing.assert_array_equal(found(0.4, z), found.derivatives(values)[0])

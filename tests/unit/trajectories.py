@@ -9,8 +9,9 @@ from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, in
 from commonlaw.trials import Trial
 
 
-def terms_of(library, states, inputs=()):
-    return parse_library(library).bind(Variables(tuple(states), tuple(inputs)))
+def terms_of(library, states, inputs=(), order=1):
+    orders = order if isinstance(order, tuple) else ()
+    return parse_library(library).bind(Variables(tuple(states), tuple(inputs), orders=orders))
 
 
 def trial(times, states, inputs=None, name="1"):
@@ -21,13 +22,15 @@ DIFFICULT = [
     (1, "poly:2 + fourier:1 + terms:x*t,sin(2*t)", ("x", "y")),
     (2, "poly:2 + fourier:1 + terms:x*t,v*u^2", ("x", "v")),
     (2, "poly:2 + terms:sin(v*t)", ("x", "y", "v", "w")),
+    ((1, 2, 2), "poly:2 + terms:sin(v*t)", ("x", "y", "z", "v", "w")),
 ]
 
 
 def difficult(order, library, names):
     """A vector field, some of whose coefficients are free, an irregular mesh of two segments, and states."""
     generator = np.random.default_rng(order)
-    terms, equations = terms_of(library, names, ("u",)), len(names) // order
+    terms = terms_of(library, names, ("u",), order)
+    equations = len(order) if isinstance(order, tuple) else len(names) // order
     trials = []
     for n in (4, 3):
         times = np.cumsum(generator.uniform(0.1, 0.4, n))

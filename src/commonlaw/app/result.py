@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import with_error
+from commonlaw.library import order_of_each
 from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, equation_parts
 from commonlaw.report.markup import formula
@@ -102,12 +103,12 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "held_out": forecast is not None and findings.is_held_out,
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
-        "order": law.order,
+        "orders": order_of_each(law.order, len(law.states)),
         "rates": law.rates,
         "inputs": schema.inputs,
         "terms": law.terms.names,
         "known": _terms(law, (law.standard_errors == 0).all(axis=0)),
-        "others": law.shared and law.order > 0,
+        "others": law.shared and law.order != 0,
         "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "trials": [{"object": each.object, "name": each.name} for each in trials_shown],

@@ -12,7 +12,7 @@ from commonlaw.cli.options import Decorator, numbers, option, with_options
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
-    from commonlaw.discovery.orders import Order
+    from commonlaw.discovery.orders import AskedOrder
 
 METHODS = {
     "trajectory-likelihood": "TrajectoryLikelihood",
@@ -169,7 +169,7 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
     """Add --method and the options of all methods to a command; it receives them as `method`, None if none is given."""
 
     @wraps(command)
-    def wrapped(*, method: str | None, order: "Order", **values: Any) -> None:
+    def wrapped(*, method: str | None, order: "AskedOrder", **values: Any) -> None:
         likelihood, regression = _given(values, _LIKELIHOOD), _given(values, *_REGRESSIONS)
         if method is None and (likelihood or regression):
             method = _method_of(regression, order)
@@ -219,7 +219,7 @@ def _method(name: str, given: dict[str, Any]) -> "AbstractMethod":
     return made
 
 
-def _method_of(regression: dict[str, Any], order: "Order") -> str:
+def _method_of(regression: dict[str, Any], order: "AskedOrder") -> str:
     """Return the name of the method whose options are given."""
     if order == 0:
         return "discrete-time-regression"

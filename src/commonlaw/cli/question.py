@@ -9,13 +9,13 @@ import click
 
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_method
-from commonlaw.cli.options import as_one, numbers, option
+from commonlaw.cli.options import as_one, by_name, numbers, option
 from commonlaw.cli.paths import ReadLaw, is_law_file
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
     from commonlaw.discovery.known_physics import Base
-    from commonlaw.discovery.orders import Order
+    from commonlaw.discovery.orders import AskedOrder
     from commonlaw.law import Law
     from commonlaw.trials import Trials, TrialStream
 
@@ -23,9 +23,12 @@ _law = partial(option, "Law")
 
 
 class _Order(click.IntRange):
-    """The order of a law, or the word that leaves it to the measurements."""
+    """The order of a law, those of its states, or the word that leaves it to the measurements."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and "=" in value:
+            by_state = by_name("--order", value.split(","))
+            return {state: super(_Order, self).convert(each, param, ctx) for state, each in by_state.items()}
         return value if value == "auto" else super().convert(value, param, ctx)
 
 
@@ -35,8 +38,8 @@ _OPTIONS = (
         type=_Order(0, 2),
         metavar="ORDER",
         default=1,
-        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; auto for 1 or 2, whichever the "
-        "measurements make more probable.",
+        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by state, "
+        "theta=2,i=1; auto for 1 or 2 for each state, whichever the measurements make more probable.",
     ),
     _law(
         "--library",
@@ -84,7 +87,7 @@ _OPTIONS = (
 class Question:
     """What these options say."""
 
-    order: "Order"
+    order: "AskedOrder"
     library: str | None
     known: tuple[str, ...]
     universal: tuple[str, ...]

@@ -6,7 +6,7 @@ from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.identifiability import StandIns, stand_ins
 from commonlaw.law.text import left_hand_sides
-from commonlaw.library import AbstractLibrary
+from commonlaw.library import AbstractLibrary, Order
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.check import Finding
@@ -35,24 +35,27 @@ def variables_not_told_apart(
         )
     if order == 0:
         return ()
-    asked, _ = without_measured_rates(trials, order)
+    asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
     found = stand_ins(asked, order, library)
     return tuple(
-        Finding(f"laws for {_side(each, order)} {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
+        Finding(f"laws for {_side(each, asked, order)} {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
         for each in found
     )
 
 
-def outcomes_of_stand_ins(trials: Trials, order: int, library: AbstractLibrary) -> tuple[Outcome, ...]:
+def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return what to know of a law whose variables the trials that it was learned from cannot tell apart."""
     return tuple(
-        Outcome(OutcomeKind.NOT_IDENTIFIABLE, _side(each, order), f"laws {_sentence(each, trials)}", _remedy(each))
+        Outcome(
+            OutcomeKind.NOT_IDENTIFIABLE, _side(each, trials, order), f"laws {_sentence(each, trials)}", _remedy(each)
+        )
         for each in (stand_ins(trials, order, library) if order else ())
     )
 
 
-def _side(found: StandIns, order: int) -> str:
-    return left_hand_sides((found.state,), order)[0]
+def _side(found: StandIns, trials: Trials, order: Order) -> str:
+    states = trials.schema.states
+    return left_hand_sides(states, order)[states.index(found.state)]
 
 
 def _remedy(found: StandIns) -> str:

@@ -10,6 +10,7 @@ from commonlaw.discovery.method import parsed
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import StrongForm
+from commonlaw.library import Order, highest_order
 from commonlaw.trials import Trials, TrialStream
 
 
@@ -46,6 +47,7 @@ class DerivativeRegression(AbstractRegression):
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = True
+    takes_mixed_orders: ClassVar[bool] = True
 
     differentiation: AbstractDifferentiator | str | None = None
     library_states: Literal["smoothed", "measured"] = "smoothed"
@@ -59,16 +61,16 @@ class DerivativeRegression(AbstractRegression):
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm:
         return self._form(self.initial_rates(trials, structure.order), structure.order)
 
-    def initial_rates(self, trials: Trials | TrialStream | None, order: int) -> AbstractDifferentiator:
+    def initial_rates(self, trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
         return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)
 
-    def _form(self, differentiation: AbstractDifferentiator, order: int) -> StrongForm:
+    def _form(self, differentiation: AbstractDifferentiator, order: Order) -> StrongForm:
         return StrongForm(differentiation, order, self.library_states, self.trim)
 
 
-def suitable_differentiation(trials: Trials | TrialStream | None, order: int) -> AbstractDifferentiator:
+def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
     """Return how derivatives of these trials are estimated when nothing is named, by their lengths and gaps."""
     given = trials if isinstance(trials, Trials) else ()
-    method = default_differentiation(order, min(map(len, given), default=np.inf))
+    method = default_differentiation(highest_order(order), min(map(len, given), default=np.inf))
     suits = all(method.takes(each.times, each.states) for each in given)
     return method if suits else parse_differentiation("robust")

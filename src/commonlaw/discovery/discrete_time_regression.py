@@ -6,6 +6,7 @@ from typing import ClassVar
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import DiscreteForm
+from commonlaw.library import Order
 from commonlaw.trials import Trials, TrialStream
 
 
@@ -30,5 +31,5 @@ class DiscreteTimeRegression(AbstractRegression):
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> DiscreteForm:
         return DiscreteForm()
 
-    def initial_rates(self, trials: Trials | TrialStream, order: int) -> None:
+    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> None:
         return None

@@ -13,20 +13,19 @@ from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, with_base
-from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
-from commonlaw.discovery.orders import Order, orders_by_rates
+from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_carried
-from commonlaw.law import Law, Step
+from commonlaw.law import Law
 from commonlaw.law.domain import Domain
 from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
-from commonlaw.library import AbstractLibrary, PolynomialLibrary, parse_library
+from commonlaw.library import AbstractLibrary, PolynomialLibrary, one_order, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
@@ -49,8 +48,9 @@ class LawDiscovery:
     ----------
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
-        ``x[k+1] = f(x[k])``. ``"auto"``: 1 or 2, whichever has the law of larger evidence; `Law.history` says by how
-        much. Where columns are measured rates of all the others it is 2.
+        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 or 2 for each
+        state, whichever has the law of larger evidence; `Law.history` says by how much. States that were measured
+        beside their rates are of order 2.
     library
         Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"`` or
         ``"auto"``, see `parse_library`. Default: polynomials of degree 3.
@@ -95,7 +95,7 @@ class LawDiscovery:
 
     def __init__(
         self,
-        order: Order = 1,
+        order: AskedOrder = 1,
         library: AbstractLibrary | str | None = None,
         method: AbstractMethod | None = None,
         known: Base | None = None,
@@ -149,31 +149,31 @@ class LawDiscovery:
         return self._found(trials, progress)
 
     def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
-        (order, *others), told = self._orders(trials)
-        rates: tuple[Outcome, ...] = ()
-        if isinstance(trials, Trials):
-            trials, rates = without_measured_rates(trials, order)
+        trials, possible, told, rates = possible_orders(trials, self.order)
+        first = one_order([each[0] for each in possible])
         library, known = self._library(), self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
+            if any(len(each) > 1 for each in possible):
+                raise CommonlawError('known physics is of one order: give it, order=1 or order=2, in place of "auto"')
             if isinstance(known, Law) and known.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
-            library, known = with_base(library, known, order, trials)
-        structures = [ModelStructure(each, library, known, self.universal) for each in (order, *others)]
-        method, instead = (self.method, ()) if self.method else _default(trials, structures[0])
+            library, known = with_base(library, known, first, trials)
+        structure = ModelStructure(first, library, known, self.universal)
+        method, instead = (self.method, ()) if self.method else _default(trials, structure)
         method = with_unmeasured(method, self.unmeasured)
         copies: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
         with one_blas_thread():
-            law = _law_of_some_order(method, trials, structures, progress)
+            law = _law_of_some_order(method, trials, structure, possible, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = law.provenance.domain, (*law.outcomes, *rates, *copies, *instead)
         if isinstance(trials, Trials):
-            domain, outcomes = Domain.of(trials, law.rates), with_outcomes_of_zero(outcomes, law, trials)
+            domain, outcomes = Domain.of(trials, law.state_rates), with_outcomes_of_zero(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
         history = (*told, *law.history)
         provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)
@@ -241,16 +241,6 @@ class LawDiscovery:
             raise CommonlawError("no law was found yet: call fit first")
         return self.law_
 
-    def _orders(self, trials: Trials | TrialStream) -> tuple[tuple[int, ...], tuple[Step, ...]]:
-        """Return the orders of the laws that are sought, and what is to be said of them already."""
-        if self.order != "auto":
-            return (self.order,), ()
-        if isinstance(trials, TrialStream):
-            raise CommonlawError('of a stream the order is not found: give order=1 or order=2 in place of "auto"')
-        if self.known is not None and not isinstance(self.known, Mapping):
-            raise CommonlawError('known physics is of one order: give it, order=1 or order=2, in place of "auto"')
-        return orders_by_rates(trials)
-
     def _library(self) -> AbstractLibrary:
         if self.library is None:
             return PolynomialLibrary(3)
@@ -266,19 +256,20 @@ _CHANGE_NOTHING = ("progress", "cache", "client")
 def _law_of_some_order(
     method: AbstractMethod,
     trials: Trials | TrialStream,
-    structures: Sequence[ModelStructure],
+    structure: ModelStructure,
+    possible: Sequence[Sequence[int]],
     progress: ProgressCallback,
 ) -> Law:
     """Return the law that a method finds; of the order of largest evidence, if there are several."""
-    if len(structures) == 1:
-        return method.find(trials, structures[0], progress)
+    if all(len(each) == 1 for each in possible):
+        return method.find(trials, structure, progress)
     if not isinstance(method, TrajectoryLikelihood):
         raise CommonlawError(
             f'order="auto" does not go with {type(method).__name__}, which has no evidence to choose by: give order=1 '
             "or order=2, or use method=TrajectoryLikelihood()"
         )
     assert isinstance(trials, Trials)
-    return method.find_order(trials, structures, progress)
+    return method.find_order(trials, structure, possible, progress)
 
 
 def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:

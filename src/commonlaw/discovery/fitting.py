@@ -114,7 +114,8 @@ def fit(
     with v = x', g [m/s²] = 9.80000 ± 0.00096, c [1/s] = 0.380000 ± 0.000086
     """
     asked = split_equations(equations)
-    trials, rates = without_measured_rates(trials, asked[0].order, [each.state for each in asked])
+    second = [each.state for each in asked if each.order == 2]
+    trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
     starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
     trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
@@ -197,7 +198,7 @@ def _with_unmeasured(
             f"{lacking[0]} has an equation, but neither a column nor a start: name its column, or give where trials "
             f"start, starts={{{lacking[0]!r}: ...}}, by a number or a property of the objects"
         )
-    if starts and asked[0].order != 1:
+    if starts and any(each.order != 1 for each in asked):
         raise CommonlawError(
             f"{next(iter(starts))} was not measured, and starts go with laws of first order: write each rate as a "
             "state with an equation of its own"

@@ -12,7 +12,8 @@ from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.law.from_text import Product, read_equations
 from commonlaw.law.population import with_objects_of
-from commonlaw.library import AbstractLibrary, ExpressionLibrary
+from commonlaw.law.text import left_hand_sides, order_in_words
+from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.tracing import summands, traced
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
@@ -25,7 +26,7 @@ Numbers = dict[tuple[str, str], dict[str, float]]
 """Known coefficients by state and term, and by object."""
 
 
-def with_base(library: AbstractLibrary, base: Base, order: int, trials: Trials) -> tuple[AbstractLibrary, Known]:
+def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials) -> tuple[AbstractLibrary, Known]:
     """Return a library with the terms of what is known, and their coefficients.
 
     Raises
@@ -54,11 +55,13 @@ def with_base(library: AbstractLibrary, base: Base, order: int, trials: Trials) 
     return library + ExpressionLibrary(*texts), dict(whole.items())
 
 
-def _of_law(law: Law, order: int, trials: Trials) -> Numbers:
-    if law.order != order or law.states != trials.schema.states:
+def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
+    states = trials.schema.states
+    if law.order != order or law.states != states:
+        own, sought = order_in_words(law.order, law.states), order_in_words(order, states)
         raise CommonlawError(
-            f"the known law is of order {law.order} for {', '.join(law.states)}, and one of order {order} for "
-            f"{', '.join(trials.schema.states)} is sought: give one of the same"
+            f"the known law is of order {own} for {', '.join(law.states)}, and one of order {sought} for "
+            f"{', '.join(states)} is sought: give one of the same"
         )
     if law.terms.constants:
         raise CommonlawError("the known law has constants inside of its terms: give its equations with numbers")
@@ -72,10 +75,10 @@ def _of_law(law: Law, order: int, trials: Trials) -> Numbers:
     }
 
 
-def _of_text(text: str, order: int, trials: Trials) -> Numbers:
+def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
     schema = trials.schema
     if "=" not in text and len(schema.states) == 1:
-        text = f"{schema.states[0]}{'[k+1]' if order == 0 else order * chr(39)} = {text}"
+        text = f"{left_hand_sides(schema.states, order)[0]} = {text}"
     given = read_equations(text, schema)
     if given.terms.constants:
         raise CommonlawError(
@@ -83,7 +86,8 @@ def _of_text(text: str, order: int, trials: Trials) -> Numbers:
             f"them as numbers; variables: {', '.join(given.terms.variables.measured)}"
         )
     if given.order != order:
-        raise CommonlawError(f"the known equations are of order {given.order}, and a law of order {order} is sought")
+        both = [order_in_words(each, schema.states) for each in (given.order, order)]
+        raise CommonlawError(f"the known equations are of order {both[0]}, and a law of order {both[1]} is sought")
     names, found = given.terms.variables.names, Numbers()
     texts = [each.expression(names) for each in given.terms.terms]
     products = {(each.equation, each.term): each for each in given.products}
@@ -103,7 +107,7 @@ def product_of(product: Product, trials: Trials, owner: str) -> float:
     return float(product.value({name: np.asarray(value) for name, value in values.items()}))
 
 
-def _of_function(function: Callable[..., Any], order: int, trials: Trials) -> Numbers:
+def _of_function(function: Callable[..., Any], order: Order, trials: Trials) -> Numbers:
     schema, names = trials.schema, law_variables(trials.schema, order).names
     found = Numbers()
     for owner in trials.objects:

@@ -1,6 +1,6 @@
 """Which measured columns are the rates of others, told by what was measured."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Collection, Container, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -33,14 +33,14 @@ _CHANCE, _NOISE = 1e-3, 2.0
 
 
 def without_measured_rates(
-    trials: Trials, order: int, states: Container[str] = ()
+    trials: Trials, second: Collection[str], states: Container[str] = ()
 ) -> tuple[Trials, tuple[Outcome, ...]]:
-    """Return the trials for a law of this order, without rates that are no states of their own, and a word on them.
+    """Return the trials without columns that are the rates of states of second order, and a word on them.
 
     Columns of `states`, which have equations of their own, stay.
     """
-    found = measured_rates(trials) if order == 2 and len(trials.schema.states) > 1 else {}
-    rates = {state: rate for state, rate in found.items() if rate not in states}
+    found = measured_rates(trials) if second and len(trials.schema.states) > 1 else {}
+    rates = {state: rate for state, rate in found.items() if state in second and rate not in states}
     if not rates:
         return trials, ()
     text = f"{rates_in_words(rates)}, and no state of its own in a law of second order: left out"

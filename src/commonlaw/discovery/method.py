@@ -8,6 +8,7 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
+from commonlaw.library import order_of_each
 from commonlaw.progress import ProgressCallback
 from commonlaw.trials import Trials, TrialStream
 
@@ -19,6 +20,9 @@ class AbstractMethod(ABC):
 
     orders: ClassVar[tuple[int, ...]]
     """The orders of laws that it finds."""
+
+    takes_mixed_orders: ClassVar[bool] = False
+    """Whether it finds laws whose equations have different orders."""
 
     takes_streams: ClassVar[bool]
     """Whether it takes trials that come from a stream."""
@@ -53,7 +57,11 @@ class AbstractMethod(ABC):
 def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, structure: ModelStructure) -> None:
     """Refuse what a method does not take, before work starts, and name one that takes it."""
     name, order = type(method).__name__, structure.order
-    if order not in method.orders:
+    if isinstance(order, tuple) and not method.takes_mixed_orders:
+        raise CommonlawError(
+            f"equations of different orders do not go with {name}: use method=DerivativeRegression(), or give one order"
+        )
+    if not {*order_of_each(order, 1)} <= {*method.orders}:
         other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
         raise CommonlawError(f"order={order} does not go with {name}: use method={other}(), or another order")
     if isinstance(trials, TrialStream) and not method.takes_streams:

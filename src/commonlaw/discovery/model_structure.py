@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
-from commonlaw.library import AbstractLibrary, ParametricTerm, PolynomialLibrary, Ratios, Terms
+from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -26,7 +26,7 @@ class ModelStructure:
     Parameters
     ----------
     order
-        1 or 2; 0 for laws in discrete time.
+        1 or 2, or that of each equation; 0 for laws in discrete time.
     library
         Candidate terms.
     known
@@ -40,16 +40,16 @@ class ModelStructure:
         If there is no such order.
     """
 
-    order: int
+    order: Order
     library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
     known: Known = field(default_factory=dict)
     universal: Sequence[Key] = ()
 
     def __post_init__(self) -> None:
-        if self.order not in (0, 1, 2):
+        if not isinstance(self.order, tuple) and self.order not in (0, 1, 2):
             raise CommonlawError(
                 f"order {self.order!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law "
-                'in discrete time (x[k+1] = ...), or "auto" for 1 or 2'
+                'in discrete time (x[k+1] = ...), orders by state ({"x": 2, "y": 1}), or "auto" for 1 or 2'
             )
 
     def terms(self, schema: Schema) -> Terms:

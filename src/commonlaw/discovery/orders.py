@@ -1,61 +1,144 @@
-"""The order of a law where none is given: told by measured rates, or by the evidence for laws of each."""
+"""The order of a law as it is asked for, or where none is given told by measured rates and by evidence."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
-from commonlaw.discovery.measured_rates import measured_rates
-from commonlaw.errors import CommonlawError
+from commonlaw.discovery.measured_rates import measured_rates, without_measured_rates
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law, Step
+from commonlaw.law.text import order_in_words
+from commonlaw.library import Order, one_order
 from commonlaw.outcomes import Outcome, OutcomeKind
-from commonlaw.trials import Trials
-from commonlaw.trials.measured_rates import rates_in_words
+from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials.measured_rates import rates_in_words, without_rates
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
-Order = int | Literal["auto"]
-"""Of a law: 1, 2, or 0 in discrete time; ``"auto"`` for the one of 1 and 2 that the measurements tell."""
+AskedOrder = int | Literal["auto"] | Mapping[str, int]
+"""Of a law: 1, 2, or 0 in discrete time; 1 or 2 by state; ``"auto"`` for what the measurements tell."""
 
 _STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
 
-def orders_by_rates(trials: Trials) -> tuple[tuple[int, ...], tuple[Step, ...]]:
-    """Return the orders among which the evidence chooses, and what is said where measured rates leave one.
+class Orders(NamedTuple):
+    """Trials without columns that are rates, the orders that each state may have, and what to say of both."""
 
-    With every state beside its rate the law is one of second order. With the rates of some states the columns are all
-    that laws of first order need, and laws of second order would leave measurements out that these have to explain.
+    trials: Trials | TrialStream
+    of_each: tuple[tuple[int, ...], ...]
+    steps: tuple[Step, ...] = ()
+    outcomes: tuple[Outcome, ...] = ()
+
+
+def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
+    """Return the orders that each state may have.
+
+    Raises
+    ------
+    CommonlawError
+        If orders by state do not fit the states, or are to be found in a stream.
     """
+    if asked == "auto":
+        if isinstance(trials, TrialStream):
+            raise CommonlawError('of a stream the order is not found: give order=1 or order=2 in place of "auto"')
+        return _told_by_rates(trials)
+    outcomes: tuple[Outcome, ...] = ()
+    if isinstance(asked, Mapping):
+        if isinstance(trials, Trials):
+            second = [name for name, each in asked.items() if each == 2]
+            trials, outcomes = without_measured_rates(trials, second, asked)
+        own = _by_state(asked, trials.schema)
+    else:
+        if isinstance(trials, Trials):
+            trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
+        own = [asked] * len(trials.schema.states)
+    return Orders(trials, tuple((each,) for each in own), outcomes=outcomes)
+
+
+def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
+    for name, each in asked.items():
+        check_choice("state", name, schema.states)
+        if each not in (1, 2):
+            raise CommonlawError(
+                f"order {each!r} of {name} is not supported: give 1 ({name}' = ...) or 2 ({name}'' = ...)"
+            )
+    lacking = [name for name in schema.states if name not in asked]
+    if lacking:
+        raise CommonlawError(f"order says nothing of {', '.join(lacking)}: give 1 or 2 for each state")
+    return [asked[name] for name in schema.states]
+
+
+def _told_by_rates(trials: Trials) -> Orders:
+    """Return the orders among which the evidence chooses: a state beside its rate is one of second order."""
     rates = measured_rates(trials)
     if not rates:
-        return (1, 2), ()
-    lacking = [name for name in trials.schema.states if name not in rates and name not in rates.values()]
+        return Orders(trials, ((1, 2),) * len(trials.schema.states))
+    trials = without_rates(trials, rates)
+    of_each = tuple((2,) if name in rates else (1, 2) for name in trials.schema.states)
+    lacking = [name for name in trials.schema.states if name not in rates]
     why = rates_in_words(rates) + (f"; of {', '.join(lacking)} no rate was measured" if lacking else "")
-    order = 1 if lacking else 2
-    return (order,), (Step("order", str(order), why),)
+    return Orders(trials, of_each, (Step("order", ", ".join(f"{name} 2" for name in rates) if lacking else "2", why),))
 
 
-def of_each_order(find: Callable[[Given], Found], given: Sequence[Given]) -> tuple[list[Found], list[CommonlawError]]:
-    """Return what is found for each order, and why nothing is found for others.
+def of_best_order(
+    find: Callable[[Order], Found], possible: Sequence[Sequence[int]], value: Callable[[Found], float]
+) -> tuple[list[Found], list[CommonlawError]]:
+    """Return what is found for each order that is tried, and why nothing is found for others.
+
+    Tried are the lowest orders of all states and the highest, and then from the best those that differ in one state, as
+    long as one of them is better.
+
+    Parameters
+    ----------
+    find
+        What finds something of an order.
+    possible
+        The orders that each state may have, from low to high.
+    value
+        Of what is found: less is better.
 
     Raises
     ------
     CommonlawError
         If nothing is found for any: the last reason.
     """
+    listed = [tuple(map(min, possible)), tuple(map(max, possible))]
+    tried, refused = dict[tuple[int, ...], Found | None](), list[CommonlawError]()
+    best = None
+    while True:
+        for orders in listed:
+            found, failed = those_found(lambda own: find(one_order(own)), [orders])
+            tried |= {orders: found[0] if found else None}
+            refused += failed
+        every = {orders: each for orders, each in tried.items() if each is not None}
+        if not every:
+            raise refused[-1]
+        before, best = best, min(every, key=lambda orders: value(every[orders]))
+        listed = [each for each in _neighbours(best, possible) if each not in tried]
+        if best == before or not listed:
+            return list(every.values()), refused
+
+
+def those_found(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
+    """Return what is found, and why nothing is found for others."""
     found, refused = list[Found](), list[CommonlawError]()
     for each in given:
         try:
             found.append(find(each))
         except CommonlawError as error:
             refused.append(error)
-    if not found:
-        raise refused[-1]
     return found, refused
 
 
-def with_order_said(law: Law, others: Mapping[int, float], refused: Sequence[Exception]) -> Law:
+def _neighbours(orders: tuple[int, ...], possible: Sequence[Sequence[int]]) -> Iterator[tuple[int, ...]]:
+    """Yield orders that differ in that of one state."""
+    for j, own in enumerate(possible):
+        yield from ((*orders[:j], each, *orders[j + 1 :]) for each in own if each != orders[j])
+
+
+def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:
     """Return a law whose order was chosen, saying so.
 
     Parameters
@@ -63,18 +146,21 @@ def with_order_said(law: Law, others: Mapping[int, float], refused: Sequence[Exc
     law
         Of the largest evidence.
     others
-        2 log B of the law against the best ones of other orders, by these.
+        Other orders, and 2 log B of the law against the best ones of these.
     refused
         Why no law of other orders was found.
     """
-    against = [f"2 log B is {each:.3g} against the best law of order {order}" for order, each in others.items()]
-    step = Step("order", str(law.order), "; ".join([*against, *(f"of the other none was found: {e}" for e in refused)]))
-    close = [f"{order} (2 log B is {each:.2g})" for order, each in others.items() if each < _STRONG]
+    states = law.states
+    named = [(order_in_words(order, states), each) for order, each in others]
+    against = [f"2 log B is {each:.3g} against the best law of order {order}" for order, each in named]
+    choice = order_in_words(law.order, states)
+    step = Step("order", choice, "; ".join([*against, *(f"of another none was found: {e}" for e in refused)]))
+    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if each < _STRONG]
     said = tuple(
         Outcome(
             OutcomeKind.NOT_IDENTIFIABLE,
             "",
-            f"the law is of order {law.order}, and one of order {each} explains the trials about as well",
+            f"the law is of order {choice}, and one of order {each} explains the trials about as well",
             "trials from other starts would tell, or give the order",
         )
         for each in close

@@ -25,6 +25,7 @@ from commonlaw.formulation import (
     some_trials,
 )
 from commonlaw.law import Law, Provenance
+from commonlaw.library import Order
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import check_n_jobs
 from commonlaw.progress import ProgressCallback
@@ -108,7 +109,7 @@ class AbstractRegression(AbstractMethod):
         """Return what makes rows of these trials."""
 
     @abstractmethod
-    def initial_rates(self, trials: Trials | TrialStream, order: int) -> AbstractDifferentiator | None:
+    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator | None:
         """Return what estimates the rates that forecasts of the law start with."""
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:

@@ -13,7 +13,7 @@ from commonlaw.discovery.derivative_regression import DerivativeRegression, suit
 from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.discovery.orders import of_each_order, with_order_said
+from commonlaw.discovery.orders import of_best_order, those_found, with_order_said
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
@@ -41,7 +41,8 @@ from commonlaw.inference import (
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
-from commonlaw.library import SelectedLibrary, Terms
+from commonlaw.law.text import order_in_words
+from commonlaw.library import Order, SelectedLibrary, Terms, highest_order
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -99,8 +100,8 @@ class TrajectoryLikelihood(AbstractMethod):
         and if that is not enough, in segments spread over the trials of each object. All of them tell the noise.
     unmeasured
         1 to ask, too, for a state that nobody measured: a depot or a drive that decays, a pool that is used up, one
-        that keeps what it gets, a compartment; in laws of second order a drive. The law without it is one of the
-        hypotheses. What it is counted in is said by the history of the law.
+        that keeps what it gets, a compartment; in laws with an equation of second order a drive. The law without it is
+        one of the hypotheses. What it is counted in is said by the history of the law.
     seed
         Of the bootstrap.
     n_jobs
@@ -114,6 +115,7 @@ class TrajectoryLikelihood(AbstractMethod):
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
+    takes_mixed_orders: ClassVar[bool] = True
     takes_streams: ClassVar[bool] = True
     takes_noise_columns: ClassVar[bool] = True
     takes_constants: ClassVar[bool] = True
@@ -172,7 +174,13 @@ class TrajectoryLikelihood(AbstractMethod):
             progress,
         )
 
-    def find_order(self, trials: Trials, structures: Sequence[ModelStructure], progress: ProgressCallback) -> Law:
+    def find_order(
+        self,
+        trials: Trials,
+        structure: ModelStructure,
+        possible: Sequence[Sequence[int]],
+        progress: ProgressCallback,
+    ) -> Law:
         """Return the law of largest evidence among those of several orders, each as probable beforehand.
 
         All have white noise, if that explains what the best of them leaves; else each has the errors of its own largest
@@ -182,8 +190,10 @@ class TrajectoryLikelihood(AbstractMethod):
         ----------
         trials
             What was measured.
-        structures
-            What is sought, one for each order.
+        structure
+            What is sought, whatever its order.
+        possible
+            The orders that each state may have.
         progress
             Takes the text of each step.
 
@@ -193,22 +203,25 @@ class TrajectoryLikelihood(AbstractMethod):
             If no law of any order can be found: what `find` says of the last.
         """
 
-        def begun(structure: ModelStructure) -> _Found:
-            progress(f"seeking laws of order {structure.order}")
-            refuse_what_does_not_fit(self, trials, structure)
-            return self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
+        def begun(order: Order) -> _Found:
+            own = replace(structure, order=order)
+            progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
+            refuse_what_does_not_fit(self, trials, own)
+            return self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), own), progress)
 
         with threads(self.n_jobs):
-            found, refused = of_each_order(begun, structures)
+            found, refused = of_best_order(begun, possible, lambda each: each.evidence)
             best = min(found, key=lambda each: each.evidence)
             if self.errors != "auto" or beyond_white_noise(best.search.problem, best.search.state):
-                found, failed = of_each_order(lambda each: self._with_errors(trials, each, progress), found)
+                found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
                 refused += failed
+                if not found:
+                    raise refused[-1]
             else:
                 found = [replace(each, search=resolved(each.search, progress)) for each in found]
             best, *others = sorted(found, key=lambda each: each.evidence)
             law = self._finished(trials, best, progress)
-        return with_order_said(law, {each.order: each.evidence - best.evidence for each in others}, refused)
+        return with_order_said(law, [(each.order, each.evidence - best.evidence) for each in others], refused)
 
     def _begun(self, trials: Trials, screened: "_Screened", progress: ProgressCallback) -> "_Found":
         """Search among terms that were kept, with the interpolation of inputs that is chosen."""
@@ -249,7 +262,7 @@ class TrajectoryLikelihood(AbstractMethod):
         """Search for the law of largest evidence among all terms, also those with constants inside."""
         whole, seek = screened.whole, self.unmeasured > 0
         others, ratios = whole.parametric(trials.schema), whole.ratios(trials.schema)
-        driven = drives(screened.terms.variables) if seek and whole.order == 2 else ()
+        driven = drives(screened.terms.variables) if seek and highest_order(whole.order) == 2 else ()
         others = (*others, *driven)
         if not others and not ratios and not seek:
             return self._search(screened, trials, progress)
@@ -349,7 +362,7 @@ class _Found:
     steps: Sequence[Step]
 
     @property
-    def order(self) -> int:
+    def order(self) -> Order:
         """Of the law."""
         return self.search.template.order
 

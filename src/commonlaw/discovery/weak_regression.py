@@ -11,6 +11,7 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import WeakForm, reweight
 from commonlaw.inference import known_noise
+from commonlaw.library import Order, highest_order
 from commonlaw.trials import Trials, TrialStream
 
 
@@ -54,8 +55,9 @@ class WeakRegression(AbstractRegression):
         assert isinstance(trials, Trials)
         levels = known_noise(self.noise, trials)
         noise = None if levels is None else tuple(levels.tolist())
-        form = WeakForm(structure.order, self.radii, noise, parsed(self.differentiation, parse_differentiation))
+        differentiation = parsed(self.differentiation, parse_differentiation)
+        form = WeakForm(highest_order(structure.order), self.radii, noise, differentiation)
         return reweight(trials, structure.terms(trials.schema), form)[0]
 
-    def initial_rates(self, trials: Trials | TrialStream, order: int) -> AbstractDifferentiator:
+    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator:
         return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)

@@ -65,9 +65,8 @@ class Visited:
         found = abs(np.diff(values))
         return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
 
-    def rate_size(self, equation: int, equations: int, order: int) -> float:
-        """Return the root mean square of what an equation gives, by differences of the smoothed states."""
-        column = equation + (order - 1) * equations
+    def rate_size(self, column: int) -> float:
+        """Return the root mean square of the derivative of a smoothed state, or of its rate, by differences."""
         parts = np.split(self.values[:, [column, -1]], self.begins[1:])
         rates = np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
         return float(np.sqrt(np.mean(rates**2)))

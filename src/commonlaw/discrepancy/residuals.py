@@ -33,7 +33,7 @@ def residuals(law: Law, trials: Trials) -> Residuals:
         std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
         standardized.append((trial.states - own[:, :states]) / std)
     found = Residuals(forecast.trials, fitted, tuple(standardized), law.rates, ())
-    spent = law.order * len(trials) + _spent(law, trials)
+    spent = np.array(law.order) * len(trials) + _spent(law, trials)
     return replace(found, patterns=patterns(law.states, standardized, found.columns, law.schema.time, spent.tolist()))
 
 

@@ -14,7 +14,7 @@ from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.library import Terms
+from commonlaw.library import Terms, highest_columns
 from commonlaw.trials import Trials
 
 
@@ -57,7 +57,8 @@ class Setting:
         matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
         samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
         kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
-        size = visited.rate_size(equation, len(law.states), law.order) / np.sqrt(np.mean(times**2))
+        column = highest_columns(law.order, len(law.states))[equation]
+        size = visited.rate_size(column) / np.sqrt(np.mean(times**2))
         return FunctionModel(
             terms,
             np.column_stack([self.own, np.zeros(shape, dtype=np.bool_)]),

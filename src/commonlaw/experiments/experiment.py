@@ -80,10 +80,7 @@ class Experiment:
     def described(self, law: Law) -> str:
         """Return the experiment in plain words."""
         units, time = dict(law.schema.units), law.schema.units.get(law.schema.time, "")
-        units |= {
-            rate: f"{units.get(state, '')}/{time}".strip("/")
-            for state, rate in zip(law.states, law.rates, strict=False)
-        }
+        units |= {rate: f"{units.get(state, '')}/{time}".strip("/") for state, rate in law.state_rates}
 
         def valued(name: str, value: float) -> str:
             return f"{name} = {value:.3g} {units.get(name, '')}".rstrip()

@@ -13,6 +13,7 @@ from commonlaw.experiments.settings import Range
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
+from commonlaw.library import highest_columns
 from commonlaw.trials import Trial, Trials
 
 MOST, _LEAST, _TOGETHER = 64, 16, 192
@@ -225,11 +226,11 @@ def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
     if errors.walk is not None:
         parts.append(carried * errors.walk * np.sqrt(steps)[:, np.newaxis])
     if errors.force is not None:
-        size = len(errors.force)
         middles = times[1:] - steps / 2
         apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time
         kernel = (1 + apart) * np.exp(-apart) + 1e-10 * np.eye(len(steps))
-        forced = carried[..., width - size :] * errors.force * steps[:, np.newaxis]
+        pushed = highest_columns(law.order, len(law.states))
+        forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
         parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
     return np.concatenate([each.reshape(count, width, -1) for each in parts], axis=2)
 

@@ -53,7 +53,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     """
     if not law.has_std or law.order == 0 or law.schema.doses or not law.support.any():
         return ()
-    visited = law.provenance.domain.visited or Domain.of(trials, law.rates).visited
+    visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
     ranges = {name: Range(*visited[name]) for name in law.states if name in visited and np.ptp(visited[name]) > 0}
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
     found = []

@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial_state, fit_initial_state
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
+from commonlaw.library import with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import shown
 
@@ -88,7 +89,7 @@ def begin(
     if not found:
         raise CommonlawError(f"no trial can be forecast {why}")
     notes = [f"trials not forecast {why}"] if lost else []
-    unknown = [each.start_samples.label for each in found if law.order == 2 and len(each.start_samples) == 1]
+    unknown = [each.start_samples.label for each in found if law.rates and len(each.start_samples) == 1]
     if unknown:
         notes.append(f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
@@ -111,7 +112,7 @@ def _begin_later(
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
-    count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.order == 2 else 1)
+    count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.rates else 1)
     start_samples = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, start_samples.times[0]))
     fitted = (
@@ -130,11 +131,11 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
     is_known = np.isfinite(trial.states)
     known = is_known[:, ~law.schema.unmeasured].cumsum(axis=0).min(axis=1)
-    if law.order == 2 and law.differentiation is not None:
+    if law.rates and law.differentiation is not None:
         count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
         if known[:count][-1] >= MIN_SAMPLES:
             return count
-    ready = is_known[0].all() and (law.order == 1 or _differentiation(law, trial) is not None)
+    ready = is_known[0].all() and (not law.rates or _differentiation(law, trial) is not None)
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 
@@ -155,7 +156,7 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
 
 
 def _measured_start(law: Law, trial: Trial) -> Floats:
-    """Return the first measured states, and the estimated rates of a law of second order, shape (width,)."""
+    """Return the first measured states, and the estimated rates of those of second order, shape (width,)."""
     missing = np.isnan(trial.states)
     if missing[0].any():
         state = law.states[int(np.argmax(missing[0]))]
@@ -165,7 +166,8 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
             f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "
             "it to the first samples with start=15"
         )
-    rates = [_first_rates(law, trial, trial.states)] if law.order == 2 else []
+    second = with_rates(law.order, len(law.states))
+    rates = [_first_rates(law, trial, trial.states)[second]] if len(second) else []
     return np.concatenate([trial.states[0], *rates])
 
 
@@ -191,18 +193,19 @@ def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats
     the last digit, so that this is exact for every linear differentiator. For others it is close; for medians, which
     are the odd ones, it is up to a quarter too much.
     """
-    if law.order != 2:
+    second = with_rates(law.order, len(law.states))
+    if not len(second):
         return np.diag(noise[0] ** 2)
     method = _differentiation(law, trial)
     if method is None:
-        return np.diag(np.append(noise[0] ** 2, np.full(noise.shape[1], np.nan)))
+        return np.diag(np.append(noise[0] ** 2, np.full(len(second), np.nan)))
     states, samples = noise.shape[1], _samples(method, len(trial))
-    covariance = np.zeros((2 * states, 2 * states))
-    for j in range(states):
+    covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
+    for k, j in enumerate(second):
         draws = noise[:samples, j : j + 1] * _white(samples, seed)
         noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
         noisy[:samples] += draws
-        indices = np.ix_((j, states + j), (j, states + j))
+        indices = np.ix_((j, states + k), (j, states + k))
         covariance[indices] = np.cov(draws[0], _first_rates(law, trial, noisy), bias=True)
     return covariance
 

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.model_error import MODEL_ERRORS, POINTS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
+from commonlaw.library import order_of_each, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
     Estimate,
@@ -108,7 +109,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
     (mesh,) = meshes([trial], POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) / noise)
-    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(noise, trial, guess.shape[1]))
+    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
     own = law.coefficients_of(trial.object)
     found = fit(
         model,
@@ -130,7 +131,7 @@ def _not_finite(trial: Trial) -> str:
 
 def can_fit_initial_state(law: Law) -> bool:
     """Whether the law knows what samples are worth, so that a start can be fitted to them."""
-    return law.order > 0 and law.noise is not None and bool(law.noise.all())
+    return law.order != 0 and law.noise is not None and bool(law.noise.all())
 
 
 def _unmeasured(law: Law, trial: Trial) -> list[str]:
@@ -140,24 +141,24 @@ def _unmeasured(law: Law, trial: Trial) -> list[str]:
 
 
 def _guess(law: Law, trial: Trial) -> Floats:
-    """Return a curve through a trial's samples: its states, and the rates of a law of second order.
+    """Return a curve through a trial's samples: its states, and the rates of those of second order.
 
     A state that was not measured begins in the middle of where the law was learned from, and moves when it is fitted.
     """
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in _unmeasured(law, trial):
         states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    return _curve(trial.times, states, law.order)
+    return _curve(trial.times, states, with_rates(law.order, len(law.states)))
 
 
-def _curve(times: Floats, states: Floats, order: int) -> Floats:
+def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
     measured = np.isfinite(states)
     if measured.sum(axis=0).min() >= MIN_SAMPLES:
         rates = RobustSpline().differentiate(times, states, 1)
-        return np.column_stack([rates.states, *rates.derivatives[: order - 1]])
+        return np.column_stack([rates.states, rates.derivatives[0][:, second]])
     pairs = zip(measured.T, states.T, strict=True)
     lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
-    return np.column_stack([lines, *[np.gradient(lines, times, axis=0)] * (order - 1)])
+    return np.column_stack([lines, *(np.gradient(lines[:, j], times) for j in second)])
 
 
 def _noise_of(law: Law) -> Floats:
@@ -174,10 +175,11 @@ def _noise_of(law: Law) -> Floats:
 
 
 def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
-    for name, column in zip(law.states, trial.states.T, strict=True):
+    orders = order_of_each(law.order, len(law.states))
+    for name, column, order in zip(law.states, trial.states.T, orders, strict=True):
         measured = int(np.isfinite(column).sum())
-        if measured < law.order and name not in unmeasured:
+        if measured < order and name not in unmeasured:
             raise CommonlawError(
                 f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
-                f"fitted to {law.order} or more; give a larger start, or leave the trial out"
+                f"fitted to {order} or more; give a larger start, or leave the trial out"
             )

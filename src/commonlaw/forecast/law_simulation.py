@@ -33,7 +33,7 @@ def simulate_law(
         check_choice("dose", name, law.schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
     starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
-    width, grid = len(law.states) * max(1, law.order), np.asarray(times, dtype=np.float64)
+    width, grid = len(law.terms.variables.states), np.asarray(times, dtype=np.float64)
     inputs = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
     problems = {}
     for name, start in starts.items():

@@ -7,6 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
+from commonlaw.library import with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
     Estimate,
@@ -95,12 +96,13 @@ class FilteredStart:
         return replace(trajectory, sensitivities=carried), self.covariance
 
 
-def unit_of_errors(noise: Floats, trial: Trial, width: int) -> Floats:
+def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
     """Return the unit of the model error of each state (and rate), shape (width,).
 
     A rate that is off by this moves the state by its noise until the last sample.
     """
-    return np.concatenate([noise, noise / (trial.times[-1] - trial.times[0])])[:width]
+    second = with_rates(law.order, len(law.states))
+    return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
 
 
 def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats) -> FilteredStart | None:
@@ -112,7 +114,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     (mesh,) = meshes([trial], POINTS, len(trial))
     (states,) = interpolate([guess], POINTS, len(trial))
     if errors.walk is None:
-        unit = unit_of_errors(noise, trial, states.shape[1])
+        unit = unit_of_errors(law, noise, trial)
     else:
         unit = errors.walk * np.sqrt(np.median(mesh.steps))
     mesh, found = mesh.with_inputs(inputs), Estimate((states,), own)

@@ -1,13 +1,14 @@
 """What rows of the strong form are worth: how many are independent, and how exact their targets are."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.strong import StrongForm
-from commonlaw.library import Terms
+from commonlaw.library import Terms, highest_order, order_of_each, split_derivatives
 from commonlaw.trials import Trial
 
 _SHARE_OF_SPREAD = 1e-3
@@ -36,16 +37,19 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
     """
     middle = slice(max(0, (len(trial) - SAMPLES) // 2), (len(trial) + SAMPLES) // 2)
     times, states = trial.times[middle], trial.states[middle]
-    pushed = states.copy()
+    pushed, highest = states.copy(), highest_order(form.order)
     pushed[len(states) // 2] += _SHARE_OF_SPREAD * states.std(axis=0)
     try:
-        before, after = (form.differentiation.differentiate(times, each, form.order) for each in (states, pushed))
+        before, after = (
+            split_derivatives(form.differentiation.differentiate(times, each, highest).derivatives, form.order)[1]
+            for each in (states, pushed)
+        )
     except CommonlawError as error:
         raise CommonlawError(f"{trial.label}: {error}") from None
-    response = after.derivatives[-1] - before.derivatives[-1]
+    response = after - before
     response = response[:, np.any(response != 0, axis=0)]
     if not response.size:
-        reach = form.differentiation.reach(form.order)
+        reach = form.differentiation.reach(highest)
         return 1 / len(states) if reach is None else 1 / (2 * reach + 1)
     # The transform of a response's autocorrelation is its power; twice the length keeps the ends apart
     power = np.abs(np.fft.fft(response, 2 * len(response), axis=0)) ** 2
@@ -89,14 +93,14 @@ def _round_trip(form: StrongForm, terms: Terms, trial: Trial, target: int, coeff
     """Return what the rates of a trial change by when they are integrated and differentiated, shape (n,)."""
     from scipy.interpolate import CubicSpline
 
-    whole = StrongForm(form.differentiation, form.order, form.library_states)
+    whole, order = replace(form, trim=0), order_of_each(form.order, trial.states.shape[1])[target]
     values, _ = whole.samples(trial)
     rates = terms.evaluate(values) @ coefficients
-    state = CubicSpline(trial.times, rates).antiderivative(form.order)(trial.times)
+    state = CubicSpline(trial.times, rates).antiderivative(order)(trial.times)
     # Constants and straight lines are lost on the way; the trial's own ends give them back
     measured = trial.states[:, target]
     missing = np.where(np.isnan(measured), values[:, target], measured) - state
     elapsed = (trial.times - trial.times[0]) / (trial.times[-1] - trial.times[0])
-    state += missing[0] + (missing[-1] - missing[0]) * elapsed * (form.order > 1)
-    again = form.differentiation.differentiate(trial.times, state[:, np.newaxis], form.order).derivatives[-1][:, 0]
+    state += missing[0] + (missing[-1] - missing[0]) * elapsed * (order > 1)
+    again = form.differentiation.differentiate(trial.times, state[:, np.newaxis], order).derivatives[-1][:, 0]
     return np.asarray((again - rates)[form.trim : len(trial) - form.trim])

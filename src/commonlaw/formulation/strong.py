@@ -11,6 +11,7 @@ from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Segment
 from commonlaw.formulation.variables import check_order
+from commonlaw.library import Order, highest_order, split_derivatives
 from commonlaw.trials import Trial
 
 _WHOLE = slice(None)
@@ -28,7 +29,7 @@ class StrongForm(AbstractSampledForm):
     differentiation
         How rates are estimated.
     order
-        Order of the law: 1 or 2.
+        Order of the law: 1 or 2, or that of each equation.
     library_states
         Which states the terms are evaluated on. ``"smoothed"`` takes the differentiator's smoothed states, so that
         states and rates come from one curve and noise does not bias the coefficients of terms in the states
@@ -44,7 +45,7 @@ class StrongForm(AbstractSampledForm):
     """
 
     differentiation: AbstractDifferentiator
-    order: int = 1
+    order: Order = 1
     library_states: Literal["smoothed", "measured"] = "smoothed"
     trim: int = 0
 
@@ -64,7 +65,8 @@ class StrongForm(AbstractSampledForm):
     def rates(self, trial: Trial, segment: slice = _WHOLE) -> Rates:
         """Return smoothed states and derivatives of one trial, or of a segment of it; errors name the trial."""
         try:
-            return self.differentiation.differentiate(trial.times[segment], trial.states[segment], self.order)
+            highest = highest_order(self.order)
+            return self.differentiation.differentiate(trial.times[segment], trial.states[segment], highest)
         except CommonlawError as error:
             if segment != _WHOLE:
                 self.rates(trial)  # Its message counts the samples of the whole trial
@@ -81,7 +83,7 @@ class StrongForm(AbstractSampledForm):
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
         first, last = self.span(trial)
-        reach = self.differentiation.reach(self.order)
+        reach = self.differentiation.reach(highest_order(self.order))
         local = reach is not None and len(trial) > _SEGMENT
         edges = sorted({first, last, *cuts, *(range(first, last, _SEGMENT) if local else ())})
         # Twice the reach, so that a segment at an end of the trial is also long enough for a whole window
@@ -93,6 +95,6 @@ class StrongForm(AbstractSampledForm):
                 rates = self.rates(trial, slice(before, stop + halo) if local else _WHOLE)
             inside = slice(start - before, stop - before)
             states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
-            lower = [each[inside] for each in rates.derivatives[: self.order - 1]]
-            columns = [states, *lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
-            yield start, np.concatenate(columns, axis=1), rates.derivatives[self.order - 1][inside]
+            lower, targets = split_derivatives([each[inside] for each in rates.derivatives], self.order)
+            columns = [states, lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
+            yield start, np.concatenate(columns, axis=1), targets

@@ -1,22 +1,23 @@
 """The variables of a law over trials of some schema."""
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library import Variables
+from commonlaw.library import Order, Variables, order_of_each, with_rates
 from commonlaw.trials import Schema
 
 
-def law_variables(schema: Schema, order: int) -> Variables:
-    """Return the variables of a law: states, their rates if it is of order 2, inputs, time.
+def law_variables(schema: Schema, order: Order) -> Variables:
+    """Return the variables of a law: states, the rates of those of order 2, inputs, time.
 
     Rates are ``v`` for a single state, ``v_x`` and ``v_y`` for several, and ``x_rate`` where such a name is taken; a
     rate that was measured has the name of its column.
     """
-    if order < 2:
+    second = with_rates(order, len(schema.states))
+    if not len(second):
         return Variables(schema.states, schema.inputs, schema.time, schema.logarithmic)
-    taken = {*schema.states, *schema.inputs, schema.time}
-    pairs = zip(plain_rates(schema), schema.states, strict=True)
-    rates = [f"{state}_rate" if name in taken else name for name, state in pairs]
-    return Variables((*schema.states, *rates), schema.inputs, schema.time)
+    taken, plain = {*schema.states, *schema.inputs, schema.time}, plain_rates(schema)
+    rates = [f"{schema.states[j]}_rate" if plain[j] in taken else plain[j] for j in second]
+    orders = order if isinstance(order, tuple) else ()
+    return Variables((*schema.states, *rates), schema.inputs, schema.time, orders=orders)
 
 
 def plain_rates(schema: Schema) -> tuple[str, ...]:
@@ -25,7 +26,7 @@ def plain_rates(schema: Schema) -> tuple[str, ...]:
     return tuple(schema.rates.get(state, name) for state, name in zip(schema.states, usual, strict=True))
 
 
-def check_order(order: int) -> None:
-    """Refuse an order of a law that is neither 1 nor 2."""
-    if order not in (1, 2):
+def check_order(order: Order) -> None:
+    """Refuse an order of a law, or of an equation, that is neither 1 nor 2."""
+    if not {*order_of_each(order, 1)} <= {1, 2}:
         raise CommonlawError(f"order {order!r} is not supported: give the number 1 (x' = ...) or 2 (x'' = ...)")

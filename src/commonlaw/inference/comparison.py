@@ -17,7 +17,7 @@ from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_state import ANY_ERROR
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
-from commonlaw.library import parse_terms
+from commonlaw.library import Order, parse_terms
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.trials import Schema, Trials
@@ -114,7 +114,7 @@ def compare(
     return frame.sort_values("2 log B", ignore_index=True)
 
 
-def _value_of(orders: Set[int]) -> Callable[[LawSearch], float]:
+def _value_of(orders: Set[Order]) -> Callable[[LawSearch], float]:
     """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
     if len(orders) == 1:
         return lambda found: found.state.value

@@ -25,7 +25,7 @@ from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
-from commonlaw.library import Terms
+from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound
 from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -93,7 +93,7 @@ class _Profile:
         floor = np.finfo(float).eps * np.std(self.rates, axis=0) + np.finfo(float).tiny
         return 2 * len(left) * float(np.sum(np.log(np.maximum(_size(left), floor))))
 
-    def derivatives(self, constants: Floats, order: int) -> Floats:
+    def derivatives(self, constants: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
         field = VectorField(plain, self.coefficients(constants), order, free=np.isnan(self.known))

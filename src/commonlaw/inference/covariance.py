@@ -68,7 +68,7 @@ def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | N
         return None
     counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in problem.trials])
     free = np.array([(each.coefficients != 0) & np.isnan(known) for each, known in _pairs(problem, state)])
-    starts = problem.models[0].order * (counts > 0)
+    starts = np.array(problem.models[0].order) * (counts > 0)
     left = (counts - starts).sum(axis=0) - free.sum(axis=(0, 2))
     if np.array_equal(problem.noise, problem.first_noise) and problem.tells_noise:
         left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own)) for own in counts.T.tolist()])

@@ -25,7 +25,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
-from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms, parse_library
+from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
 
@@ -88,7 +88,7 @@ class StandIns:
     visited: dict[str, tuple[float, float]]
 
 
-def stand_ins(trials: Trials, order: int, library: AbstractLibrary | str | None = None) -> tuple[StandIns, ...]:
+def stand_ins(trials: Trials, order: Order, library: AbstractLibrary | str | None = None) -> tuple[StandIns, ...]:
     """Return the equations whose variables trials cannot tell apart.
 
     Parameters
@@ -96,7 +96,7 @@ def stand_ins(trials: Trials, order: int, library: AbstractLibrary | str | None 
     trials
         What was measured.
     order
-        Of the laws that are looked for, 1 or 2.
+        Of the laws that are looked for, 1 or 2, or that of each equation.
     library
         Their candidate terms. Default: polynomials of degree 3, or of a lower one where trials have few samples.
 
@@ -109,15 +109,19 @@ def stand_ins(trials: Trials, order: int, library: AbstractLibrary | str | None 
         return _stand_ins(trials, order, parse_library(library) if isinstance(library, str) else library)
 
 
-def _stand_ins(trials: Trials, order: int, given: AbstractLibrary | None) -> tuple[StandIns, ...]:
+def _stand_ins(trials: Trials, order: Order, given: AbstractLibrary | None) -> tuple[StandIns, ...]:
     curves = [curve for trial in _looked_at(trials) if (curve := _curve(trial, trials, order)) is not None]
     variables, states = law_variables(trials.schema, order), trials.schema.states
+    orders = order_of_each(order, len(states))
     choices = [given] if given else [PolynomialLibrary(degree) for degree in _DEGREES]
     for terms in (each.bind(variables) for each in choices):
         used = sorted(set().union(*(term.columns() for term in terms.terms)))
-        form = _IntegralForm.of(curves, terms, order) if 1 < len(used) <= _MOST_VARIABLES else None
-        if form is not None:
-            found = (_one_equation(form, j, used) for j in range(len(states)))
+        if not 1 < len(used) <= _MOST_VARIABLES:
+            continue
+        forms = {each: _IntegralForm.of(curves, terms, each) for each in {*orders}}
+        of_each = [form for each in orders if (form := forms[each]) is not None]
+        if len(of_each) == len(states):
+            found = (_one_equation(form, j, used) for j, form in enumerate(of_each))
             return tuple(
                 _named(each, states[j], variables.names, curves) for j, each in enumerate(found) if each is not None
             )
@@ -345,14 +349,14 @@ def _some(trial: Trial) -> Trial:
     return measured.cut(_MOST_SAMPLES) if len(measured) > _MOST_SAMPLES else measured
 
 
-def _curve(trial: Trial, trials: Trials, order: int) -> _Curve | None:
+def _curve(trial: Trial, trials: Trials, order: Order) -> _Curve | None:
     """Return the variables along a smooth curve through a trial, and its states; None if it is too short."""
     states = natural(trial.states, trials.schema)
     try:
         rates = SmoothingSpline().differentiate(trial.times, states, 1)
     except CommonlawError:
         return None
-    columns = [rates.states, *([rates.derivatives[0]] if order == 2 else []), trial.inputs]
+    columns = [rates.states, rates.derivatives[0][:, with_rates(order, states.shape[1])], trial.inputs]
     return _Curve(trial.object, trial.times - trial.times[0], np.column_stack([*columns, trial.times]), states)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.constant_banks import Banks, along
 from commonlaw.inference.search_problem import SearchProblem, spread
-from commonlaw.library import ParametricTerm
+from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
 
 INSIDE = 1e-10
@@ -62,7 +62,7 @@ class Course:
     def match(self, equation: int) -> "Match":
         """Return the measurements of the state of an equation against integrals along these curves."""
         model, known = self.problem.models[self.index], self.problem.known[self.index, equation]
-        variables, order = model.terms.variables, model.order
+        variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
         windows = _Window.of(self.problem, model.meshes, equation)
         operators = [each.integrals(order) for each in windows]
         if variables.states[equation] in variables.logarithmic:

@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.evidence import Measured
 from commonlaw.inference.first_noise import noise_floor
+from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import with_typical
@@ -43,7 +44,7 @@ class Measurements:
     meshes: Sequence[Mesh]
     states: Sequence[Floats]
     first_noise: Floats
-    order: int
+    order: Order
     count: int
     noise_is_fixed: bool
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.search_state import SearchState, promised
+from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
 
 
@@ -11,12 +12,14 @@ def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
     """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
 
     The evidence of a search is the density of all that was measured after the start of each segment, with any start
-    being as likely: so of a law of first order. Of one of second order rates at starts are to be found besides. While
-    one order is sought their distribution is one that says next to nothing, and narrows as meshes get coarser. Here it
-    is the normal distribution about zero as wide as rates are in all trials (root mean square of smoothed rates).
+    being as likely: so of a law of first order. Rates at starts of states of second order are to be found besides.
+    While one order is sought their distribution is one that says next to nothing, and narrows as meshes get coarser.
+    Here it is the normal distribution about zero as wide as rates are in all trials (root mean square of smoothed
+    rates). What the linearised likelihood promises away from the estimates counts as not there: of an order that does
+    not suit, fits may get stuck in stiff laws.
     """
-    value, states = state.value, len(problem.noise)
-    if problem.models[0].order == 1:
+    value, states = state.value + promised(problem, state), len(problem.noise)
+    if not len(with_rates(problem.models[0].order, states)):
         return value
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
     variances = np.nanmean(rates**2, axis=0)

@@ -123,7 +123,7 @@ def refine(
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, covariance, seed)
     chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
-    domain = Domain.of(trials, law.rates)
+    domain = Domain.of(trials, law.state_rates)
     provenance = replace(
         law.provenance,
         outcomes=(

@@ -121,7 +121,7 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
 
 def _regression(group: Sequence[Trial], terms: Terms, known: Floats) -> LeastSquaresProblem | None:
     """Return the regression of smoothed rates of one object on all terms; None if a state was measured in no trial."""
-    order = len(terms.variables.states) // group[0].states.shape[1]
+    order = terms.variables.order_of(group[0].states.shape[1])
     pairs = [(trial, smooth_curves(trial, order)) for trial in group]
     complete = [pair for pair in pairs if np.isfinite(pair[1][0]).all()]
     if not complete:

@@ -21,7 +21,7 @@ from commonlaw.inference.prices import FACTOR, Prices, shifted
 from commonlaw.inference.smooth_rates import first_coefficients, smooth_curves
 from commonlaw.inference.support_search import MOST_TERMS, SAMPLES_FOR_A_TERM
 from commonlaw.inference.unmeasured import begun, filled_curves, spread_within, typical_states
-from commonlaw.library import Terms
+from commonlaw.library import Terms, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
     NO_ERRORS,
@@ -188,7 +188,7 @@ class SearchProblem:
         terms, states = self.models[0].terms, len(self.noise)
         given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))
         found = []
-        for j in range(states if self.models[0].order == 2 else 0):
+        for j in with_rates(self.models[0].order, states):
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 found.append(shifted(terms, j) & ~given)
@@ -256,7 +256,7 @@ def prepare(
     trials
         What was measured.
     terms
-        The library, over the states of a law of first order, or states and rates of one of second order.
+        The library, over states and the rates of those of second order.
     known
         Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
     noise
@@ -276,7 +276,7 @@ def prepare(
         is not above zero.
     """
     trials = with_exact_starts(trials, terms, known[0])
-    scale, order = spread_within(trials), len(terms.variables.states) // len(trials.schema.states)
+    scale, order = spread_within(trials), terms.variables.order_of(len(trials.schema.states))
     trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
@@ -291,10 +291,10 @@ def prepare(
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
-    unit = levels
-    if order == 2:
+    unit, second = levels, with_rates(order, len(scale))
+    if len(second):
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
-        unit = np.concatenate([levels, levels * np.nanstd(rates, axis=0) / scale])
+        unit = np.concatenate([levels, levels[second] * np.nanstd(rates, axis=0) / scale[second]])
     between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
     models = [
         TrajectoryModel(

@@ -9,33 +9,33 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.first_noise import parabola
-from commonlaw.library import Terms, Variables
+from commonlaw.library import Order, Terms, Variables, order_of_each
 from commonlaw.trials import Trial
 
 _DEPENDENT = 1e-8
 """Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
 
 
-def smooth_curves(trial: Trial, order: int, unmeasured: Bools | None = None) -> tuple[Floats, Floats]:
-    """Return smoothed states (and rates), shape (n, D), and the highest derivatives, shape (n, d), of one trial.
+def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> tuple[Floats, Floats]:
+    """Return smoothed states and rates of a trial, shape (n, D), and the highest derivatives, shape (n, d).
 
     Those of a state that was not measured in it are NaN, and so are those of states of which at most a start is known.
     """
-    columns = []
-    for column in trial.states.T if unmeasured is None else np.where(unmeasured, np.nan, trial.states).T:
+    columns, states = [], trial.states if unmeasured is None else np.where(unmeasured, np.nan, trial.states)
+    for column, own in zip(states.T, order_of_each(order, states.shape[1]), strict=True):
         seen = np.isfinite(column)
         if not seen.any():
-            columns.append([column] * (order + 1))
+            columns.append([column] * (own + 1))
         elif seen.sum() >= 5:  # As a spline takes
-            rates = RobustSpline().differentiate(trial.times, column[:, np.newaxis], order)
-            columns.append([each[:, 0] for each in (rates.states, *rates.derivatives)])
+            found = RobustSpline().differentiate(trial.times, column[:, np.newaxis], own)
+            columns.append([each[:, 0] for each in (found.states, *found.derivatives)])
         elif seen.sum() > 1:
             curve = parabola(trial.times[seen], column[seen])
-            columns.append([curve.deriv(k)(trial.times) for k in range(order + 1)])
+            columns.append([curve.deriv(k)(trial.times) for k in range(own + 1)])
         else:
             raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
-    curves = [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
-    return np.column_stack(curves[:order]), curves[order]
+    rates = [each[1] for each in columns if len(each) > 2]
+    return np.stack([*(each[0] for each in columns), *rates], axis=1), np.stack([each[-1] for each in columns], axis=1)
 
 
 def terms_and_rates(

@@ -15,6 +15,7 @@ from commonlaw.integration.initial_value_problem import InitialValueProblem, Out
 from commonlaw.integration.iteration import Iteration
 from commonlaw.integration.trajectory import Trajectory
 from commonlaw.integration.vector_field import VectorField
+from commonlaw.library import Order
 from commonlaw.outcomes import OutcomeKind
 
 METHODS = ("auto", "heyoka", "scipy")
@@ -76,7 +77,7 @@ def simulate(
     points = sum(len(problem.times) + _STOP * (len(problem.stops) - 1) for problem in problems)
     if method == "auto" and not sensitivities and points < _FEW_POINTS:
         method = "scipy"
-    choices: dict[tuple[int, int, int, bytes], _Choice] = {}
+    choices: dict[tuple[int, Order, int, bytes], _Choice] = {}
     trajectories = []
     what = f"integrating {len(problems)} trajectories"
     for problem in announced(problems, what, "take fewer trials or a shorter time"):

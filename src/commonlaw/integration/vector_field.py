@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.integration.inputs import Inputs
-from commonlaw.library import Terms
+from commonlaw.library import Order, Terms, highest_columns, with_rates
 
 
 class LinearizedField(NamedTuple):
@@ -21,7 +21,7 @@ class LinearizedField(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """``z' = f(z, u, t)`` with ``z`` the D states: the measured ones, and behind them their rates in second order.
+    """``z' = f(z, u, t)`` with ``z`` the D states: the measured ones, and then the rates of those of second order.
 
     Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
     one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
@@ -35,7 +35,8 @@ class VectorField:
     coefficients
         Of the highest derivatives, shape (equations, terms).
     order
-        1 or 2; 0 for a law in discrete time, which gives the next states instead of derivatives.
+        1 or 2, or that of each equation; 0 for a law in discrete time, which gives the next states instead of
+        derivatives.
     inputs
         The inputs at any time; needed to integrate a law that has inputs.
     free
@@ -46,7 +47,7 @@ class VectorField:
 
     terms: Terms
     coefficients: Floats
-    order: int = 1
+    order: Order = 1
     inputs: Inputs | None = None
     free: Bools | None = None
 
@@ -86,7 +87,17 @@ class VectorField:
     @property
     def width(self) -> int:
         """The number of states, D."""
-        return len(self.coefficients) * max(1, self.order)
+        return len(self.coefficients) + len(self.second)
+
+    @cached_property
+    def second(self) -> Indices:
+        """The states of second order, whose rates follow all states."""
+        return with_rates(self.order, len(self.coefficients))
+
+    @cached_property
+    def highest(self) -> Indices:
+        """Where the derivative that each equation gives stands among those of states and rates."""
+        return highest_columns(self.order, len(self.coefficients))
 
     @cached_property
     def parameter_mask(self) -> Bools:
@@ -123,17 +134,19 @@ class VectorField:
 
     def _with_rates(self, values: Floats, highest: Floats) -> Floats:
         """Return the derivatives of all states from the highest ones, shape (n, D)."""
-        if self.order != 2:
+        if not len(self.second):
             return highest
-        return np.concatenate([values[:, len(self.coefficients) : self.width], highest], axis=1)
+        found = np.empty((len(values), self.width))
+        found[:, self.second] = values[:, len(self.coefficients) : self.width]
+        found[:, self.highest] = highest
+        return found
 
     def _by_states(self, values: Floats, terms: Terms, coefficients: Floats) -> Floats:
         width, equations = self.width, len(coefficients)
         found, natural = np.zeros((len(values), width, width)), self._natural(values)
         gradients = terms.jacobian(natural)[:, :, :width]
-        found[:, width - equations :] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
-        if self.order == 2:
-            found[:, range(equations), range(equations, width)] = 1.0
+        found[:, self.highest] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
+        found[:, self.second, range(equations, width)] = 1.0
         if terms.variables.logarithmic:
             found = self._relative(natural, found)
             relative = self._relative(natural, terms.evaluate(natural) @ coefficients.T)
@@ -161,10 +174,10 @@ class VectorField:
         indices = np.argwhere(self.parameter_mask)[:, 1]
         for i, index in enumerate(self.terms.constants):
             slopes = gradients[:, :, first + i] @ coefficients.T
-            by_parameters[:, self.width - len(coefficients) :, indices == index] = slopes[:, :, np.newaxis]
+            by_parameters[:, self.highest[:, np.newaxis], np.flatnonzero(indices == index)] = slopes[:, :, np.newaxis]
 
     @cached_property
     def _of_parameters(self) -> tuple[Indices, Indices]:
         """The state whose derivative each parameter is in, and the index of its term among those that are kept."""
         equations, columns = np.nonzero(self.parameter_mask[:, self.kept.any(axis=0)])
-        return self.width - len(self.coefficients) + equations, columns
+        return self.highest[equations], columns

@@ -11,7 +11,7 @@ static const Values *ends(const Workspace *work, int64_t *shift) {
 /* Evaluate the law at the points, at the ends of steps where inputs are held, and in the middles; forces are added. */
 void collocate(Workspace *work, const Mesh *mesh, const double *states, const double *coefficients, bool linear) {
     const Model *model = work->model;
-    const int64_t n = mesh->points, d = work->d, D = work->D, W = work->W, rates = D - d;
+    const int64_t n = mesh->points, d = work->d, D = work->D, W = work->W, *highest = model->highest;
     Plan *plan = linear ? &work->kept : &work->other;
     plan_terms(work, plan, coefficients, linear);
     field(work, plan, linear, n, states, W, mesh->inputs, mesh->times, coefficients, &work->at[START]);
@@ -22,8 +22,8 @@ void collocate(Workspace *work, const Mesh *mesh, const double *states, const do
         const double *force = states + D + model->force;
         for (int64_t i = 0; i < n; ++i)
             for (int64_t e = 0; e < d; ++e) {
-                first[i * D + rates + e] += force[i * W + e];
-                if (model->held && i + 1 < n) work->at[END].derivatives[i * D + rates + e] += force[(i + 1) * W + e];
+                first[i * D + highest[e]] += force[i * W + e];
+                if (model->held && i + 1 < n) work->at[END].derivatives[i * D + highest[e]] += force[(i + 1) * W + e];
             }
     }
     int64_t shift;
@@ -38,7 +38,7 @@ void collocate(Workspace *work, const Mesh *mesh, const double *states, const do
         const double *force = states + D + model->force;
         for (int64_t i = 0; i + 1 < n; ++i)
             for (int64_t e = 0; e < d; ++e)
-                work->at[MIDDLE].derivatives[i * D + rates + e] += (force[i * W + e] + force[(i + 1) * W + e]) / 2;
+                work->at[MIDDLE].derivatives[i * D + highest[e]] += (force[i * W + e] + force[(i + 1) * W + e]) / 2;
     }
 }
 
@@ -64,7 +64,7 @@ double latent_defect(const Workspace *work, const Mesh *mesh, const double *stat
 /* Fill those of the defects of one step by a constant inside of terms, numbers `stride` apart. */
 static void derivatives_by_constant(const Workspace *work, double h, int64_t i, double *border, int64_t stride,
                                     int64_t q) {
-    const int64_t d = work->d, D = work->D, c = work->c, rates = D - d;
+    const int64_t d = work->d, D = work->D, c = work->c, *highest = work->model->highest;
     int64_t shift;
     const Values *final = ends(work, &shift), *first = &work->at[START], *middle = &work->at[MIDDLE];
     const double *fm = middle->by_states + i * D * D;
@@ -76,7 +76,7 @@ static void derivatives_by_constant(const Workspace *work, double h, int64_t i, 
         const double sum = begun + 4 * middle->by_inside[now * c + q] * middle->share[now] + ended;
         const double gap = h / 2 * (begun - ended);
         for (int64_t a = 0; a < D; ++a)
-            border[a * stride] -= h / 6 * (fm[a * D + rates + e] * gap + (a == rates + e ? sum : 0.0));
+            border[a * stride] -= h / 6 * (fm[a * D + highest[e]] * gap + (a == highest[e] ? sum : 0.0));
     }
 }
 
@@ -85,7 +85,7 @@ static void derivatives_by_constant(const Workspace *work, double h, int64_t i, 
 INLINED void derivatives_of_law(const Workspace *work, double h, int64_t i, double *restrict start,
                                 double *restrict end, double *restrict border, int64_t stride, const int64_t D,
                                 const int64_t W) {
-    const int64_t d = work->d, rates = D - d, terms = work->kept.terms;
+    const int64_t d = work->d, terms = work->kept.terms, *highest = work->model->highest;
     int64_t shift;
     const Values *final = ends(work, &shift), *first = &work->at[START], *middle = &work->at[MIDDLE];
     const double *f0 = first->by_states + i * D * D, *f1 = final->by_states + (i + shift) * D * D;
@@ -104,7 +104,7 @@ INLINED void derivatives_of_law(const Workspace *work, double h, int64_t i, doub
     const double *tm = middle->terms + i * terms;
     for (int64_t r = 0; r < work->p; ++r) {
         const int64_t k = work->column[r], e = work->equation[r];
-        const int64_t q = work->constant[work->kept.chosen[k]];
+        const int64_t at = highest[e], q = work->constant[work->kept.chosen[k]];
         if (q >= 0) {
             derivatives_by_constant(work, h, i, border + r, stride, q);
             continue;
@@ -112,16 +112,17 @@ INLINED void derivatives_of_law(const Workspace *work, double h, int64_t i, doub
         const double begun = t0[k] * first->share[i * d + e], ended = t1[k] * final->share[(i + shift) * d + e];
         const double sum = begun + 4 * tm[k] * middle->share[i * d + e] + ended, gap = h / 2 * (begun - ended);
         for (int64_t a = 0; a < D; ++a)
-            border[a * stride + r] = -h / 6 * (fm[a * D + rates + e] * gap + (a == rates + e ? sum : 0.0));
+            border[a * stride + r] = -h / 6 * (fm[a * D + at] * gap + (a == at ? sum : 0.0));
     }
 }
 
 static void derivatives_by_latent(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end) {
-    const int64_t d = work->d, D = work->D, w = work->w, W = work->W, rates = D - d, force = work->model->force;
+    const int64_t d = work->d, D = work->D, w = work->w, W = work->W, force = work->model->force;
+    const int64_t *highest = work->model->highest;
     const double h = mesh->steps[i], *fm = work->at[MIDDLE].by_states + i * D * D;
     for (int64_t a = 0; force >= 0 && a < D; ++a)
         for (int64_t e = 0; e < d; ++e) {
-            double own = a == rates + e ? 3.0 : 0.0, across = h / 2 * fm[a * D + rates + e];
+            double own = a == highest[e] ? 3.0 : 0.0, across = h / 2 * fm[a * D + highest[e]];
             start[a * W + D + force + e] = -h / 6 * (own + across);
             end[a * W + D + force + e] = -h / 6 * (own - across);
         }

@@ -190,14 +190,17 @@ static void gather(const Workspace *work, int64_t first, int64_t n, const double
 static void scatter(const Workspace *work, const Plan *plan, bool linear, int64_t i, int64_t l, const double *state,
                     const double *derivatives, const double *slopes, Values *out) {
     int64_t d = work->d, D = work->D, c = work->c, S = work->S, rates = D - d;
-    for (int64_t e = 0; e < rates; ++e) out->derivatives[i * D + e] = state[d + e];
-    for (int64_t e = 0; e < d; ++e) out->derivatives[i * D + rates + e] = derivatives[e * LANES + l];
+    const int64_t *second = work->model->second, *highest = work->model->highest;
+    for (int64_t e = 0; e < rates; ++e) out->derivatives[i * D + second[e]] = state[d + e];
+    for (int64_t e = 0; e < d; ++e) out->derivatives[i * D + highest[e]] = derivatives[e * LANES + l];
     if (!linear) return;
     double *own = out->by_states + i * D * D;
-    memset(own, 0, sizeof(double) * (size_t)(rates * D));
-    for (int64_t e = 0; e < rates; ++e) own[e * D + d + e] = 1;
+    for (int64_t e = 0; e < rates; ++e) {
+        memset(own + second[e] * D, 0, sizeof(double) * (size_t)D);
+        own[second[e] * D + d + e] = 1;
+    }
     for (int64_t e = 0; e < d; ++e) {
-        for (int64_t s = 0; s < D; ++s) own[(rates + e) * D + s] = slopes[(e * S + s) * LANES + l];
+        for (int64_t s = 0; s < D; ++s) own[highest[e] * D + s] = slopes[(e * S + s) * LANES + l];
         for (int64_t q = 0; q < c; ++q) out->by_inside[(i * d + e) * c + q] = slopes[(e * S + D + q) * LANES + l];
     }
     for (int64_t each = 0; each < plan->terms; ++each)

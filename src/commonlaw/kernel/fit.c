@@ -31,7 +31,7 @@ static double deviance_at(const Model *model, const Mesh *mesh, int64_t i, const
     double total = 0;
     for (int64_t j = 0; j < model->equations; ++j) {
         double residual = mesh->measured[i * model->equations + j] - states[j];
-        if (model->correlated) residual -= states[model->equations * model->order + j];
+        if (model->correlated) residual -= states[model->equations + model->rates + j];
         const double size = fabs(residual / mesh->std[i * model->equations + j]), bound = model->huber_threshold;
         if (!isnan(size)) total += size > bound ? 2 * bound * size - bound * bound : size * size;
     }

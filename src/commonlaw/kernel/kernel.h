@@ -1,6 +1,6 @@
 /* The compiled fit of one object: what fitting.py and linearization.py do, for terms that are programs.
 
-   Arrays are in C order. Sizes: d equations, D states (d, or 2 d with rates), w latent processes, W = D + w, n points of
+   Arrays are in C order. Sizes: d equations, D states (d, and the rates of some), w latent processes, W = D + w, n points of
    a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c. Structures are those of library.py, field by field. */
 #ifndef COMMONLAW_KERNEL_H
 #define COMMONLAW_KERNEL_H
@@ -37,7 +37,7 @@ typedef struct {
 
 /* What is the same for all meshes of an object. */
 typedef struct {
-    int64_t equations, order, inputs, latent, held, correlated;
+    int64_t equations, rates, inputs, latent, held, correlated;
     int64_t force;              /* the first latent process that is a force; negative without any */
     int64_t inside;             /* constants inside of terms, the last variables */
     double huber_threshold;
@@ -45,6 +45,8 @@ typedef struct {
     const double *latent_std;   /* w: of stationary latent processes */
     const uint8_t *logarithmic; /* D: which states are logarithms */
     const int64_t *inside_term; /* inside: the term whose coefficient each such constant is */
+    const int64_t *second;      /* rates: the state of each rate, which are the last D - d states */
+    const int64_t *highest;     /* d: the state whose derivative each equation gives */
     const double *typical, *precision; /* d x K: of the prior of coefficients; no addresses without one */
     Program program;
 } Model;

@@ -35,14 +35,14 @@ typedef struct {
 
 /* Fill the variances of states and latent processes that were not measured. */
 static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, double *vague) {
-    const int64_t d = model->equations, D = d * model->order;
+    const int64_t d = model->equations, D = d + model->rates;
+    const double rate = beyond.rate / mesh->typical_step;
     for (int64_t j = 0; j < d; ++j) {
         double variance = 0;
         for (int64_t i = 0; i < mesh->points; ++i) variance += mesh->std[i * d + j] * mesh->std[i * d + j];
         variance /= (double)mesh->points;
         vague[j] = beyond.missing * beyond.missing * variance;
-        const double rate = beyond.rate / mesh->typical_step;
-        if (D > d) vague[d + j] = rate * rate * variance;
+        if (model->highest[j] != j) vague[model->highest[j]] = rate * rate * variance;
     }
     for (int64_t l = 0; l < model->latent; ++l) {
         const double std = beyond.hidden * model->latent_std[l];
@@ -54,7 +54,7 @@ static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, d
    estimate. Returns the sum of the logarithms of variances of what was not measured. */
 static double measured_at(const Model *model, const Mesh *mesh, const double *vague, int64_t i, const double *states,
                           double *covariance, double *offset) {
-    const int64_t d = model->equations, D = d * model->order, w = model->latent, W = D + w;
+    const int64_t d = model->equations, D = d + model->rates, w = model->latent, W = D + w;
     double unmeasured = 0;
     memset(covariance, 0, sizeof(double) * (size_t)(W * W));
     for (int64_t a = 0; a < W; ++a) {
@@ -215,7 +215,7 @@ static bool whiten(const Workspace *work, const Mesh *mesh, const double *vague,
 EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double *states, double model_error,
                               Vagueness beyond, const double *start, const double *end, double *rows, int64_t columns,
                               double *result) {
-    Workspace work = {.model = model, .d = model->equations, .D = model->equations * model->order, .w = model->latent};
+    Workspace work = {.model = model, .d = model->equations, .D = model->equations + model->rates, .w = model->latent};
     const int64_t W = work.W = work.D + work.w;
     double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 3 * W));
     if (!memory) return NO_MEMORY;
@@ -268,7 +268,7 @@ static void join_factors(const double *basis, const double *white, int64_t p, do
 static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
                      const double *coefficients, double model_error, Vagueness beyond, int64_t p, double *factor,
                      double *result) {
-    const int64_t W = model->equations * model->order + model->latent, steps = mesh->points - 1, count = steps * W;
+    const int64_t W = model->equations + model->rates + model->latent, steps = mesh->points - 1, count = steps * W;
     const int64_t all = model->equations * model->program.terms;
     const int64_t size = count + 2 * count * W + count * p + count * (p + 1) + p * p + (p + 1) * (p + 1) + p;
     double *defects = malloc(sizeof(double) * (size_t)(size + 1));
@@ -307,7 +307,7 @@ EXPORTED int commonlaw_linearize(const Model *const *models, const Mesh *meshes,
         for (int64_t k = 0; k < all; ++k) p += free_ones[k] != 0;
         failed = linearize(model, meshes + each, free_ones, states, coefficients, model_error, beyond, p, factors,
                            results + each);
-        states += meshes[each].points * (model->equations * model->order + model->latent);
+        states += meshes[each].points * (model->equations + model->rates + model->latent);
         coefficients += all;
         factors += (p + 1) * (p + 1);
     }

@@ -90,7 +90,7 @@ bool open_workspace(Workspace *work, const Model *model, const uint8_t *free_one
     work->model = model;
     work->free = free_ones;
     work->d = d;
-    work->D = d * model->order;
+    work->D = d + model->rates;
     work->w = model->latent;
     work->W = work->D + work->w;
     work->c = model->inside;

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.hierarchy import Dimensions
-from commonlaw.library import Terms, term_unit, units_of_constants
+from commonlaw.library import Order, Terms, order_of_each, term_unit, units_of_constants, with_rates
 from commonlaw.trials import Schema
 from commonlaw.trials.units import parse_unit, registry
 
@@ -75,7 +75,7 @@ def is_number(unit: str) -> bool:
 
 
 def units_of_coefficients(
-    terms: Terms, support: Bools, schema: Schema, order: int
+    terms: Terms, support: Bools, schema: Schema, order: Order
 ) -> "dict[tuple[int, int], pint.Unit]":
     """Return the unit of each coefficient in a support, shape (equations, terms), where those of variables tell it."""
     states, found = schema.states, dict[tuple[int, int], "pint.Unit"]()
@@ -84,8 +84,9 @@ def units_of_coefficients(
     measured = (*states, *schema.inputs, schema.time)
     units = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
     time = units[schema.time]
-    rates = terms.variables.states[len(states) :]
-    units |= {rate: units[state] / time for state, rate in zip(states, rates, strict=False)}
+    pairs = zip(terms.variables.states[len(states) :], with_rates(order, len(states)), strict=True)
+    units |= {rate: units[states[j]] / time for rate, j in pairs}
+    orders = order_of_each(order, len(states))
     constants = units_of_constants(terms, units) if terms.constants else {}
     units |= constants
     for j, k in np.argwhere(support).tolist():
@@ -93,5 +94,5 @@ def units_of_coefficients(
         if constant in constants:
             found[j, k] = constants[constant]
         elif constant is None and below is not None:
-            found[j, k] = units[states[j]] / time**order / below
+            found[j, k] = units[states[j]] / time ** orders[j] / below
     return found

@@ -110,7 +110,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     format: Literal["commonlaw law"] = "commonlaw law"
     version: Literal[4] = 4
-    order: Literal[0, 1, 2]
+    order: Literal[0, 1, 2] | tuple[Literal[1, 2], ...]
     schema: Schema
     rates: list[str]
     terms: list[str]

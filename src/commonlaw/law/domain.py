@@ -38,10 +38,10 @@ class Domain:
     judged: float | None = None
 
     @classmethod
-    def of(cls, trials: Trials, rates: Sequence[str]) -> "Domain":
-        """Return what trials have visited; rates, of laws of second order, by smooth curves through the samples.
+    def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":
+        """Return what trials have visited; of some states their rates too, which are named with them.
 
-        States that nobody measured are not among it.
+        They are those of smooth curves through the samples. States that nobody measured are not among it.
         """
         schema, columns = trials.schema, dict[str, list[Floats]]()
         for trial in trials:
@@ -50,7 +50,8 @@ class Domain:
             inputs = zip(schema.inputs, trial.inputs.T, strict=True)
             others = [*own, *(pair for pair in inputs if pair[0] not in schema.doses)]
             if rates:
-                others += zip(rates, _rates(trial).T, strict=True)
+                found = _rates(trial)
+                others += [(rate, found[:, schema.states.index(state)]) for state, rate in rates]
             for name, each in others:
                 columns.setdefault(name, []).append(each)
         for values_of in trials.properties.values():

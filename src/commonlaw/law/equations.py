@@ -20,7 +20,7 @@ from commonlaw.law.numbers import with_error
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.related import RelatedCoefficients
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import Terms
+from commonlaw.library import Order, Terms, with_rates
 from commonlaw.library.naming import latex_name
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
@@ -38,7 +38,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     terms: Terms
     schema: Schema
-    order: int
+    order: Order
     objects: tuple[str, ...]
     coefficients: Floats
     uncertainty: Uncertainty
@@ -56,8 +56,14 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     @property
     def rates(self) -> tuple[str, ...]:
-        """Names of the states' rates in a law of second order; none in a law of first order."""
+        """Names of the rates of the states of second order."""
         return self.terms.variables.states[len(self.states) :]
+
+    @property
+    def state_rates(self) -> tuple[tuple[str, str], ...]:
+        """The names of the states of second order, each with that of its rate."""
+        second = (self.states[j] for j in with_rates(self.order, len(self.states)))
+        return tuple(zip(second, self.rates, strict=True))
 
     @property
     def left_hand_sides(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import AbstractTerm, Constant, Terms, Variables
+from commonlaw.library import AbstractTerm, Constant, Order, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
 from commonlaw.trials import Schema
@@ -101,7 +101,7 @@ class GivenEquations(NamedTuple):
 
     texts: tuple[str, ...]
     terms: Terms
-    order: int
+    order: Order
     known: Floats
     coefficients: tuple[Coefficient, ...]
     products: tuple[Product, ...]
@@ -119,12 +119,14 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     equations = split_equations(given)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)
-    meanings = _meanings(schema, equations[0].order)
+    ordered = tuple(by_state[state] for state in schema.states)
+    order = one_order([each.order for each in ordered])
+    meanings = _meanings(schema, order)
     if variables is not None:  # Those of a law that was read before, perhaps by an earlier version
         meanings = meanings._replace(unclear={})
-    variables = variables or law_variables(schema, equations[0].order)
-    state_rates = list(zip(schema.states, variables.states[len(schema.states) :], strict=False))
-    ordered = tuple(by_state[state] for state in schema.states)
+    variables = variables or law_variables(schema, order)
+    second = [schema.states[j] for j in with_rates(order, len(schema.states))]
+    state_rates = list(zip(second, variables.states[len(schema.states) :], strict=False))
     variables = with_constants(variables, ordered, state_rates, meanings)
     while True:
         rows = [each.summands(variables, state_rates, meanings) for each in ordered]
@@ -158,7 +160,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     bounds = bounds_in(given)
     for bound in bounds:
         check_choice("coefficient", bound.name, [each.name for each in found])
-    return GivenEquations(texts, terms, equations[0].order, known, found, (*products, *own), bounds)
+    return GivenEquations(texts, terms, order, known, found, (*products, *own), bounds)
 
 
 def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
@@ -168,19 +170,19 @@ def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables
     return {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
 
 
-def _meanings(schema: Schema, order: int) -> Meanings:
+def _meanings(schema: Schema, order: Order) -> Meanings:
     """Return what names in equations mean that are no variables, and which could mean two things."""
     others = {name: schema.time for name in ("t", "time") if name not in (schema.time, *schema.states, *schema.inputs)}
     measured, unclear = (*schema.states, *schema.inputs), dict[str, str]()
     if "e" not in (*measured, schema.time):
         unclear["e"] = "e is the base of exponentials, or a coefficient: write exp(1), or another letter"
-    if order == 2:
-        for name, state in zip(plain_rates(schema), schema.states, strict=True):
-            if name in measured:
-                unclear[name] = (
-                    f"{name} is a column that was measured, and the usual name of the rate of {state}: write {state}' "
-                    f"for the rate, or `{name}` between backticks for the column"
-                )
+    plain = plain_rates(schema)
+    for j in with_rates(order, len(schema.states)):
+        if plain[j] in measured:
+            unclear[plain[j]] = (
+                f"{plain[j]} is a column that was measured, and the usual name of the rate of {schema.states[j]}: "
+                f"write {schema.states[j]}' for the rate, or `{plain[j]}` between backticks for the column"
+            )
     return Meanings(others, unclear)
 
 
@@ -229,7 +231,7 @@ def _refuse(
 
 def stated_law(
     equations: str | Sequence[str], values: Mapping[str, float | Mapping[str, float]], **names: Unpack[Names]
-) -> tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance]:
+) -> tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Provenance]:
     """Return what the law of equations is made of, all of whose coefficients have values, see `Law.from_text`."""
     schema = Schema(tuple(each.state for each in split_equations(equations)), **names)
     given = read_equations(equations, schema)

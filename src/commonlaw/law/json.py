@@ -31,14 +31,14 @@ from commonlaw.law.explanation import Explanation
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.law.widening import Widening
-from commonlaw.library import Terms, Variables, parse_terms
+from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
 from commonlaw.trials.trial import ObjectProperties
 
 VERSION = 4
 
-Fields = tuple[Terms, Schema, int, tuple[str, ...], Floats, Uncertainty, Provenance, ObjectProperties]
+Fields = tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Provenance, ObjectProperties]
 """What a law is made of: its fields, in order."""
 
 
@@ -249,6 +249,7 @@ def _fields(document: LawDocument) -> Fields:
         schema.time,
         schema.logarithmic,
         tuple(document.constants),
+        document.order if isinstance(document.order, tuple) else (),
     )
     terms = parse_terms(document.terms, variables)
     shape, objects = (len(schema.states), len(terms)), tuple(document.coefficients)

@@ -19,7 +19,7 @@ from commonlaw.law.delegates import AbstractDelegates
 from commonlaw.law.from_text import Names, read_equations, stated_law
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
-from commonlaw.library import Terms
+from commonlaw.library import Order, Terms, with_rates
 from commonlaw.trials import Schema
 from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import ObjectProperties, normalized
@@ -45,7 +45,8 @@ class Law(AbstractDelegates):
     schema
         Names and units of what was measured; equation j gives the `order`-th derivative of ``schema.states[j]``.
     order
-        1 or 2; 0 for a law in discrete time, which gives the next sample's states.
+        1 or 2, or where equations differ that of each, as ``(2, 1)``; 0 for a law in discrete time, which gives the
+        next sample's states.
     objects
         Names of the objects.
     coefficients
@@ -66,7 +67,7 @@ class Law(AbstractDelegates):
 
     terms: Terms
     schema: Schema
-    order: int
+    order: Order
     objects: tuple[str, ...]
     coefficients: Floats
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
@@ -90,16 +91,22 @@ class Law(AbstractDelegates):
         if not self.objects or not len(self.terms):
             raise CommonlawError(f"a law of no {'term' if self.objects else 'object'} says nothing: give at least one")
         variables, schema = self.terms.variables, self.schema
+        if isinstance(self.order, tuple) and (len(self.order) != len(schema.states) or {*self.order} != {1, 2}):
+            raise CommonlawError(
+                f"order {self.order} does not fit {', '.join(schema.states)}: give one number, or 1 or 2 for each state"
+            )
         if schema.logarithmic and self.order != 1:
             raise CommonlawError(
                 f"a logarithmic scale, here of {', '.join(schema.logarithmic)}, goes with laws of order 1, and not of "
-                f"order {self.order}: leave positive=... out"
+                f"order {text.order_in_words(self.order, schema.states)}: leave positive=... out"
             )
         names = variables.states[: len(schema.states)], variables.inputs, variables.time, variables.logarithmic
-        rates = len(schema.states) * (self.order == 2)
-        if names != (schema.states, schema.inputs, schema.time, schema.logarithmic) or len(self.rates) != rates:
+        rates, orders = len(with_rates(self.order, len(schema.states))), variables.orders or self.order
+        is_over = names == (schema.states, schema.inputs, schema.time, schema.logarithmic)
+        if not is_over or len(self.rates) != rates or orders != self.order:
+            order = text.order_in_words(self.order, schema.states)
             raise CommonlawError(
-                f"the terms of a law of order {self.order} for {', '.join(schema.states)} are over "
+                f"the terms of a law of order {order} for {', '.join(schema.states)} are over "
                 f"{', '.join(variables.names)}; expected states and {rates} rates, inputs and time"
             )
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
@@ -287,7 +294,7 @@ class Law(AbstractDelegates):
     def __str__(self) -> str:
         own = self.provenance.equations and len(self.objects) == 1
         values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
-        return text.printed(self._body(), self.rates, self.states, values, self.outcomes)
+        return text.printed(self._body(), self.state_rates, values, self.outcomes)
 
     def _body(self) -> list[str]:
         """Return the lines that hold the coefficients of all objects."""

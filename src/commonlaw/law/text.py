@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
+from commonlaw.library import Order, order_of_each
 from commonlaw.library.fraction import Fraction
 from commonlaw.library.naming import latex_name
 from commonlaw.names import in_line
@@ -70,16 +71,28 @@ def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
-def left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
+def left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:
     """Return what each equation gives: ``x'``, ``x''``, or ``x[k+1]`` in discrete time."""
-    mark = "'" * order if order else "[k+1]"
-    return tuple(f"{state}{mark}" for state in states)
+    orders = order_of_each(order, len(states))
+    return tuple(state + ("'" * each or "[k+1]") for state, each in zip(states, orders, strict=True))
 
 
-def latex_left_hand_sides(states: Sequence[str], order: int) -> tuple[str, ...]:
+def latex_left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:
     """Return what each equation gives, as LaTeX."""
-    form = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")[order]
-    return tuple(form.format(latex_name(state)) for state in states)
+    forms = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")
+    orders = order_of_each(order, len(states))
+    return tuple(forms[each].format(latex_name(state)) for state, each in zip(states, orders, strict=True))
+
+
+def order_in_words(order: Order, states: Sequence[str]) -> str:
+    """Return the order of a law, or that of each state.
+
+    >>> order_in_words(2, ["x", "y"]), order_in_words((2, 1), ["x", "y"])
+    ('2', 'x 2, y 1')
+    """
+    if not isinstance(order, tuple):
+        return str(order)
+    return ", ".join(f"{state} {each}" for state, each in zip(states, order, strict=True))
 
 
 def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
@@ -125,17 +138,16 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
 
 def printed(
     body: Sequence[str],
-    rates: Sequence[str],
-    states: Sequence[str],
+    rates: Iterable[tuple[str, str]],
     values: Iterable[tuple[str, float, float]],
     outcomes: Sequence[Outcome],
 ) -> str:
     """Return a law as `print` shows it: its equations, what names stand for, and what a user should know.
 
-    Names are those of rates, and of coefficients with their values and standard errors.
+    Names are those of rates, with their states, and of coefficients with their values and standard errors.
     """
     known = [f"{name} = {with_error(value, np.nan_to_num(error))}" for name, value, error in values]
-    meaning = ", ".join([*(f"{rate} = {state}'" for rate, state in zip(rates, states, strict=False)), *known])
+    meaning = ", ".join([*(f"{rate} = {state}'" for state, rate in rates), *known])
     lines = [*body, *(["", f"with {meaning}"] if meaning else []), *(f"Note: {each}" for each in outcomes)]
     return "\n".join(map(in_line, lines))
 

@@ -78,7 +78,7 @@ def _absolute(name: str, unit: str) -> str | None:
 
 def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
     """Yield that trials start where the law says that nothing ever happens, and that something did."""
-    if law.order == 2 or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
+    if law.rates or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
         return  # Rates and states that are not measured may set it going
     noise = np.zeros(len(law.states)) if law.noise is None else law.noise
     starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]

@@ -19,6 +19,15 @@ from commonlaw.library.families import (
     RationalLibrary,
 )
 from commonlaw.library.monomial import Monomial
+from commonlaw.library.order import (
+    Order,
+    highest_columns,
+    highest_order,
+    one_order,
+    order_of_each,
+    split_derivatives,
+    with_rates,
+)
 from commonlaw.library.parametric import FAMILIES, ParametricTerm, parametric_term
 from commonlaw.library.parse import parse_term, parse_terms
 from commonlaw.library.product import Product
@@ -42,6 +51,7 @@ __all__ = [
     "FamilyLibrary",
     "FourierLibrary",
     "Monomial",
+    "Order",
     "ParametricTerm",
     "PolynomialLibrary",
     "Product",
@@ -56,12 +66,18 @@ __all__ = [
     "Terms",
     "Trigonometric",
     "Variables",
+    "highest_columns",
+    "highest_order",
+    "one_order",
+    "order_of_each",
     "parametric_term",
     "parse_library",
     "parse_term",
     "parse_terms",
+    "split_derivatives",
     "term_unit",
     "units_of_constants",
+    "with_rates",
 ]
 
 

@@ -122,7 +122,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     Raises
     ------
     CommonlawError
-        If a left-hand side cannot be read, orders differ, or a state has two equations.
+        If a left-hand side cannot be read, only some are in discrete time, or a state has two equations.
 
     Examples
     --------
@@ -133,8 +133,10 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     if not found:
         raise CommonlawError('there is no equation: write one like "T\' = a + b T"')
     for each in found:
-        if each.order != found[0].order:
-            raise CommonlawError(f"{found[0].text!r} and {each.text!r} are of different orders: give one order to all")
+        if (each.order == 0) != (found[0].order == 0):
+            raise CommonlawError(
+                f"{found[0].text!r} and {each.text!r} are in continuous and in discrete time: give all in one of them"
+            )
         if [other.state for other in found].count(each.state) > 1:
             raise CommonlawError(f"{each.state} has two equations: give each state one")
     return found

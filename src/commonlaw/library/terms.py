@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.constant import Constant
 from commonlaw.library.evaluation import Plan
 from commonlaw.library.fraction import LATEX, PLAIN, fraction
+from commonlaw.library.order import Order
 from commonlaw.library.program import Program
 from commonlaw.library.term import AbstractTerm
 
@@ -22,7 +23,7 @@ class Variables:
     Parameters
     ----------
     states
-        The state variables; for a law of second order followed by their rates.
+        The state variables, followed by the rates of those of second order.
     inputs
         Measured inputs.
     time
@@ -31,6 +32,8 @@ class Variables:
         The states that vector fields follow by their logarithms; terms are of the states themselves.
     constants
         Numbers inside of terms that are to be found, such as K in ``s/(K + s)``: the last columns.
+    orders
+        The order of each state's equation, if they differ: else there are rates of all states, or of none.
     """
 
     states: tuple[str, ...]
@@ -38,6 +41,7 @@ class Variables:
     time: str = "t"
     logarithmic: tuple[str, ...] = ()
     constants: tuple[str, ...] = ()
+    orders: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -48,6 +52,10 @@ class Variables:
     def measured(self) -> tuple[str, ...]:
         """The names of what has a value at any time: states, inputs, time."""
         return (*self.states, *self.inputs, self.time)
+
+    def order_of(self, equations: int) -> Order:
+        """Return the order of a law over these variables, 1 or 2 or that of each of so many equations."""
+        return self.orders or len(self.states) // equations
 
     def index(self, name: str) -> int:
         """Return the column of a variable.

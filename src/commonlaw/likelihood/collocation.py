@@ -33,7 +33,7 @@ class Jacobians:
 
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D); states are z = x, or z = (x, x'), of shape (n, D).
+    """Return the defects of all steps, shape (n - 1, D); states are those of the field, of shape (n, D).
 
     Those of latent processes, if there are any, follow, as their values follow the states.
     """
@@ -67,7 +67,7 @@ def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentStep
     law = Jacobians(found, start * on, end * on, by_coefficients)
     if latent is None:
         return law
-    shares = np.eye(field.width)[:, field.width - len(field.coefficients) :]
+    shares = np.eye(field.width)[:, field.highest]
     by_forces = -h / 6 * (3 * shares + np.array([[[[1.0]]], [[[-1.0]]]]) * h / 2 * np.matmul(mid_by_states, shares))
     return _with_latent(law, hidden, latent, by_forces * on)
 
@@ -100,7 +100,7 @@ def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> F
     found = np.zeros((len(hidden), field.width))
     if latent is not None and latent.force is not None:
         equations = len(field.coefficients)
-        found[:, field.width - equations :] = hidden[:, latent.force : latent.force + equations]
+        found[:, field.highest] = hidden[:, latent.force : latent.force + equations]
     return found
 
 

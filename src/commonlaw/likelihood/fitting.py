@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.integration import VectorField
-from commonlaw.library import Terms
+from commonlaw.library import Order, Terms
 from commonlaw.likelihood.collocation import defects, jacobians
 from commonlaw.likelihood.latent import NO_PROCESSES, LatentProcesses, LatentSteps
 from commonlaw.likelihood.mesh import Mesh
@@ -44,7 +44,7 @@ class TrajectoryModel:
     Parameters
     ----------
     terms
-        Over the states z = x of a law of first order, or z = (x, x') of one of second order, inputs and time.
+        Over the states z: x of a law of first order, (x, x') of one of second order; inputs and time.
     meshes
         Where states are sought, and what was measured.
     observation
@@ -76,9 +76,9 @@ class TrajectoryModel:
         return len(self.terms.variables.states)
 
     @property
-    def order(self) -> int:
-        """Order of the law, 1 or 2."""
-        return self.width // self.equations
+    def order(self) -> Order:
+        """Order of the law, 1 or 2 or that of each equation."""
+        return self.terms.variables.order_of(self.equations)
 
     def field(self, coefficients: Floats, free: Bools | None = None) -> VectorField:
         """Return the law of these coefficients, shape (equations, terms), of which some are free."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem, column_scales
+from commonlaw.library import with_rates
 from commonlaw.likelihood.collocation import Jacobians, jacobians
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.latent import LatentSteps
@@ -187,7 +188,7 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
 
 def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
     """Return the variance of the rates of measured states, about which nothing is said by it, shape (D - d,)."""
-    noise = _typical_noise(model, mesh)[: model.width - model.equations]
+    noise = _typical_noise(model, mesh)[with_rates(model.order, model.equations)]
     return np.asarray((RATE * noise / mesh.typical_step) ** 2)
 
 

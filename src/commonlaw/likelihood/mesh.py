@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.integration import Inputs
+from commonlaw.library import Order
 from commonlaw.trials import Trial
 
 LONGEST_MESH = 4000
@@ -83,12 +84,12 @@ class Mesh:
     def __len__(self) -> int:
         return len(self.times)
 
-    def degrees_of_freedom(self, order: int) -> int:
+    def degrees_of_freedom(self, order: Order) -> int:
         """Return how many measurements there are beyond those that initial states of a law of this order fit.
 
         States that are the same throughout a segment do not count.
         """
-        return int(np.sum(np.maximum(self.moving - order, 0)))
+        return int(np.sum(np.maximum(self.moving - np.array(order), 0)))
 
     @cached_property
     def moving(self) -> Indices:

@@ -38,7 +38,7 @@ def equation_lines(law: Law) -> str:
         lines += _broken(f"{left} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
-        for rate, state in zip(law.rates, law.states, strict=False)
+        for state, rate in law.state_rates
     ]
     own = zip(law.terms.variables.constants, law.terms.constants, strict=True) if len(law.objects) == 1 else ()
     constants = [f"{math(latex_name(name), name)} $=$ {_number(law.coefficients[0, :, k].sum())}" for name, k in own]

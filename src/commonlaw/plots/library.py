@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.formulation import StrongForm
-from commonlaw.library import Terms, Variables, term_unit
+from commonlaw.library import Order, Terms, Variables, term_unit, with_rates
 from commonlaw.plots.style import COLORS, axis_label, columns_for, frozen_layout, math, plain, show_lowest_ticks, styled
 from commonlaw.trials import Trial
 from commonlaw.trials.units import parse_unit
@@ -40,7 +40,7 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
     names, columns = terms.variables.names, columns_for(len(terms))
-    known = _with_rates(units or {}, terms.variables, form.order)
+    known = _with_rates(units or {}, terms.variables, form.order, trial.states.shape[1])
     lines = -(-len(terms) // columns)
     figure = Figure(figsize=(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
     figure.suptitle(plain(trial.label, 60))
@@ -57,10 +57,13 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     return frozen_layout(figure)
 
 
-def _with_rates(units: Mapping[str, str], variables: Variables, order: int) -> "dict[str, str | pint.Unit]":
+def _with_rates(
+    units: Mapping[str, str], variables: Variables, order: Order, count: int
+) -> "dict[str, str | pint.Unit]":
     """Return the units with those of the states' rates, where both the state and time have one."""
     states, time, known = variables.states, variables.time, dict[str, "str | pint.Unit"](units)
-    for state, rate in zip(states, states[len(states) // order :], strict=False):
+    for j, rate in zip(with_rates(order, count), states[count:], strict=True):
+        state = states[j]
         if {state, time} <= units.keys():
             known[rate] = parse_unit(units[state]) / parse_unit(units[time])
     return known

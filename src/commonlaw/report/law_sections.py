@@ -266,10 +266,10 @@ def ranges(case: LawCase) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
-    visited = law.provenance.domain.visited or Domain.of(trials, law.rates).visited
+    visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
     columns = {**visited, "length of a trial": (min(length), max(length))}
     units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
-    for rate, name in zip(law.rates, law.states[: len(law.rates)], strict=True):
+    for name, rate in law.state_rates:
         units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
     units["length of a trial"] = time
     rows = [

@@ -131,9 +131,9 @@ def _checked(law: Law, trials: Trials, training: Trials) -> Trials:
 def _start(law: Law, trials: Trials) -> int | None:
     """Return how many first samples tell where the forecasts start, None for those that `Law.predict` takes.
 
-    A law of second order with a model error follows these samples: they are to be few, as they are no forecasts.
+    A law with rates and a model error follows these samples: they are to be few, as they are no forecasts.
     """
-    follows = law.order == 2 and law.uncertainty.error_model.of_law
+    follows = law.rates and law.uncertainty.error_model.of_law
     return samples_before(min(map(len, trials)), law.order) if follows else None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
+from commonlaw.library import Order, highest_order
 from commonlaw.trials import Trial, Trials
 
 _BEFORE = 0.2
@@ -82,7 +83,7 @@ class SegmentErrors:
     diverged: bool
 
 
-def segments(trials: Trials, learned: Trials | None, order: int) -> list[Segment]:
+def segments(trials: Trials, learned: Trials | None, order: Order) -> list[Segment]:
     """Return the forecasts that judge a law: from the first samples of trials, over all that follows.
 
     Of what was held out of learning, trials or later samples; if nothing was, of all trials. So growth is judged while
@@ -95,13 +96,13 @@ def segments(trials: Trials, learned: Trials | None, order: int) -> list[Segment
     return [Segment(each, at, at, Kind.SEEN) for each in map(Trial.measured, trials) for at in origins(each, order)]
 
 
-def origins(trial: Trial, order: int) -> tuple[int, ...]:
+def origins(trial: Trial, order: Order) -> tuple[int, ...]:
     """Return where forecasts of a trial begin: after its first sample, if that tells a start, and its first fifth.
 
-    One sample tells no rates: a law of second order begins after the first fifth, of five samples at least.
+    One sample tells no rates: a law that has some begins after the first fifth, of five samples at least.
     """
     fifth = samples_before(len(trial), order)
-    if order == 2:
+    if highest_order(order) == 2:
         return (fifth,)
     seen = np.isfinite(trial.states)
     whole = np.flatnonzero((seen | ~seen.any(axis=0)).all(axis=1))
@@ -109,12 +110,12 @@ def origins(trial: Trial, order: int) -> tuple[int, ...]:
     return tuple(sorted({first, max(first, fifth)}))
 
 
-def samples_before(count: int, order: int) -> int:
+def samples_before(count: int, order: Order) -> int:
     """Return how many of the samples of a trial tell where its forecast starts, if these average the noise."""
-    return max(_RATES if order == 2 else 1, int(np.ceil(_BEFORE * count)))
+    return max(_RATES if highest_order(order) == 2 else 1, int(np.ceil(_BEFORE * count)))
 
 
-def _held_out(trials: Trials, learned: Trials, order: int) -> Iterator[Segment]:
+def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment]:
     ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
@@ -137,7 +138,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
         If it cannot be forecast.
     """
     trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
-    fits = law.order > 0 and law.noise is not None
+    fits = law.order != 0 and law.noise is not None
     forecast = law.predict(
         trials,
         start=_MOST_BEFORE if fits and origin > _MOST_BEFORE else None,

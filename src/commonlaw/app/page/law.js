@@ -14,7 +14,8 @@ export function show({ found, asked }) {
   const more = [...found.verdict.slice(1), ...found.lacking];
   $("limits").hidden = !more.length;
   $("limits").replaceChildren($("limits").firstElementChild, ...more.map(each => element("p", each)));
-  const rates = found.rates.map((rate, i) => `${rate} is how fast ${found.states[i].name} changes`);
+  const second = found.states.filter((_, j) => found.orders[j] === 2);
+  const rates = found.rates.map((rate, i) => `${rate} is how fast ${second[i].name} changes`);
   $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("evidence_text").hidden = found.candidates[0].evidence === null;
   showForecasts(found);
@@ -94,7 +95,7 @@ function showTerms() {
   $("terms").replaceChildren(...candidates[0].left.map((left, j) => {
     const line = element("div"), near = terms.filter(term => candidates.some(each => each.terms[j].includes(term)));
     const buttons = names => names.map(term => termButton(j, left, term)), others = terms.filter(each => !near.includes(each));
-    line.append(element("span", `${left} (${found.order === 2 ? `how ${found.states[j].name} accelerates` : `how fast ${found.states[j].name} changes`})`), ...buttons(near));
+    line.append(element("span", `${left} (${found.orders[j] === 2 ? `how ${found.states[j].name} accelerates` : `how fast ${found.states[j].name} changes`})`), ...buttons(near));
     if (others.length && found.others) {
       const more = element("details"), list = element("div", "", { class: "many" });
       list.append(...buttons(others));

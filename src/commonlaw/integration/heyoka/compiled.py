@@ -40,13 +40,18 @@ class Structure:
     free: tuple[int, ...]
     inside: tuple[int | None, ...]
     equations: int
-    order: int
+    second: tuple[int, ...]
     inputs: int
     logarithmic: tuple[int, ...]
     powers: int
     events: tuple[tuple[AbstractTerm, int, bool], ...]
     tolerance: float
     sensitivities: bool
+
+    @property
+    def width(self) -> int:
+        """How many states and rates there are."""
+        return self.equations + len(self.second)
 
     @classmethod
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
@@ -61,7 +66,7 @@ class Structure:
             tuple(int(i) for i in free),
             tuple(columns.index(k) if k in columns else None for k in vector_field.terms.constants),
             len(vector_field.coefficients),
-            vector_field.order,
+            tuple(vector_field.second.tolist()),
             len(vector_field.terms.variables.inputs),
             vector_field.terms.variables.logarithmic_columns,
             0 if vector_field.inputs is None else vector_field.inputs.powers,
@@ -115,7 +120,7 @@ class Compiled:
 @lru_cache(maxsize=32)
 def compiled(structure: Structure, _thread: int) -> Compiled:
     """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
-    states = heyoka.make_vars(*[f"v{i}" for i in range(structure.equations * structure.order)], "unused")[:-1]
+    states = heyoka.make_vars(*[f"v{i}" for i in range(structure.width)], "unused")[:-1]
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
     natural = [heyoka.exp(each) if j in structure.logarithmic else each for j, each in enumerate(states)]
     own = [heyoka.expression(0.0) if i is None else heyoka.par[i] for i in structure.inside]
@@ -127,7 +132,9 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
             sums[equation].append(heyoka.par[i] * terms[index])
     highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
     highest = [each / natural[j] if j in structure.logarithmic else each for j, each in enumerate(highest)]
-    rates = [*states[len(highest) :], *highest] if structure.order == 2 else highest
+    rates = [*highest, *(highest[j] for j in structure.second)]
+    for j, rate in zip(structure.second, states[structure.equations :], strict=True):
+        rates[j] = rate
     system: Any = list(zip(states, rates, strict=True))
     initial_sensitivities = np.empty(0)
     if structure.sensitivities:
@@ -160,7 +167,7 @@ def _inputs(structure: Structure, first: int) -> list[Any]:
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:
     """Return the indices of terminal events, the list that others write to, and both as heyoka takes them."""
     found: Found = []
-    width = structure.equations * structure.order
+    width = structure.width
 
     def writer(index: int) -> Callable[[Any, float, int], None]:
         def write(stepper: Any, time: float, _: int) -> None:

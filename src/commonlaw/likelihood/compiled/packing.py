@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.kernel import MeshStructure, ModelStructure, ProgramStructure, address
+from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.program import Program
 from commonlaw.likelihood.fitting import TrajectoryModel
 from commonlaw.likelihood.latent import LatentSteps
@@ -46,8 +47,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
     """Return the structures of a model, None if it has what the kernel does not do."""
     if model not in _MODELS:
         program = model.terms.program
-        logarithmic = bool(model.terms.variables.logarithmic)
-        suits = model.order == 1 or (model.order == 2 and not logarithmic)
+        suits = model.order == 1 or not model.terms.variables.logarithmic
         _MODELS[model] = _packed(model, program) if program is not None and suits else None
     return _MODELS[model]
 
@@ -56,6 +56,7 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
     noise = model.observation.noise
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
+    second, highest = (of(model.order, model.equations).astype(np.int64) for of in (with_rates, highest_columns))
     logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
     inside = np.array(model.terms.constants, dtype=np.int64)
     prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
@@ -63,7 +64,7 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
     std = np.zeros(0) if latent is None else contiguous(latent.std)
     structure = ModelStructure(
         model.equations,
-        model.order,
+        len(second),
         model.meshes[0].inputs.shape[1],
         model.latent.width,
         any(each.held for each in model.meshes),
@@ -75,10 +76,12 @@ def _packed(model: TrajectoryModel, program: Program) -> Packed:
         address(std),
         address(logarithmic),
         address(inside),
+        address(second),
+        address(highest),
         *(address(each) if each is not None else 0 for each in prior),
         _program(program),
     )
-    kept = (unit, std, logarithmic, inside, prior, program, meshes)
+    kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
     structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
     return Packed(
         structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept

@@ -1,0 +1,248 @@
+"""Laws whose equations have different orders: theta'' = ... beside i' = ..."""
+
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.kernel import library as kernels
+
+TIMES = np.linspace(0, 6, 90)
+EQUATIONS = "theta'' = -a sin(theta) - b theta' + k i; i' = -r i - m theta' + u"
+TRUE = {"a": 4.0, "b": 0.3, "k": 1.5, "r": 1.2, "m": 0.4}
+STARTS = [(1.2, 0.5, 0.0), (-0.8, 1.5, 1.0)]
+UNITS = {"theta": "rad", "i": "A", "u": "A/s", "t": "s"}
+
+
+def motor(numbers, start, times=TIMES):
+    """A pendulum on a motor, solved by SciPy: angle, current, rate of the angle."""
+    a, b, k, r, m = numbers
+
+    def rates(t, z):
+        drive = np.sin(0.7 * t)
+        return [z[2], -r * z[1] - m * z[2] + drive, -a * np.sin(z[0]) - b * z[2] + k * z[1]]
+
+    angle, speed, current = start
+    return solve_ivp(rates, times[[0, -1]], [angle, current, speed], t_eval=times, rtol=1e-10, atol=1e-12).y.T
+
+
+def trials_of(states, inputs, noise, seed, names, **settings):
+    generator = np.random.default_rng(seed)
+    scale = noise * np.mean([each.std(axis=0) for each in states], axis=0)
+    measured = [each + scale * generator.standard_normal(each.shape) for each in states]
+    given = {} if inputs is None else {"inputs": [inputs] * len(states)}
+    return cl.Trials.from_arrays([TIMES] * len(states), measured, names=names, **given, **settings)
+
+
+def motors(noise, seed=0):
+    drive = np.sin(0.7 * TIMES)[:, np.newaxis]
+    states = [motor(TRUE.values(), start)[:, :2] for start in STARTS]
+    return trials_of(states, drive, noise, seed, ["theta", "i", "u"], units=UNITS)
+
+
+def heated(noise, seed=0):
+    """An oscillator whose spring softens with a temperature, which its friction heats: order 1 before order 2."""
+
+    def rates(_, z):
+        return [0.4 * z[2] ** 2 - 0.5 * z[0], z[2], -3 * z[1] + 0.8 * z[0] * z[1] - 0.2 * z[2]]
+
+    starts = [(0.0, 1.5, 0.0), (1.0, -1.0, 1.0)]
+    solve = partial(solve_ivp, rates, TIMES[[0, -1]], t_eval=TIMES, rtol=1e-10, atol=1e-12)
+    return trials_of([solve(start).y[:2].T for start in starts], None, noise, seed, ["T", "x"])
+
+
+def three(noise, seed=0):
+    """A cascade: a mass that follows what relaxes to it, and drives another that relaxes."""
+
+    def rates(_, z):
+        return [-z[0] + 0.5 * z[1], z[3], -0.7 * z[2] + z[1], -2 * z[1] + z[0] - 0.3 * z[3]]
+
+    starts = [(1.0, 1.0, 0.0, 0.0), (0.0, -1.0, 2.0, 1.0)]
+    solve = partial(solve_ivp, rates, TIMES[[0, -1]], t_eval=TIMES, rtol=1e-10, atol=1e-12)
+    return trials_of([solve(start).y[:3].T for start in starts], None, noise, seed, list("xyz"))
+
+
+@pytest.fixture(scope="module")
+def law():
+    return cl.fit(EQUATIONS, motors(0.01), errors="white")
+
+
+def test_a_fit_is_that_of_least_squares_by_scipy():
+    noise = {"theta": 0.02, "i": 0.01}
+    generator, scale = np.random.default_rng(3), np.array([*noise.values()])
+    clean = [motor(TRUE.values(), start)[:, :2] for start in STARTS]
+    measured = [each + scale * generator.standard_normal(each.shape) for each in clean]
+    drive = np.sin(0.7 * TIMES)[:, np.newaxis]
+    trials = cl.Trials.from_arrays([TIMES] * 2, measured, names=["theta", "i", "u"], inputs=[drive] * 2)
+
+    def left(values):
+        starts = values[5:].reshape(2, 3)
+        pairs = zip(starts, measured, strict=True)
+        return np.concatenate([((motor(values[:5], start)[:, :2] - own) / scale).ravel() for start, own in pairs])
+
+    begin = np.concatenate([[*TRUE.values()], *STARTS])
+    expected = least_squares(left, begin, xtol=1e-12, ftol=1e-12)
+    errors = np.sqrt(np.diag(np.linalg.inv(expected.jac.T @ expected.jac)))[:5]
+    settings = {"noise": noise, "errors": "white", "huber_threshold": np.inf, "input_between": "cubic"}
+    found = cl.fit(EQUATIONS, trials, **settings)
+    values, own = (dict(zip(found.letters, each[0], strict=True)) for each in found.letter_values())
+    for name, value, error in zip(TRUE, expected.x, errors, strict=False):
+        assert values[name] == pytest.approx(value, abs=0.02 * error)
+        assert own[name] == pytest.approx(error, rel=0.02)
+
+
+def test_both_ways_to_compute_give_the_same_law(law, monkeypatch):
+    monkeypatch.setenv(kernels.VARIABLE, "numpy")
+    again = cl.fit(EQUATIONS, motors(0.01), errors="white")
+    np.testing.assert_allclose(again.coefficients, law.coefficients, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["heyoka", "scipy"])
+def test_integrators_follow_it(method):
+    own = cl.Law.from_text(EQUATIONS.replace(" + u", ""), TRUE)
+    start = [1.2, 0.0, 0.5]
+    a, b, k, r, m = TRUE.values()
+
+    def rates(_, z):
+        return [z[2], -r * z[1] - m * z[2], -a * np.sin(z[0]) - b * z[2] + k * z[1]]
+
+    if method == "heyoka":
+        pytest.importorskip("heyoka")
+    found = own.simulate(TIMES, start, method=method, tolerance=1e-12)["object"].states
+    expected = solve_ivp(rates, TIMES[[0, -1]], start, t_eval=TIMES, rtol=1e-11, atol=1e-12).y.T
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_forecasts_and_their_bands_are_those_of_its_states(law):
+    trials = motors(0.01, seed=5)
+    forecast = law.predict(trials, start=20, return_std=True)
+    assert forecast.score() > 0.99
+    assert [each.states.shape for each in forecast.trajectories] == [(90, 3)] * 2
+    first = law.predict(trials, start=1, return_std=True)
+    assert np.isfinite(first.std[0]).all()
+    low, high = (np.array(each) for each in zip(*forecast.bands(measured=True), strict=True))
+    measured = np.stack([each.states for each in trials])
+    assert 0.9 < np.mean((low <= measured) & (measured <= high)) <= 1
+
+
+def test_what_it_says_names_the_order_of_each(law):
+    assert law.order == (2, 1)
+    assert law.left_hand_sides == ("theta''", "i'")
+    assert law.state_rates == (("theta", "v_theta"),)
+    assert "with v_theta = theta'" in str(law)
+    assert r"\ddot{\theta} &=" in law.to_latex()
+    assert r"\dot{i} &=" in law.to_latex()
+    units = law.coefficient_units()
+    assert (units["theta''", "i"], units["i'", "v_theta"], units["i'", "i"]) == ("rad/A/s²", "A/rad", "1/s")
+    assert [str(each) for each in law.to_sympy()] == ["theta''", "i'"]
+
+
+def test_it_is_saved_and_written_as_a_program(law, tmp_path):
+    path = tmp_path / "law.json"
+    law.save(path)
+    again = cl.Law.load(path)
+    assert again.order == (2, 1)
+    assert again.terms == law.terms
+    assert str(again) == str(law)
+    assert repr(EQUATIONS) in law.to_script()
+    np.testing.assert_array_equal(again.predict(motors(0.01)).score(), law.predict(motors(0.01)).score())
+
+
+def test_it_is_judged_and_compared(law):
+    trials = motors(0.01)
+    assert law.verdict(trials).usable
+    assert not any(each.significant for each in law.residuals(trials).patterns)
+    first = cl.fit("theta' = -a theta + k i; i' = -r i - m theta + u", trials)
+    table = cl.compare({"mixed": law, "first": first}, trials)
+    assert table["law"].tolist() == ["mixed", "first"]
+    assert table["2 log B"].iloc[1] > 100
+
+
+def test_the_discrepancy_of_a_law_of_mixed_orders_is_found():
+    trials = motors(0.005)
+    linear = cl.fit("theta'' = -a theta - b theta' + k i; i' = -r i - m theta' + u", trials)
+    found = linear.discrepancy(trials, "theta", equation="theta")
+    assert "theta''" in str(found)
+
+
+MOTOR = ("theta'' = a i + b v_theta + c sin(theta)", "i' = d i + f v_theta + g u")
+SYSTEMS = {
+    "motor": (
+        motors,
+        (2, 1),
+        "poly:1 + terms:sin(theta)",
+        ("theta'' = a i + b v_theta + c sin(theta)", "i' = d i + f v_theta + g u"),
+    ),
+    "heated": (heated, (1, 2), "poly:2", ("T' = a T + b v_x^2", "x'' = c x + d v_x + f T x")),
+    "three": (three, (1, 2, 1), "poly:1", ("x' = a x + b y", "y'' = c x + d y + f v_y", "z' = g y + h z")),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "noise"),
+    [
+        *product(["motor", "heated"], [0.0, 0.01, 0.05]),
+        ("three", 0.01),
+        *(pytest.param("three", noise, marks=pytest.mark.slow) for noise in (0.0, 0.05)),
+    ],
+)
+def test_the_orders_of_the_law_that_made_the_data_are_found(name, noise):
+    simulate, order, library, equations = SYSTEMS[name]
+    law = cl.discover(simulate(noise), order="auto", library=library, cache=False)
+    assert law.order == order
+    if noise < 0.05:
+        assert law.structure() == equations
+    said = ", ".join(f"{state} {each}" for state, each in zip(law.states, order, strict=True))
+    assert (law.history[0].stage, law.history[0].choice) == ("order", said)
+
+
+@pytest.mark.parametrize("method", [None, cl.DerivativeRegression(solver=cl.STLSQ(0.1))])
+def test_orders_are_given_by_state(method):
+    library = "terms:T,v_x**2,x,v_x,T*x"
+    law = cl.discover(heated(0.0), order={"x": 2, "T": 1}, library=library, method=method, cache=False)
+    assert law.structure() == ("T' = a T + b v_x^2", "x'' = c x + d v_x + f T x")
+    assert "order={'x': 2, 'T': 1}" in law.to_script()
+
+
+def test_regression_targets_are_the_derivative_of_each_order():
+    trials = heated(0.0)
+    form = cl.StrongForm(cl.SmoothingSpline(), order=(1, 2))
+    values, targets = form.samples(trials[0])
+    each = cl.SmoothingSpline().differentiate(TIMES, trials[0].states, 2)
+    np.testing.assert_array_equal(targets, np.column_stack([each.derivatives[0][:, 0], each.derivatives[1][:, 1]]))
+    np.testing.assert_array_equal(values[:, 2], each.derivatives[0][:, 1])
+
+
+def test_a_column_that_is_the_rate_of_a_state_of_second_order_is_left_out():
+    states = [motor(TRUE.values(), start) for start in STARTS]
+    trials = trials_of(states, np.sin(0.7 * TIMES)[:, np.newaxis], 1e-3, 0, ["theta", "i", "omega", "u"])
+    for law in (
+        cl.fit(EQUATIONS, trials),
+        cl.discover(trials, order={"theta": 2, "i": 1}, library="poly:1 + terms:sin(theta)", cache=False),
+    ):
+        assert law.states == ("theta", "i")
+        assert law.rates == ("omega",)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"order": {"T": 1}}, "order says nothing of x: give 1 or 2 for each state"),
+        ({"order": {"T": 1, "y": 2}}, "'y'"),
+        ({"order": {"T": 0, "x": 2}}, "order 0 of T is not supported"),
+        ({"method": cl.WeakRegression()}, "equations of different orders do not go with WeakRegression"),
+        ({"known": "T' = 1; x' = 2"}, "are of order 1, and a law of order T 1, x 2 is sought"),
+    ],
+)
+def test_what_does_not_fit_orders_by_state_is_refused(settings, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.discover(heated(0.01), **{"order": {"T": 1, "x": 2}, "library": "poly:1", "cache": False} | settings)
+
+
+def test_unmeasured_states_of_laws_with_mixed_orders_are_refused():
+    with pytest.raises(cl.CommonlawError, match="starts go with laws of first order"):
+        cl.fit("x'' = -a x + q; T' = -b T; q' = -c q", heated(0.01), starts={"q": 1.0})
