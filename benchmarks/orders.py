@@ -1,4 +1,4 @@
-"""Whether the order of a law is found: grouped experiments, and relaxations, without and with noise."""
+"""Whether the order of a law, or of each of its equations, is found, without and with noise."""
 
 import argparse
 import time
@@ -10,6 +10,8 @@ import numpy as np
 import commonlaw as cl
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.machine import machine
+from benchmarks.mixed_orders import MIXED
+from commonlaw.library import Order, one_order
 
 OBJECTS, TRIALS = 3, 2
 
@@ -25,19 +27,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     print(f"{machine()}\n\n| system | order | noise | right | why, of the first | CPU s |\n|---|---|---|---|---|---|")
     for name in chosen.only:
+        order = SYSTEMS[name]
         for level in chosen.noise:
             begun = time.process_time()
             laws = [found(name, level, seed) for seed in range(chosen.seeds if level else 1)]
-            right = f"{sum(law.order == SYSTEMS[name] for law in laws)} of {len(laws)}"
+            right = f"{sum(law.order == order for law in laws)} of {len(laws)}"
             took = (time.process_time() - begun) / len(laws)
             why = laws[0].history[0].reason
-            print(f"| {name} | {SYSTEMS[name]} | {100 * level:g} % | {right} | {why} | {took:.1f} |", flush=True)
+            print(f"| {name} | {order} | {100 * level:g} % | {right} | {why} | {took:.1f} |", flush=True)
 
 
 def found(name: str, level: float, seed: int) -> cl.Law:
     """Return the law that is found with no order given."""
-    library = FAMILIES[name.partition(",")[0]].library if name != "relaxation" else "poly:3"
-    return cl.discover(_MADE[name](level, seed), order="auto", library=library, cache=False)
+    trials, library = _MADE[name](level, seed), "poly:3"
+    if name != "relaxation":
+        library = MIXED[name].library if name in MIXED else FAMILIES[name.partition(",")[0]].library
+    return cl.discover(trials, order="auto", library=library, cache=False)
 
 
 def relaxations(level: float, seed: int) -> cl.Trials:
@@ -69,9 +74,10 @@ _MADE: Mapping[str, Callable[[float, int], cl.Trials]] = {
     "relaxation": relaxations,
     "pendulum, angles alone": _angles,
     **{name: partial(_of_family, name) for name in FAMILIES},
+    **{name: system.measured for name, system in MIXED.items()},
 }
 
-SYSTEMS: Mapping[str, int] = {
+SYSTEMS: Mapping[str, Order] = {
     "relaxation": 1,
     "pendulum, angles alone": 2,
     "pendulum": 2,
@@ -80,6 +86,7 @@ SYSTEMS: Mapping[str, int] = {
     "Van der Pol": 2,
     "Brusselator": 1,
     "Lorenz": 1,
+    **{name: one_order([*system.orders.values()]) for name, system in MIXED.items()},
 }
 """The true orders; of the pendulum and Van der Pol's oscillator rates are measured too."""
 

@@ -27,7 +27,7 @@ class _Order(click.IntRange):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if isinstance(value, str) and "=" in value:
-            by_state = by_name("--order", value.split(","))
+            by_state: dict[str, Any] = {**by_name("--order", value.split(","))}
             return {state: super(_Order, self).convert(each, param, ctx) for state, each in by_state.items()}
         return value if value == "auto" else super().convert(value, param, ctx)
 
