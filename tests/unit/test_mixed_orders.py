@@ -211,10 +211,10 @@ def test_regression_on_derivatives_takes_that_of_each_order():
         heated(0.0),
         order={"T": 1, "x": 2},
         library="terms:T,v_x**2,x,v_x,T*x",
-        method=cl.DerivativeRegression(solver=cl.STLSQ(0.0)),
+        method=cl.DerivativeRegression(solver=cl.STLSQ(0.0), differentiation="finite:6"),
         cache=False,
     )
-    np.testing.assert_allclose(law.coefficients[0], [[-0.5, 0.4, 0, 0, 0], [0, 0, -3, -0.2, 0.8]], atol=0.02)
+    np.testing.assert_allclose(law.coefficients[0], [[-0.5, 0.4, 0, 0, 0], [0, 0, -3, -0.2, 0.8]], atol=1e-3)
 
 
 def test_regression_targets_are_the_derivative_of_each_order():
