@@ -21,7 +21,7 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     found = search.search(problem, PATH, lambda _: None)
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
-    linearised = replace(found[0], fitted=())
+    linearised = replace(found[0], alternatives=())
     assert all(each.tobytes() in fitted for each in search_state.nearest(problem, linearised, below=6.0))
 
 

@@ -2,21 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from commonlaw.array_types import Bools
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import SearchState, evidence_of, fit_neighbours, neighbours
+from commonlaw.inference.search_state import LEAST, MOST, SearchState
 from commonlaw.law import Law, PlausibleLaw, Provenance, with_constants_of
-
-LEAST = 0.01
-"""Probability below which a law is not carried along: what it says would not move an interval of 95 % by much."""
-
-MOST = 12
-"""Laws that are carried along at most."""
 
 
 def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[PlausibleLaw[Law], ...]:
@@ -29,7 +21,7 @@ def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[P
     law
         Whose terms, schema and objects the others have.
     """
-    (own, _), *others = weighted(problem, chosen)
+    (own, _), *others = weighted(chosen)
     kept = [(share, state) for share, state in others if share > LEAST][: MOST - 1]
     total = own + sum(share for share, _ in kept)
     return tuple(PlausibleLaw(share / total, _beside(law, fitted_law(law, problem, state))) for share, state in kept)
@@ -71,35 +63,12 @@ def _beside(law: Law, other: Law) -> Law:
     return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 
 
-def weighted(problem: SearchProblem, chosen: SearchState) -> list[tuple[float, SearchState]]:
-    """Return what the trials leave plausible with probabilities that add up to one, the chosen first.
+def weighted(chosen: SearchState) -> list[tuple[float, SearchState]]:
+    """Return a state and its alternatives with probabilities that add up to one, the state first.
 
-    By their evidence, under the errors of the chosen state, which counts as no less probable than any other.
+    By their evidence under the same errors; the chosen counts as no less probable than any other.
     """
-    fitted = [chosen, *fit_neighbours(problem, chosen, _near(problem, chosen))]
-    (value,) = evidence_of(problem, chosen, [chosen.supports])
-    above = np.array([0.0, *(max(0.0, each.value - value) for each in fitted[1:])])
+    above = np.array([0.0, *(max(0.0, each.value - chosen.value) for each in chosen.alternatives)])
     shares = np.exp(-above / 2) / np.exp(-above / 2).sum()
-    others = sorted(zip(shares[1:].tolist(), fitted[1:], strict=True), key=lambda pair: -pair[0])
+    others = sorted(zip(shares[1:].tolist(), chosen.alternatives, strict=True), key=lambda pair: -pair[0])
     return [(float(shares[0]), chosen), *others]
-
-
-def _near(problem: SearchProblem, chosen: SearchState) -> list[Bools]:
-    """Return supports that may be as probable as `LEAST`, by evidence that is linearised about the chosen."""
-    below = -2 * np.log(LEAST)
-    listed = []
-    for each, own in zip(neighbours(problem, chosen), chosen.supports, strict=True):
-        here = next(other.twice_log_bayes_factor for other in each if other.chosen)
-        behind = [(other.twice_log_bayes_factor - here, other.support) for other in each if not other.chosen]
-        listed.append([(0.0, own), *((value, support) for value, support in behind if value < below)])
-    near = []
-    for several in product(*(each[:MOST] for each in listed)):
-        value = sum(max(0.0, own) for own, _ in several)
-        supports = np.array([own for _, own in several])
-        if value < below:
-            near.append((value, supports))
-    near += [(max(0.0, above), supports) for above, supports in chosen.fitted if above < below]
-    ordered = sorted(near, key=lambda pair: pair[0])
-    different = {supports.tobytes(): supports for _, supports in ordered}
-    different.pop(chosen.supports.tobytes(), None)
-    return list(different.values())[: MOST - 1]

@@ -6,7 +6,6 @@ the same supports as all. These choose again then, beginning with what was found
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 from commonlaw.inference.search import SCHEDULES, fit_supports, fit_with, polish, search, with_close_neighbours
 from commonlaw.inference.search_problem import SearchProblem
@@ -79,9 +78,7 @@ def _chosen_again(problem: SearchProblem, found: SearchState, solver: AbstractSo
     """Return a law that some show with a model error, and without one chosen again by all."""
     large, _ = SCHEDULES[1]
     if len(found.estimates) == len(problem.starts):
-        pairs = zip(problem.starts, found.estimates, strict=True)
-        start = tuple(replace(own, coefficients=each.coefficients) for own, each in pairs)
-        state = fit_with(problem, found.supports, large, start)
+        state = fit_with(problem, found.supports, large, problem.starts_with(found.estimates))
     else:
         state = fit_supports(problem, found.supports, (large,))
     return [state, polish(problem, found.supports, state.estimates, NO_ERROR, solver)]

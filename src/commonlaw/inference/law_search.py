@@ -31,7 +31,7 @@ from commonlaw.inference.provenance import (
 )
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.search import fit_supports, polish, search, to_scale
+from commonlaw.inference.search import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.search_state import ANY_ERROR, SearchState, neighbours
 from commonlaw.inference.trial_differences import differing_trials
@@ -288,16 +288,24 @@ def best_of(listed: Sequence[LawSearch]) -> LawSearch:
 
 
 def resolved(found: LawSearch, progress: ProgressCallback) -> LawSearch:
-    """Return a search on a mesh that is fine enough, its terms chosen again there."""
+    """Return a search on a mesh that is fine enough, its terms chosen again there, beside all that is plausible."""
 
     def again(problem: SearchProblem, state: SearchState) -> SearchState:
         if found.solver is None:
             return state
         progress("choosing terms again on a finer mesh")
-        return polish(problem, state.supports, state.estimates, state.model_error, found.solver)
+        return polish(problem, state.supports, state.estimates, state.model_error, found.solver).keeping(state)
 
-    problem, state = to_scale(*until_resolved(found.problem, found.state, again))
-    return replace(found, problem=problem, state=state)
+    problem, state = found.problem, found.state
+    while True:
+        problem, state = to_scale(*until_resolved(problem, state, again))
+        if found.solver is None:
+            return replace(found, problem=problem, state=state)
+        best = beside_alternatives(problem, state)
+        if np.array_equal(best.supports, state.supports):
+            return replace(found, problem=problem, state=best)
+        progress("fitting what is more plausible")
+        state = best
 
 
 def finish(

@@ -23,12 +23,11 @@ def on_finer_mesh(
     if problem.points >= FINEST:
         return None
     finer = problem.finer()
-    pairs = zip(finer.starts, state.estimates, strict=True)
-    starts = [replace(start, coefficients=own.coefficients) for start, own in pairs]
-    estimates = fit_each(finer.models, starts, state.supports, model_errors)
+    estimates = fit_each(finer.models, finer.starts_with(state.estimates), state.supports, model_errors)
     if _change(problem, state.estimates, finer, estimates) + _moved(problem, state, estimates) < _RESOLVED:
         return None
-    return finer, replace(state, estimates=estimates)
+    others = tuple(replace(each, estimates=finer.starts_with(each.estimates)) for each in state.alternatives)
+    return finer, replace(state, estimates=estimates, alternatives=others)
 
 
 def until_resolved(

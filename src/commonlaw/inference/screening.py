@@ -111,7 +111,7 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
             models=tuple(replace(model, terms=several) for model in problem.models),
             known=wider(problem.known, np.nan),
         )
-        for listed in neighbours(extended, replace(state, supports=supports, estimates=estimates, fitted=())):
+        for listed in neighbours(extended, replace(state, supports=supports, estimates=estimates, alternatives=())):
             for each in listed:
                 if each.chosen:
                     break

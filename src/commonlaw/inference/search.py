@@ -8,6 +8,7 @@ negligible, a random walk that pushes the states off their course (weak constrai
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,14 +17,17 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import (
     MODEL_ERRORS,
+    MOST,
     NO_ERROR,
+    PLAUSIBLE,
     SearchState,
     errors_to_fit,
     evidence_about,
     fitted,
+    is_settled,
     linearized_evidence,
     list_by_evidence,
-    nearest_by,
+    promised_near,
     restricted,
 )
 from commonlaw.likelihood import Estimate, NotPositiveError, threads_pay
@@ -171,8 +175,9 @@ def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem,
         factor = float(np.sqrt(evidence.noise_variance(state.supports)))
         if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
             break
-        problem = problem.noisier(factor, LEFT_BY_LAW)
+        problem, before = problem.noisier(factor, LEFT_BY_LAW), state
         state, evidence = fitted(problem, state.estimates, state.supports, state.model_error)
+        state = state.keeping(before)
     return problem, state
 
 
@@ -194,25 +199,49 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
 
 
 def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState]) -> list[SearchState]:
-    """Return states, and what is hardly less probable than the best, fitted until the best stays, which comes first.
+    """Return states, and what may be as plausible as the best, fitted; the best comes first, with the others.
 
-    Evidence linearised about one law errs; the best keeps that of all others under its errors.
+    Evidence linearised about one law errs for others. So supports are fitted one after the other whose evidence, about
+    any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
+    so many as are carried along at most were fitted in vain.
     """
     found = list_by_evidence(states)
     done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
-    while True:
+    seen, promising, vain = set[bytes](), dict[bytes, tuple[float, SearchState, Bools]](), 0
+    while vain < MOST:
         best = found[0]
-        evidence = evidence_about(problem, best)
-        close = [each for each in nearest_by(evidence, best, below=STRONG) if each.tobytes() not in done]
-        if not close:
-            alike = [each for each in found[1:] if each.model_error == best.model_error]
-            return [best.with_alternatives(alike), *found[1:]]
-        for supports in close:
-            done.add(supports.tobytes())
+        most = best.value + PLAUSIBLE
+        for near in (each for each in found if each.model_error == best.model_error and each.value < most):
+            if (key := near.supports.tobytes()) not in seen:
+                seen.add(key)
+                for value, supports in promised_near(problem, near):
+                    known = promising.get(own := supports.tobytes())
+                    promising[own] = (value, near, supports) if known is None or value < known[0] else known
+        left = [each for key, each in promising.items() if key not in done and each[0] < most]
+        if not left:
+            break
+        _, near, supports = min(left, key=lambda each: each[0])
+        done.add(supports.tobytes())
+        with suppress(NotPositiveError):
+            start = restricted(problem, evidence_about(problem, near), near.estimates, supports)
+            state = fitted(problem, start, supports, best.model_error)[0]
+            found = list_by_evidence([*found, *([state] if is_settled(problem, state) else [])])
+        vain = vain + 1 if found[0] is best else 0
+    best = found[0]
+    return [best.with_alternatives([each for each in found if each.model_error == best.model_error]), *found[1:]]
+
+
+def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchState:
+    """Return the best of a state and its alternatives, fitted to a problem, and of what else may be as plausible."""
+    here = evidence_about(problem, state).value(state.supports)
+    states = [replace(state, value=here)]
+    for each in state.alternatives:
+        if each.value < state.value + PLAUSIBLE:
             with suppress(NotPositiveError):
-                estimates = restricted(problem, evidence, best.estimates, supports)
-                found.append(fitted(problem, estimates, supports, best.model_error)[0])
-        found = list_by_evidence(found)
+                other = fitted(problem, each.estimates, each.supports, state.model_error)[0]
+                states += [other] if is_settled(problem, other) else []
+    best = with_close_neighbours(problem, states)[0]
+    return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
 
 
 def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:

@@ -107,6 +107,11 @@ class SearchProblem:
         """Whether some trial is so long that differences of its samples tell the noise of a state."""
         return any(np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials)
 
+    def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
+        pairs = zip(self.starts, estimates, strict=True)
+        return tuple(replace(start, coefficients=own.coefficients) for start, own in pairs)
+
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
         """Return the problem of some of the objects alone, with the same errors."""
         names = [self.trials.objects[i] for i in indices]

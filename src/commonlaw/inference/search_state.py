@@ -27,6 +27,15 @@ FINAL = (0.03, 0.003, 0.0003)
 below one: what is allowed in each step adds up, and coefficients would be less accurate than the data allow."""
 
 
+LEAST = 0.01
+"""Probability below which a law is not carried along: what it says would not move an interval of 95 % by much."""
+
+MOST = 12
+"""Laws that are carried along at most."""
+
+PLAUSIBLE = float(-2 * np.log(LEAST))
+"""2 log B up to which a law is as probable as that beside the best."""
+
 _UNSETTLED = 4.0
 """Twice the log-likelihood for each object that a fit may be promised elsewhere: hardly more than it may be held by."""
 
@@ -36,21 +45,33 @@ class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
     The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
-    log-evidence, but for a constant. 2 log B is kept with all supports that were fitted under the same errors, and the
-    evidence for others where it was found with the state.
+    log-evidence, but for a constant. Alternatives are states with other supports, fitted under the same errors. The
+    evidence for supports is kept where it was found with the state.
     """
 
     supports: Bools
     estimates: tuple[Estimate, ...]
     model_error: float
     value: float
-    fitted: tuple[tuple[float, Bools], ...] = ()
+    alternatives: "tuple[SearchState, ...]" = ()
     linearized: "Linearized | None" = None
 
     def with_alternatives(self, others: Sequence["SearchState"]) -> "SearchState":
-        """Return the state with the evidence of others, which were fitted under the same errors, against its own."""
+        """Return the state with others, which were fitted under the same errors: the best with each supports."""
         listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.value)}
-        return replace(self, fitted=tuple((each.value - self.value, each.supports) for each in listed.values()))
+        listed.pop(self.supports.tobytes(), None)
+        kept = tuple(replace(each, alternatives=(), linearized=None) for each in listed.values())
+        return replace(self, alternatives=kept)
+
+    def keeping(self, before: "SearchState") -> "SearchState":
+        """Return the state with the alternatives of one that was fitted before, by as much less plausible."""
+        more = self.value - before.value
+        return replace(self, alternatives=tuple(replace(each, value=each.value + more) for each in before.alternatives))
+
+    @property
+    def fitted(self) -> tuple[tuple[float, Bools], ...]:
+        """2 log B of all alternatives against the state, with their supports."""
+        return tuple((each.value - self.value, each.supports) for each in self.alternatives)
 
     @property
     def has_model_error(self) -> bool:
@@ -106,6 +127,16 @@ def nearest_by(evidence: SupportEvidence, state: SearchState, count: int = 4, be
         for each in listed[:count]
         if each.twice_log_bayes_factor < below
     ]
+
+
+def promised_near(problem: SearchProblem, state: SearchState) -> Iterator[tuple[float, Bools]]:
+    """Yield the supports next to those of a state, with minus twice their log-evidence as linearised about it."""
+    for j, listed in enumerate(evidence_about(problem, state).neighbours(state.supports)):
+        here = next(each.twice_log_bayes_factor for each in listed if np.array_equal(each.support, state.supports[j]))
+        for each in listed:
+            supports = state.supports.copy()
+            supports[j] = each.support
+            yield state.value + each.twice_log_bayes_factor - here, supports
 
 
 def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> Iterator[Bools]:
