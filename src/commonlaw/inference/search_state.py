@@ -113,19 +113,13 @@ def neighbours(problem: SearchProblem, state: SearchState) -> list[list[Compared
     return evidence_about(problem, state).neighbours(state.supports, state.fitted)
 
 
-def nearest(problem: SearchProblem, state: SearchState, count: int = 4, below: float = np.inf) -> list[Bools]:
-    """Return the supports of largest evidence next to those found: so many for each equation, of less 2 log B."""
-    return nearest_by(evidence_about(problem, state), state, count, below)
-
-
-def nearest_by(evidence: SupportEvidence, state: SearchState, count: int = 4, below: float = np.inf) -> list[Bools]:
-    """Return the supports of largest evidence next to those found, see `nearest`, by the evidence about the state."""
+def nearest(problem: SearchProblem, state: SearchState, count: int) -> list[Bools]:
+    """Return the supports of largest evidence next to those found: so many for each equation."""
     here = np.eye(len(state.supports), dtype=bool)[:, :, np.newaxis]
     return [
         np.where(here[j], each.support, state.supports)
-        for j, listed in enumerate(evidence.neighbours(state.supports, state.fitted))
+        for j, listed in enumerate(neighbours(problem, state))
         for each in listed[:count]
-        if each.twice_log_bayes_factor < below
     ]
 
 
