@@ -148,6 +148,17 @@ def test_a_later_experiment_is_chosen_given_the_first():
     assert {each.experiment.settings["object"] for each in found.experiments} == {"one", "two"}
 
 
+def test_several_experiments_are_the_best_together():
+    """Four rates tell a cubic best at both ends and at 1/sqrt(5); chosen one by one, the third would be in the middle."""
+    law = known("x' = a + b u + c u^2 + d u^3", dict.fromkeys("abcd", 1.0), np.eye(4), inputs=("u",))
+    levels = [-1, -0.75, -(5**-0.5), -0.25, 0, 0.25, 5**-0.5, 0.75, 1]
+    found = cl.design(law, {"x": 0, "times": [0, 1], "u": levels}, experiments=4)
+    chosen = np.array([each.experiment.settings["u"] for each in found.experiments])
+    np.testing.assert_allclose(np.sort(chosen), [-1, -(5**-0.5), 5**-0.5, 1])
+    columns = np.vander(chosen, 4) / (np.sqrt(2) * NOISE)
+    assert found.experiments[-1].bits == pytest.approx(np.linalg.slogdet(np.eye(4) + columns.T @ columns)[1] / 2 / np.log(2))
+
+
 def test_prices_decide_and_the_budget_holds():
     law = known("x' = a", {"a": 1.0}, [[1.0]], objects=("one", "two"))
     vary = {"x": 0, "duration": 1, "rate": 10}

@@ -27,6 +27,9 @@ SURE = 0.95
 
 MOST_REPEATS = 100
 
+_EXCHANGES = 2
+"""How often each of several experiments may be exchanged for another."""
+
 _FAR = 1000
 """A forecast that goes so many times farther than states have been, or start from, diverges: what a law says there,
 linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
@@ -86,6 +89,9 @@ class Search:
     def chosen(self, count: int, budget: float, progress: Callable[[str], None]) -> list[Candidate]:
         """Return up to so many experiments within a budget, fewer where the law is settled before.
 
+        One after the other, each given those before it; then each is exchanged for what is worth more beside all
+        others, if it costs no more (Fedorov 1972).
+
         Raises
         ------
         CommonlawError
@@ -112,22 +118,39 @@ class Search:
                 f"no experiment costs {budget:g} or less, the cheapest {cheapest:.3g}: give a larger budget, or other "
                 "ranges"
             )
-        return found
+        return self._exchanged(found, progress) if len(found) > 1 else found
+
+    def _exchanged(self, found: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
+        """Return experiments that tell together what these do, or more."""
+        progress("exchanging experiments")
+        before = found
+        for i in [i for _ in range(_EXCHANGES) for i in range(len(found))]:
+            others, own = found[:i] + found[i + 1 :], found[i]
+            found = [*found[:i], self._best(others, own.experiment.cost, own) or own, *found[i + 1 :]]
+        return max(before, found, key=self._bits)
+
+    def _bits(self, chosen: Sequence[Candidate]) -> float:
+        evidence = self.evidence(chosen)
+        return self.aim.bits(evidence) if evidence else 0.0
 
     @cached_property
     def _spread(self) -> list[Candidate]:
         return self.candidates(self.settings.spread(self.points, self.seed))
 
-    def _best(self, before: Sequence[Candidate], budget: float) -> Candidate | None:
-        """Return the experiment within a budget that is worth most for what it costs, after those before it."""
+    def _best(self, before: Sequence[Candidate], budget: float, first: Candidate | None = None) -> Candidate | None:
+        """Return the experiment within a budget that is worth most after those before it.
+
+        That is for what it costs; or in place of a first one, whatever it costs up to that.
+        """
         base, draws = self.evidence(before, _DRAWS), self._draws(_DRAWS, len(before))
         now = self.aim.bits(base) if base else 0.0
 
         def worth(each: Candidate) -> float:
             own = self._evidence_of(each, draws)
-            return (self.aim.bits(base + own if base else own) - now) / (each.experiment.cost or 1.0)
+            bits = self.aim.bits(base + own if base else own) - now
+            return bits if first else bits / (each.experiment.cost or 1.0)
 
-        best, most = None, -np.inf
+        best, most = first, worth(first) if first else -np.inf
         listed = self._spread
         for round_, width in enumerate((*_WIDTHS, None)):
             for each in listed:
