@@ -42,44 +42,63 @@ BEGINNINGS: Mapping[str, Beginning] = {
 }
 
 
+SURE = 0.95
+"""How probable a law is when no further experiment is made."""
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """Whether the right law was found at first, and after each further experiment; what the first promised."""
+    """Whether the right law was found at first, and after each further experiment, and how probable it was each time.
+
+    The last is that at which the law was sure, or as many experiments as there may be were made. What the first design
+    promised is the chance of the right law after it.
+    """
 
     right: tuple[bool, ...]
+    probability: tuple[float, ...]
     promised: float
-    now: float
+
+    def right_after(self, count: int) -> bool:
+        """Return whether it was right after so many experiments, or those that it took to be sure."""
+        return self.right[min(count, len(self.right) - 1)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print how many draws have the right law, after how many experiments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.next_experiment", description=__doc__)
     parser.add_argument("--draws", type=int, default=50, help="of each family (default: %(default)s)")
-    parser.add_argument("--experiments", type=int, default=1, help="further ones (default: %(default)s)")
+    parser.add_argument(
+        "--experiments", type=int, default=1, help=f"further ones at most, until {SURE} (default: %(default)s)"
+    )
     parser.add_argument("--random", action="store_true", help="random experiments only")
     parser.add_argument("--each", action="store_true", help="further trials of every object, and not of one")
     parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
     chosen = parser.parse_args(arguments)
     head = " | ".join(f"after {k}" for k in range(chosen.experiments + 1))
-    print(f"{machine()}\n\n| family | experiments | {head} | promised now | after 1 |")
-    print("|---" * (chosen.experiments + 5) + "|")
+    print(f"{machine()}\n\n| family | experiments | {head} | promised now | after 1 | made until {SURE} | not sure |")
+    print("|---" * (chosen.experiments + 7) + "|")
     for name in chosen.family.split(","):
         for designed in (False,) if chosen.random else (True, False):
             found = [drawn(name, seed, chosen.experiments, designed, chosen.each) for seed in range(chosen.draws)]
-            counts = [sum(each.right[k] for each in found) for k in range(chosen.experiments + 1)]
-            promised = f"{sum(each.now for each in found):.1f} | {sum(each.promised for each in found):.1f}"
-            kind = "designed" if designed else "random"
-            print(f"| {name} | {kind} | {' | '.join(map(str, counts))} | {promised} |", flush=True)
+            counts = [sum(each.right_after(k) for each in found) for k in range(chosen.experiments + 1)]
+            promised = sum(each.probability[0] for each in found), sum(each.promised for each in found)
+            made_in_all = sum(len(each.right) - 1 for each in found)
+            unsure = sum(each.probability[-1] < SURE for each in found)
+            cells = [name, "designed" if designed else "random", *counts, *(f"{each:.1f}" for each in promised)]
+            print(f"| {' | '.join(map(str, [*cells, made_in_all, unsure]))} |", flush=True)
 
 
 def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outcome:
-    """Return what one draw of coefficients, starts and noise gives with so many further experiments."""
+    """Return what one draw of coefficients, starts and noise gives with up to so many further experiments."""
     beginning = BEGINNINGS[name]
     first, random = first_trials(name, seed), np.random.default_rng([seed, designed])
     noise, trials = first.noise(beginning.level), first.measured(beginning.level, seed)
     law = first.discover(trials)
-    right, promised, now = [first.estimates(law) is not None], 1.0, law.plausible[0].probability
+    right, probability = [first.estimates(law) is not None], [law.plausible[0].probability]
+    promised = probability[0]
     for k in range(count):
+        if probability[-1] >= SURE:
+            break
         vary: Mapping[str, object] = {
             **beginning.ranges,
             "samples": beginning.samples,
@@ -94,7 +113,8 @@ def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outco
         trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)
-    return Outcome(tuple(right), promised, now)
+        probability.append(law.plausible[0].probability)
+    return Outcome(tuple(right), tuple(probability), promised)
 
 
 def first_trials(name: str, seed: int) -> Experiment:

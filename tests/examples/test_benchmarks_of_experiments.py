@@ -7,7 +7,7 @@ from benchmarks import next_experiment, unseen
 
 @pytest.mark.parametrize("designed", [True, False])
 def test_one_draw_of_designed_and_of_random_experiments(designed):
-    found = next_experiment.drawn("heights of balls", 0, 1, designed, each=True)
+    found = next_experiment.drawn("heights of balls", 28, 1, designed, each=True)
     assert len(found.right) == 2
     assert found.right[1]
     assert 0.5 < found.promised <= 1
