@@ -40,6 +40,12 @@ def test_what_is_wanted_and_what_it_costs_is_said_in_options(run):
     assert code == 0
     assert "cost 3.9" in out
     assert "its standard error is then" in out
+    known = run(*given, "--for", "c of Ball 3", "--start-std", "x=0", "--start-std", "v=0", "--json")
+    free = run(*given, "--for", "c of Ball 3", "--json")
+    (then,), (otherwise,) = (json.loads(each[1])["experiments"] for each in (known, free))
+    assert then["standard error"] < otherwise["standard error"]
+    code, _, err = run(*given, "--start-std", "y=0")
+    assert (code, "unknown state 'y'" in err) == (1, True)
     code, _, err = run("design", "linear.json", "--vary", "x=40")
     assert code == 1
     assert "not all of an experiment is given" in err

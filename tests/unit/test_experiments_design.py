@@ -12,6 +12,7 @@ from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import Inputs
 from commonlaw.law.population import with_objects_of
+from commonlaw.library import Terms, Variables
 from commonlaw.likelihood import ErrorModel
 
 NOISE = 0.1
@@ -149,14 +150,16 @@ def test_a_later_experiment_is_chosen_given_the_first():
 
 
 def test_several_experiments_are_the_best_together():
-    """Four rates tell a cubic best at both ends and at 1/sqrt(5); chosen one by one, the third would be in the middle."""
+    """Rates tell a cubic best at both ends and at 1/sqrt(5); one by one, the third would be in the middle."""
     law = known("x' = a + b u + c u^2 + d u^3", dict.fromkeys("abcd", 1.0), np.eye(4), inputs=("u",))
     levels = [-1, -0.75, -(5**-0.5), -0.25, 0, 0.25, 5**-0.5, 0.75, 1]
     found = cl.design(law, {"x": 0, "times": [0, 1], "u": levels}, experiments=4)
     chosen = np.array([each.experiment.settings["u"] for each in found.experiments])
     np.testing.assert_allclose(np.sort(chosen), [-1, -(5**-0.5), 5**-0.5, 1])
     columns = np.vander(chosen, 4) / (np.sqrt(2) * NOISE)
-    assert found.experiments[-1].bits == pytest.approx(np.linalg.slogdet(np.eye(4) + columns.T @ columns)[1] / 2 / np.log(2))
+    assert found.experiments[-1].bits == pytest.approx(
+        np.linalg.slogdet(np.eye(4) + columns.T @ columns)[1] / 2 / np.log(2)
+    )
 
 
 def test_prices_decide_and_the_budget_holds():
@@ -308,8 +311,96 @@ def test_states_on_a_logarithmic_scale_start_above_zero():
     assert found.experiments[0].experiment.times[-1] == 8.0
 
 
-def test_laws_with_doses_are_refused():
-    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
-    dosed = replace(law, schema=replace(law.schema, doses=("u",)))
-    with pytest.raises(cl.CommonlawError, match="u is added in a moment"):
-        cl.design(dosed, {"x": 0, "duration": 1, "rate": 10, "u": 1})
+@pytest.mark.parametrize("off", [0.0, 0.02, 10.0])
+def test_starts_that_are_known_count_as_measured_beforehand(off):
+    times = np.linspace(0, 2, 5)
+    settings = {"x": 10, "v": 0, "times": [times]}
+    found = cl.design(falling(), settings, about="g", start_std={"x": off, "v": off})
+    columns = np.column_stack([-(times**2) / 2, np.ones(5), times]) / NOISE
+    with np.errstate(divide="ignore"):
+        prior = np.diag(1 / np.array([1.0, max(off, 1e-9), max(off, 1e-9)]) ** 2)
+    expected = np.sqrt(np.linalg.inv(columns.T @ columns + prior)[0, 0])
+    assert found.experiments[0].std == pytest.approx(expected, rel=1e-3)
+
+
+def test_repeats_begin_anew_with_errors_of_their_starts():
+    """Height in 1 s is known to the error of the start, and that is another one each time."""
+    settings = {"x": 0, "v": 0, "times": [[0, 1]], "repeats": 4}
+    found = cl.design(falling(), settings, about="g", start_std={"x": 0, "v": 0.5})
+    variance = (0.5**2 + NOISE**2) / 4 * 2**2  # g = -2 x(1)
+    assert found.experiments[0].std == pytest.approx((1 + 1 / variance) ** -0.5, rel=1e-3)
+
+
+def test_starts_on_a_logarithmic_scale_are_off_by_shares():
+    law = known("x' = a x", {"a": -0.3}, [[0.01]], noise=0.05)
+    terms = Terms(Variables(("x",), (), "t", logarithmic=("x",)), law.terms.terms)
+    law = replace(law, terms=terms, schema=replace(law.schema, logarithmic=("x",)))
+    found = cl.design(law, {"x": 4, "times": [[0, 2]]}, about="a", start_std={"x": 0.2})
+    columns = np.array([[0, 1], [2, 1]]) / 0.05  # log x = log x(0) + a t
+    expected = np.linalg.inv(columns.T @ columns + np.diag([100, (4 / 0.2) ** 2]))[0, 0] ** 0.5
+    assert found.experiments[0].std == pytest.approx(expected, rel=1e-3)
+
+
+def test_errors_of_starts_that_cannot_be_are_refused():
+    settings = {"x": 0, "v": 0, "duration": 1, "rate": 10}
+    with pytest.raises(cl.CommonlawError, match="'y'"):
+        cl.design(falling(), settings, start_std={"y": 0})
+    with pytest.raises(cl.CommonlawError, match="the start of x is off by -1: give a number from zero on"):
+        cl.design(falling(), settings, start_std={"x": -1})
+
+
+@pytest.fixture
+def eliminated():
+    """A law by which a dose leaves, and its true trials."""
+    law = known("c' = -k c + dose", {"k": 0.5}, np.diag([0.01, 0]), inputs=("dose",))
+    return replace(law, schema=replace(law.schema, doses=("dose",), input_between="linear"))
+
+
+def test_a_dose_that_leaves_is_best_measured_after_its_mean_stay(eliminated):
+    """Box and Lucas 1959: of D exp(-k t) one sample tells k best at t = 1/k."""
+    settings = {"c": 0, "dose": 3, "times": [[0, t] for t in (0.5, 1, 2, 3, 4)]}
+    found = cl.design(eliminated, settings, about="k", start_std={"c": 0})
+    assert found.experiments[0].experiment.settings["times"] == (0, 2)
+    slope = 2 * 3 * np.exp(-0.5 * 2) / NOISE
+    assert found.experiments[0].std == pytest.approx((100 + slope**2) ** -0.5, rel=1e-3)
+    assert "dose of 3 after 0, 2 samples over 2" in found.experiments[0].text
+
+
+def test_doses_are_given_when_and_as_often_as_is_set(eliminated):
+    settings = {
+        "object": "ball",
+        "c": 0.0,
+        "dose": 3.0,
+        "dose.at": 1.0,
+        "dose.every": 2.0,
+        "times": (0.0, 0.5, 2.0, 4.5),
+    }
+    found = said(eliminated, settings)
+    expected = [0, 0, 3 * np.exp(-0.5), 3 * np.exp(-0.5 * 3.5) + 3 * np.exp(-0.5 * 1.5)]
+    np.testing.assert_allclose(found.mean, expected, atol=1e-3)
+
+
+def test_doses_are_those_of_trials_by_default():
+    times = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 8.0])
+    random = np.random.default_rng(0)
+    states, doses, since = [], [], times - 1
+    for amount in (2.0, 4.0):
+        doses.append(np.where(times == 1, amount, 0.0)[:, np.newaxis])
+        clean = np.where(since > 0, amount * np.exp(-0.5 * since), 0.0)
+        states.append((clean + 0.02 * random.normal(size=6))[:, np.newaxis])
+    trials = cl.Trials.from_arrays([times] * 2, states, inputs=doses, names=["c", "dose"])
+    law = cl.fit("c' = -k c + dose", trials, doses="dose")
+    found = cl.design(law, {"c": 0}, trials=trials)
+    settings = found.experiments[0].experiment.settings
+    assert 2 <= settings["dose"] <= 4
+    assert settings["dose.at"] == 1
+    assert (settings["duration"], settings["samples"]) == (8, 6)
+
+
+@pytest.mark.parametrize(
+    ("vary", "message"),
+    [({"dose.shape": "ramp"}, r"dose\.shape"), ({"dose.every": 0}, r"dose\.every is 0: give numbers above 0")],
+)
+def test_doses_have_no_shape_and_take_time(eliminated, vary, message):
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.design(eliminated, {"c": 0, "dose": 3, "duration": 5, "rate": 2, **vary})

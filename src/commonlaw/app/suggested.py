@@ -32,7 +32,7 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
     made = suggestions(found.law, found.findings.training, asked.trials)
     if not made:
         raise CommonlawError(
-            "nothing can be suggested: that takes a law without doses that knows how accurate its coefficients are"
+            "nothing can be suggested: that takes a law of continuous time that knows how accurate its coefficients are"
         )
     return {
         "suggestions": [

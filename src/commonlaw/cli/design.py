@@ -22,13 +22,20 @@ from commonlaw.cli.working import working
     multiple=True,
     help="What can be set: a range x=5..60, a list rate=15,30, or one value; NAME is a state or rate where trials "
     "start, duration, rate, samples, repeats, object (names, or each), object.PROPERTY of a new object, an input, "
-    "INPUT.shape or INPUT.period; repeat for more.",
+    "INPUT.shape or INPUT.period, the amount of a dose, DOSE.at or DOSE.every; repeat for more.",
 )
 @click.option(
     "--within",
     metavar="NAME=RANGE",
     multiple=True,
     help="A trial ends where a state leaves this range: x=0..100; repeat for more.",
+)
+@click.option(
+    "--start-std",
+    metavar="NAME=STD",
+    multiple=True,
+    help="How far starts are off from what is set: v=0 where exactly; repeat for more.  [default: only the experiment "
+    "itself tells them]",
 )
 @click.option(
     "--cost",
@@ -69,6 +76,7 @@ def design(
     source: Source,
     vary: tuple[str, ...],
     within: tuple[str, ...],
+    start_std: tuple[str, ...],
     cost: tuple[str, ...],
     budget: float,
     at_most: int,
@@ -101,6 +109,7 @@ def design(
             by_name("--vary", vary),
             trials=trials,
             within=by_name("--within", within),
+            start_std=numbers("--start-std", start_std),
             cost=numbers("--cost", cost) if cost else None,
             budget=budget,
             experiments=at_most,

@@ -26,6 +26,7 @@ def design(
     *,
     trials: Trials | None = None,
     within: Mapping[str, object] | None = None,
+    start_std: Mapping[str, float] | None = None,
     cost: Mapping[str, float] | None = None,
     budget: float = np.inf,
     experiments: int = 1,
@@ -52,19 +53,24 @@ def design(
         ``times``, lists of sample times; ``repeats``; ``object``, some names of objects, ``"each"`` for a trial of
         every one; ``object.mass``, properties of a new object, where `Law.explain` found that they decide its
         coefficients; and inputs: ``u`` is the level, ``u.shape`` some of constant, step, ramp, sine and square, and
-        ``u.period`` the period of the last two.
+        ``u.period`` the period of the last two. Of a dose, ``u`` is the amount that is given at ``u.at`` after the
+        first sample (0 if nothing else is said), and again after every ``u.every``.
     trials
         What is not given in `vary` is as in these: starts within theirs, their typical duration and number of samples.
     within
         Ranges that states and rates must stay in, such as ``{"x": "0..100"}`` above the ground: a trial ends where the
         most probable law leaves them.
+    start_std
+        How far a trial's start is off from what is set, by state (or rate): 0 where it is exact, such as a ball that
+        is let go from a measured height, ``{"x": 0.005, "v": 0}``. Of all others only the measurements tell it.
     cost
         Prices of a ``trial``, a ``sample``, a unit of anything that is set (``x``, ``duration``), and a trial of an
         object by its name. Default: 1 for each trial.
     budget
         What all experiments may cost together.
     experiments
-        How many at most, each chosen given those before it. Fewer where the right law is found with a chance of 0.95.
+        How many at most: each chosen given those before it, then exchanged for what tells more beside all others.
+        Fewer where the right law is found with a chance of 0.95.
     about
         What is to be learned: ``"law"``, which law is right, the default if that is in doubt; ``"coefficients"``, all
         of them together (D-optimality); one of them, ``"c"`` or ``"c of Ball 3"``; or a forecast that matters,
@@ -84,8 +90,8 @@ def design(
     Raises
     ------
     CommonlawError
-        If a law has doses, or does not know its noise or how accurate its coefficients are; if laws do not go together,
-        something is not known or cannot be set, or no experiment is within the budget.
+        If a law does not know its noise or how accurate its coefficients are; if laws do not go together, something is
+        not known or cannot be set, or no experiment is within the budget.
 
     Examples
     --------
@@ -105,7 +111,8 @@ def design(
     check_prices(prices, settings.options, first)
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
-    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, seed, points)
+    known = _start_std(start_std or {}, first)
+    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, known, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     in_doubt = len(plausible) > 1
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
@@ -141,6 +148,16 @@ def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
     return found
 
 
+def _start_std(given: Mapping[str, float], law: Law) -> Mapping[str, float]:
+    """Refuse errors of starts that are none."""
+    for name, value in given.items():
+        if name not in law.terms.variables.states:
+            raise unknown("state", name, law.terms.variables.states)
+        if not (np.isfinite(value) and value >= 0):
+            raise CommonlawError(f"the start of {name} is off by {value}: give a number from zero on")
+    return given
+
+
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
     followed = law.predict(trials, averaged=False)
@@ -151,10 +168,28 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
         for j, name in enumerate(law.terms.variables.states)
         if name not in law.schema.starts
     }
-    inputs = np.array([each.inputs.mean(axis=0) for each in trials])
-    found |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
+    if law.schema.doses:
+        found |= _usual_doses(law, trials)
+    else:
+        inputs = np.array([each.inputs.mean(axis=0) for each in trials])
+        found |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
     found["duration"] = (float(np.median([each.times[-1] - each.times[0] for each in trials])),)
-    found["samples"] = (float(np.median([len(each) for each in trials])),)
+    found["samples"] = (float(np.median([len(each.measured()) for each in trials])),)
+    return found
+
+
+def _usual_doses(law: Law, trials: Trials) -> dict[str, Options]:
+    """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
+    found: dict[str, Options] = {}
+    for j, name in enumerate(law.schema.inputs):
+        own = [(each, np.flatnonzero(each.inputs[:, j])) for each in trials]
+        pulses = [(each, given) for each, given in own if len(given)]
+        amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
+        found[name] = _between(np.array(amounts)) if amounts else (0.0,)
+        if pulses:
+            found[f"{name}.at"] = (
+                float(np.median([each.times[given[0] - 1] - each.times[0] for each, given in pulses])),
+            )
     return found
 
 

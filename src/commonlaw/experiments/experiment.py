@@ -8,6 +8,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.settings import EACH, Value
+from commonlaw.forecast.law_simulation import inputs_of_doses
+from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.wording import counted
 
@@ -30,8 +32,10 @@ class Experiment:
         Of the samples, shape (n,).
     start
         States at the first of them, and rates behind them, shape (D,).
+    start_std
+        How far they may be off from that, infinite where only the measurements tell it, shape (D,).
     inputs
-        At the samples, shape (n, inputs).
+        From the first sample on, none where the law has none.
     properties
         Of a new object, none of one that the law knows.
     repeats
@@ -44,30 +48,39 @@ class Experiment:
     objects: tuple[str, ...]
     times: Floats
     start: Floats
-    inputs: Floats
+    start_std: Floats
+    inputs: Inputs | None
     properties: Mapping[str, float]
     repeats: int
     prices: Mapping[str, float]
 
     @classmethod
     def of(
-        cls, law: Law, every: tuple[str, ...], settings: Mapping[str, Value], prices: Mapping[str, float]
+        cls,
+        law: Law,
+        every: tuple[str, ...],
+        settings: Mapping[str, Value],
+        prices: Mapping[str, float],
+        start_std: Mapping[str, float] | None = None,
     ) -> "Experiment":
-        """Return the experiment with these settings and prices, with every object if it is one of each."""
+        """Return the experiment with these settings and prices, with every object if it is one of each.
+
+        Of some starts it may be known how far they are off from what is set.
+        """
         times = _times(settings)
         properties = {name.removeprefix("object."): _number(settings, name) for name in settings if "object." in name}
         chosen = str(settings.get("object", NEW))
         objects = every if chosen == EACH else (NEW,) if properties else (chosen,)
         repeats = round(_number(settings, "repeats", 1.0))
         start = np.array([_start(law, settings, name) for name in law.terms.variables.states])
-        columns = [_course(settings, name, times) for name in law.schema.inputs]
-        inputs = np.column_stack(columns) if columns else np.empty((len(times), 0))
-        return cls(dict(settings), objects, times, start, inputs, properties, repeats, prices)
+        known = np.array([float((start_std or {}).get(name, np.inf)) for name in law.terms.variables.states])
+        inputs = _inputs(law, settings, times)
+        return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, prices)
 
     def until(self, time: float) -> "Experiment":
         """Return the same with the samples up to a time, of which two stay."""
         count = max(2, int(np.searchsorted(self.times, time, side="right")))
-        return replace(self, times=self.times[:count], inputs=self.inputs[:count])
+        return replace(self, times=self.times[:count])
 
     @property
     def cost(self) -> float:
@@ -91,12 +104,18 @@ class Experiment:
             who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
         states = [name for name in law.terms.variables.states if name not in law.schema.starts]
         start = ", ".join(valued(name, self.start[law.terms.variables.states.index(name)]) for name in states)
-        inputs = [self._input(name, units) for name in law.schema.inputs]
+        inputs = [self._input(name, law, units) for name in law.schema.inputs]
         span = f"{self.times[-1] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
         parts = [f"{who} from {start}", *inputs, f"{counted(len(self.times), 'sample')} over {span}"]
         return ", ".join(parts) + (f", {self.repeats} times" if self.repeats > 1 else "")
 
-    def _input(self, name: str, units: Mapping[str, str]) -> str:
+    def _input(self, name: str, law: Law, units: Mapping[str, str]) -> str:
+        if name in law.schema.doses:
+            given = dose_times(self.settings, name, self.times)
+            first = f"{given[0] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
+            amount = f"{_number(self.settings, name):.3g} {units.get(name, '')}".rstrip()
+            often = f" and {counted(len(given) - 1, 'time')} more" if len(given) > 1 else ""
+            return f"{name} of {amount} after {first}{often}"
         shape, level = self.settings.get(f"{name}.shape", "constant"), _number(self.settings, name)
         period = self.settings.get(f"{name}.period")
         every = f" with a period of {period:.3g}" if isinstance(period, float) and shape in ("sine", "square") else ""
@@ -144,6 +163,25 @@ def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
             f"where {name} starts differs by object: say where it starts in the experiment, {name}=..."
         )
     return float(value)
+
+
+def _inputs(law: Law, settings: Mapping[str, Value], times: Floats) -> Inputs | None:
+    """Return what is given from the first sample on: courses, or amounts in a moment."""
+    names = law.schema.inputs
+    if not names:
+        return None
+    if law.schema.doses:
+        amounts = [dict.fromkeys(dose_times(settings, name, times), _number(settings, name)) for name in names]
+        return inputs_of_doses(times, amounts)
+    columns = [_course(settings, name, times) for name in names]
+    return Inputs.of(times, np.column_stack(columns), law.schema.input_between)
+
+
+def dose_times(settings: Mapping[str, Value], name: str, times: Floats) -> list[float]:
+    """Return when a dose is given: once, or again and again, before the last sample."""
+    first = float(times[0]) + _number(settings, f"{name}.at")
+    every, last = _number(settings, f"{name}.every", np.inf), float(times[-1])
+    return [first, *(first + k * every for k in range(1, int(np.ceil((last - first) / every))))]
 
 
 def _course(settings: Mapping[str, Value], name: str, times: Floats) -> Floats:

@@ -198,9 +198,7 @@ class Design(ShownInNotebooks):
             lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure())}" for each in self.laws]
             lines += [""]
         few = len(self.experiments) == 1
-        lines += [
-            "The experiment to make next:" if few else "The experiments to make next, each given those before it:"
-        ]
+        lines += ["The experiment to make next:" if few else "The experiments to make next, which tell most together:"]
         lines += [f"  {i}. {each.text}: cost {each.experiment.cost:.4g}" for i, each in enumerate(self.experiments, 1)]
         return "\n".join([*lines, "", *self.sentences])
 

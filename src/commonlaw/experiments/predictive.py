@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.experiments.settings import Range
-from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
 from commonlaw.library import highest_columns
@@ -50,16 +50,11 @@ class Hypothesis:
         Raises
         ------
         CommonlawError
-            If the law does not know its noise or its covariance, is one of discrete time, or has doses.
+            If the law does not know its noise or its covariance, or is one of discrete time.
         """
         if law.order == 0:
             raise CommonlawError(
                 "a law of discrete time does not say what happens between samples: discover one of order 1 or 2"
-            )
-        if law.schema.doses:
-            names = ", ".join(law.schema.doses)
-            raise CommonlawError(
-                f"{names} is added in a moment: experiments can be designed for laws without doses only"
             )
         known = law.uncertainty.select([law.index(name) for name in objects])
         own = known.known_covariance()
@@ -124,13 +119,19 @@ class _Planned:
 
     def problem(self, name: str) -> InitialValueProblem:
         law, own = self.law, self.experiment
-        field = replace(law.vector_field(name), free=law.support)
-        if law.schema.inputs:
-            field = replace(field, inputs=Inputs.of(own.times, own.inputs, law.schema.input_between))
+        field = replace(law.vector_field(name), free=law.support, inputs=own.inputs)
         start = own.start.copy()
         logs = list(law.terms.variables.logarithmic_columns)
         start[logs] = np.log(start[logs])
         return InitialValueProblem(field, start, self.times, name)
+
+    @property
+    def start_std(self) -> Floats:
+        """How far starts may be off, on the scale of the states that are followed, shape (D,)."""
+        own, found = self.experiment, self.experiment.start_std.copy()
+        logs = list(self.law.terms.variables.logarithmic_columns)
+        found[logs] /= own.start[logs]
+        return found
 
     def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""
@@ -152,9 +153,11 @@ class _Planned:
         assert found.sensitivities is not None
         states, width = len(law.states), found.states.shape[1]
         seen = np.flatnonzero(~law.schema.unmeasured)
-        free = [j for j in range(width) if j >= states or j in seen]
         by_own = found.sensitivities[:, :, :-width]
         by_start = found.sensitivities[:, :, -width:]
+        by_set = by_start[:, seen].reshape(-1, width)
+        told = ~np.isfinite(own.start_std)  # By the measurements alone
+        free = [j for j in range(width) if (j >= states or j in seen) and told[j]]
         measured = by_own[:, seen].reshape(-1, by_own.shape[2])
         common = None
         if self.is_new:
@@ -163,13 +166,12 @@ class _Planned:
         else:
             by_unknowns = measured @ known.roots[known.objects.index(name)]
         share = len(self.times) / len(own.times)
+        white, coloured = _noise(law, self.times, found.states, by_start, share)
+        off = by_set[:, ~told] * self.start_std[~told]
+        if off.any():
+            coloured = off @ off.T + (0.0 if coloured is None else coloured)
         return Gaussian(
-            found.states[:, seen].ravel(),
-            by_unknowns,
-            by_start[:, seen][:, :, free].reshape(len(measured), -1),
-            *_noise(law, self.times, found.states, by_start, share),
-            common,
-            own.repeats,
+            found.states[:, seen].ravel(), by_unknowns, by_set[:, free], white, coloured, common, own.repeats
         )
 
 

@@ -1,4 +1,4 @@
-"""The experiments that are worth most, one after the other: each given those before it."""
+"""The experiments that are worth most: each given those before it, then each beside all others."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -69,7 +69,7 @@ class Search:
         What can be set.
     limits
         Of states (and rates), where trials end.
-    prices
+    prices, start_std
         See `Experiment.of`.
     seed
         Of the draws and of the places that are looked at.
@@ -83,6 +83,7 @@ class Search:
     settings: Settings
     limits: Mapping[str, Range]
     prices: Mapping[str, float]
+    start_std: Mapping[str, float]
     seed: int
     points: int = POINTS
 
@@ -164,7 +165,8 @@ class Search:
     def candidates(self, points: Floats) -> list[Candidate]:
         """Return the experiments at points of the settings, but those in which a hypothesis diverges."""
         experiments = [
-            Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.prices) for point in points
+            Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.prices, self.start_std)
+            for point in points
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
         left, said = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]

@@ -55,7 +55,7 @@ class Settings:
     options
         By name: ``x`` and ``v`` for where a trial starts, ``duration``, ``rate`` or ``samples`` or ``times``,
         ``repeats``, ``object``, ``object.mass`` for properties of a new object, ``u``, ``u.shape`` and ``u.period`` for
-        inputs.
+        inputs, and ``u``, ``u.at`` and ``u.every`` for doses.
     """
 
     objects: tuple[str, ...]
@@ -212,11 +212,16 @@ def _replaced(name: str, given: Mapping[str, Options]) -> bool:
 def _check_name(name: str, law: Law) -> None:
     variables = law.terms.variables
     head, _, tail = name.partition(".")
-    of_input = head in variables.inputs and tail in ("", "shape", "period")
+    of_input = head in variables.inputs and tail in ("", *_courses(law))
     if name in (*TIMING, *variables.states) or of_input or (head == "object" and tail):
         return
-    inputs = [each for name in variables.inputs for each in (name, f"{name}.shape", f"{name}.period")]
+    inputs = [each for own in variables.inputs for each in (own, *(f"{own}.{tail}" for tail in _courses(law)))]
     raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
+
+
+def _courses(law: Law) -> tuple[str, str]:
+    """Return what can be set of an input beside its level or amount."""
+    return ("at", "every") if law.schema.doses else ("shape", "period")
 
 
 def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
@@ -266,7 +271,9 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
         shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in lacking if name in visited}
         ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
         raise CommonlawError(f"not all of an experiment is given: say with vary what can be set, for instance {ways}")
-    for name, least in (("duration", 0.0), ("rate", 0.0), ("samples", 1.0), ("repeats", 0.0)):
+    above = {"duration": 0.0, "rate": 0.0, "samples": 1.0, "repeats": 0.0}
+    above |= {f"{name}.every": 0.0 for name in law.schema.doses}
+    for name, least in above.items():
         for number in numbers_of(options.get(name, ())):
             if not number > least:
                 raise CommonlawError(f"{name} is {number:g}: give numbers above {least:g}")

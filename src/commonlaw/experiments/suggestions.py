@@ -44,14 +44,14 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     Parameters
     ----------
     law
-        It knows its noise and how accurate its coefficients are; nothing is suggested for others, for
-        laws in discrete time, and where doses are given.
+        It knows its noise and how accurate its coefficients are; nothing is suggested for others, and for laws in
+        discrete time.
     trials
         What was measured.
     most
         Trials that all experiments for a purpose may have together.
     """
-    if not law.has_std or law.order == 0 or law.schema.doses or not law.support.any():
+    if not law.has_std or law.order == 0 or not law.support.any():
         return ()
     visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
     ranges = {name: Range(*visited[name]) for name in law.states if name in visited and np.ptp(visited[name]) > 0}

@@ -248,7 +248,7 @@ def experiments(case: LawCase) -> Section:
     """Return the part on what to measure next."""
     title, found = "What to measure next", suggestions(case.law, case.findings.training)
     if not found:
-        text = "Nothing is suggested: that takes a law without doses that knows how accurate its coefficients are."
+        text = "Nothing is suggested: that takes a law of continuous time that knows how accurate its coefficients are."
         return Section("experiments", title, (Text(text),))
     intro = (
         "One more trial like those that were made, from anywhere among the states that they visited: the one that is "
