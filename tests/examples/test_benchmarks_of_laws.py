@@ -12,6 +12,7 @@ import commonlaw as cl
 from benchmarks import choice, cost, coverage, cramer_rao, discovery, discrepancy, orders, small_problems, universal
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
+from benchmarks.mixed_orders import MIXED
 from benchmarks.variational import cramer_rao as bounds_of, solve
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.library import Variables
@@ -242,3 +243,12 @@ def test_stated_probabilities_stand_beside_the_share_that_is_right():
 def test_orders_are_counted_where_they_are_the_true_ones(capsys):
     orders.main(["--only", "relaxation", "--noise", "0.01", "--seeds", "1"])
     assert re.search(r"\| relaxation \| 1 \| 1 % \| 1 of 1 \| 2 log B is \d", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_systems_of_mixed_orders_measure_the_states_that_they_say_the_orders_of(name):
+    trials = MIXED[name].measured(0.01, seed=1)
+    assert trials.schema.states == tuple(MIXED[name].orders)
+    assert trials.schema.inputs == (("u",) if MIXED[name].driven else ())
+    assert len(trials.objects) == 3
+    assert not np.array_equal(trials[0].states, MIXED[name].measured(0.01, seed=2)[0].states)

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw.app.result import results
 from commonlaw.kernel import library as kernels
 
 TIMES = np.linspace(0, 6, 90)
@@ -255,3 +256,8 @@ def test_what_does_not_fit_orders_by_state_is_refused(settings, message):
 def test_unmeasured_states_of_laws_with_mixed_orders_are_refused():
     with pytest.raises(cl.CommonlawError, match="starts go with laws of first order"):
         cl.fit("x'' = -a x + q; T' = -b T; q' = -c q", heated(0.01), starts={"q": 1.0})
+
+
+def test_the_page_of_the_app_is_told_the_order_of_each_state(law):
+    *_, last = results(law, motors(0.01), motors(0.01), lambda _: None)
+    assert (last.shown["orders"], last.shown["rates"]) == ((2, 1), ("v_theta",))
