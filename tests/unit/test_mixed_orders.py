@@ -205,6 +205,8 @@ def test_orders_are_given_by_state():
     law = cl.discover(heated(0.0), order={"x": 2, "T": 1}, library="poly:2", cache=False)
     assert law.structure() == SYSTEMS["heated"][3]
     assert "order={'x': 2, 'T': 1}" in law.to_script()
+    again = cl.discover(heated(0.0), order=law.order, library="poly:2", cache=False)
+    np.testing.assert_array_equal(again.coefficients, law.coefficients)
 
 
 def test_regression_on_derivatives_takes_that_of_each_order():
@@ -241,6 +243,7 @@ def test_a_column_that_is_the_rate_of_a_state_of_second_order_is_left_out():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"order": (1, 2, 1)}, r"order \(1, 2, 1\) is not one for each of T, x"),
         ({"order": {"T": 1}}, "order says nothing of x: give 1 or 2 for each state"),
         ({"order": {"T": 1, "y": 2}}, "'y'"),
         ({"order": {"T": 0, "x": 2}}, "order 0 of T is not supported"),

@@ -16,8 +16,8 @@ from commonlaw.trials.measured_rates import rates_in_words, without_rates
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
-AskedOrder = int | Literal["auto"] | Mapping[str, int]
-"""Of a law: 1, 2, or 0 in discrete time; 1 or 2 by state; ``"auto"`` for what the measurements tell."""
+AskedOrder = Order | Literal["auto"] | Mapping[str, int]
+"""Of a law: 1, 2, or 0 in discrete time; 1 or 2 for each state; ``"auto"`` for what the measurements tell."""
 
 _STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
@@ -45,6 +45,10 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
             raise CommonlawError('of a stream the order is not found: give order=1 or order=2 in place of "auto"')
         return _told_by_rates(trials)
     outcomes: tuple[Outcome, ...] = ()
+    if isinstance(asked, tuple):
+        if len(asked) != len(trials.schema.states):
+            raise CommonlawError(f"order {asked} is not one for each of {', '.join(trials.schema.states)}: give 1 or 2")
+        asked = dict(zip(trials.schema.states, asked, strict=True))
     if isinstance(asked, Mapping):
         if isinstance(trials, Trials):
             second = [name for name, each in asked.items() if each == 2]
