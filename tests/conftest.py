@@ -16,6 +16,7 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
 from commonlaw.cli import main
+from commonlaw.cluster import connected
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 DRIVERS = ("chromedriver", "chromium.chromedriver")
@@ -32,6 +33,14 @@ collect_ignore = ["hostile", "unit/test_files.py"] if sys.platform == "win32" el
 os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
 
 NEEDS_DROPS = "needs the measured drops"
+
+
+@pytest.fixture(scope="session")
+def workers():
+    """A client of two worker processes, for all tests of the group `cluster`, as they take seconds to start."""
+    with connected("local:2") as client:
+        yield client
+
 
 FAULTS = """
 const faults = [], ids = [...document.querySelectorAll("[id]")].map(each => each.id);

@@ -1,5 +1,7 @@
 """`commonlaw discover --cluster`: files that workers read."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,16 +15,22 @@ pytestmark = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def _workers(workers, monkeypatch):
+    """Commands use the workers that are there, whatever the address."""
+    monkeypatch.setattr("commonlaw.cli.on_cluster.connected", lambda _: nullcontext(workers))
+
+
 def test_files_of_a_pattern_give_one_law(run, tmp_path):
     drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.001, trials=6)
     for name in drops.objects:
         drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
-    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--cluster", "local:1"]
+    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--cluster", "local:2"]
     code, out, err = run("discover", *words, "--save", "law.json", "-v")
     assert code == 0, err
     assert "2 files with 2 objects" in out
     assert "Forecasts of 6 trials it was learned from" in out
-    assert "2 of 2, on 1 worker" in err
+    assert "2 of 2, on 2 workers" in err
     law = cl.Law.from_json((tmp_path / "law.json").read_text())
     expected = cl.discover(drops, order=2, library="poly:1", method=cl.DerivativeRegression())
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
@@ -35,7 +43,7 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
     for i in (0, 30):
         drops.select(object=list(drops.objects[i : i + 30])).to_parquet(tmp_path / f"{i}.parquet")
     words = ["*.parquet", "--order", "2", "--library", "terms:1,v", "--method", "derivative-regression"]
-    code, out, err = run("discover", *words, "--cluster", "local:1", "--out", "r.parquet", "--property", "mass")
+    code, out, err = run("discover", *words, "--cluster", "local:2", "--out", "r.parquet", "--property", "mass")
     assert code == 0, err
     rows = [line.split() for line in out.splitlines()]
     medians = next(row for row in rows if row[:1] == ["median"])
@@ -49,9 +57,21 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
 def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
     cl.datasets.linear_drag(drag=(-0.2,), noise=0.01, trials=2).to_csv(tmp_path / "0.csv")
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
-    words = ["0.csv", "bad.csv", "--each", "--order", "2", "--library", "poly:1", "--state", "x"]
+    words = [
+        "0.csv",
+        "bad.csv",
+        "--each",
+        "--order",
+        "2",
+        "--library",
+        "poly:1",
+        "--state",
+        "x",
+        "--solver",
+        "stlsq:0.1",
+    ]
     assert run("discover", *words, "--out", "here.parquet")[0] == 0
-    code, out, _ = run("discover", *words, "--out", "there.parquet", "--cluster", "local:1")
+    code, out, _ = run("discover", *words, "--out", "there.parquet", "--cluster", "local:2")
     assert (code, out.splitlines()[-2:]) == (0, ["1 law in 2 files", "Wrote there.parquet"])
     pd.testing.assert_frame_equal(pd.read_parquet("there.parquet"), pd.read_parquet("here.parquet"))
 
@@ -65,5 +85,5 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
     ],
 )
 def test_what_does_not_go_with_a_cluster_is_refused(run, words, said):
-    code, _, err = run("discover", *words, "--cluster", "local:1")
+    code, _, err = run("discover", *words, "--cluster", "local:2")
     assert (code, said in " ".join(err.split())) == (2, True)

@@ -26,16 +26,15 @@ METHOD = cl.DerivativeRegression(differentiation="finite:6")
 
 
 @pytest.fixture(scope="module")
-def client():
-    with connected("local:2") as client:
-        yield client
+def client(workers):
+    return workers
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Twelve files of drops, in folders named after their objects."""
     folder = tmp_path_factory.mktemp("runs")
-    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=40, noise=0.001).to_frame()
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=12, noise=0.001).to_frame()
     for (name, part), own in drops.groupby(["object", drops["trial"].astype(int) % 4]):
         (folder / f"object={name}").mkdir(exist_ok=True)
         own.drop(columns="object").to_parquet(folder / f"object={name}" / f"{part}.parquet")
@@ -67,9 +66,17 @@ def tasks_left(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
 
 
-def test_workers_find_the_law_that_is_found_here(client, runs):
-    told = []
-    law = found(runs, client=client, progress=told.append)
+@pytest.fixture(scope="module")
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def law(client, runs, told):
+    return found(runs, client=client, progress=told.append)
+
+
+def test_workers_find_the_law_that_is_found_here(law, runs, told):
     here = found(runs)
     assert law.objects == here.objects == ("Ball 1", "Ball 2", "Ball 3")
     np.testing.assert_array_equal(law.support, here.support)
@@ -78,7 +85,7 @@ def test_workers_find_the_law_that_is_found_here(client, runs):
 
 
 def test_what_is_broken_off_leaves_the_cluster_clean(client):
-    with closing(Cluster(client).each(partial(slow_square, 0.2), range(200))) as done:
+    with closing(Cluster(client).each(partial(slow_square, 0.05), range(200))) as done:
         next(done)
     for _ in range(50):
         if not tasks_left(client):
@@ -108,7 +115,7 @@ def test_a_cluster_that_is_not_there_is_an_error_in_words(address, monkeypatch):
         pass
 
 
-def test_a_worker_that_is_killed_costs_time_only(client, runs):
+def test_a_worker_that_is_killed_costs_time_only(client, runs, law):
     victim = next(iter(client.run(os.getpid).values()))
     killed = []
 
@@ -117,9 +124,9 @@ def test_a_worker_that_is_killed_costs_time_only(client, runs):
             os.kill(victim, signal.SIGKILL)
             killed.append(step)
 
-    law = found(runs, client=client, progress=kill)
+    again = found(runs, client=client, progress=kill)
     assert killed
-    np.testing.assert_array_equal(law.coefficients, found(runs, client=client).coefficients)
+    np.testing.assert_array_equal(again.coefficients, law.coefficients)
 
 
 def test_each_item_gives_its_result_or_why_there_is_none(client):
