@@ -302,7 +302,8 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     What copies an object's own trial is left out; what copies another object's is all that is known of this one.
     """
     copies = exact_copies(trials)
-    own = [trial for name in trials.objects for trial, _ in exact_copies(trials.of_object(name))]
+    names = dict.fromkeys(trial.object for trial, _ in copies)
+    own = [trial for name in names for trial, _ in exact_copies(trials.of_object(name))]
     kept = [each for each in trials if not any(each is copy for copy in own)]
     return trials.with_trials([each.measured() for each in kept]), _said_of(copies, own)
 

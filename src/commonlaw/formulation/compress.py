@@ -1,9 +1,8 @@
 """Trials compressed, object by object, as they come."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -24,9 +23,6 @@ _TRIALS_FOR_ACCURACY = 4
 
 _TOGETHER = 32_768
 """Samples of short trials that are compressed together."""
-
-_LONG = 1000
-"""Samples."""
 
 _SMALLEST = 1e-50
 """Of the largest value of a state: the square of its cube is still a number."""
@@ -145,9 +141,8 @@ def rows_by_object(
     """
     found = dict[str, ObjectRows]()
     for some, problems in _with_problems(_in_order(trials, segments), form, terms, segments, n_jobs):
-        extremes = np.array([_over(np.min, some), _over(np.max, some)])
         kept = tuple(map(_middle, some)) if sampled else ()
-        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, kept)})
+        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, _extremes(some), kept)})
     return found
 
 
@@ -164,14 +159,15 @@ def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, .
         yield tuple(held)
 
 
-def _over(least: Callable[..., Any], trials: Sequence[Trial]) -> Floats:
-    """Return the least or the largest value of each state in some trials, shape (states,)."""
-    # Columns of long trials go several times faster one by one
-    each = [
-        [least(own) for own in trial.states.T] if len(trial) > _LONG else least(trial.states, axis=0)
-        for trial in trials
-    ]
-    return np.asarray(least(each, axis=0))
+def _extremes(trials: Sequence[Trial]) -> Floats:
+    """Return the least and the largest value of each state in some trials, shape (2, states)."""
+    columns = _columns(trials)
+    return np.array([[each.min() for each in columns], [each.max() for each in columns]])
+
+
+def _columns(trials: Sequence[Trial]) -> Floats:
+    """Return the states of some trials together, shape (states, n): long columns go several times faster than rows."""
+    return trials[0].states.T if len(trials) == 1 else np.concatenate([trial.states for trial in trials]).T
 
 
 def merged_rows(parts: Iterable[dict[str, ObjectRows]]) -> dict[str, ObjectRows]:
@@ -214,13 +210,19 @@ def _with_problems(
 
 def refuse_vanishing_states(trials: Trials) -> None:
     """Refuse states that are so small that their powers vanish."""
-    sizes = np.fmax.reduce([np.fmax.reduce(np.abs(trial.states)) for trial in trials])
+    sizes = np.fmax.reduce([_sizes(some) for some in _in_order(trials, 1)])
     for state, size in zip(trials.schema.states, sizes, strict=True):
         if 0 < size < _SMALLEST:
             raise CommonlawError(
                 f"the state {state!r} is {size:.3g} at most, and its powers are beyond what can be computed with: give "
                 "it in another unit, so that its values are nearer to 1"
             )
+
+
+def _sizes(trials: Sequence[Trial]) -> Floats:
+    """Return the largest size of each state in some trials, NaN where it was never measured, shape (states,)."""
+    columns = _columns(trials)
+    return np.array([max(np.fmax.reduce(each), -np.fmin.reduce(each)) for each in columns])
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

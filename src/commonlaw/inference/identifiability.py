@@ -203,7 +203,7 @@ class _IntegralForm:
         found = []
         for own in self.factors:
             parts = own if by_trial else (np.concatenate(own),)
-            fits = [_fit(part[:, over], part[:, column]) for part in parts]
+            fits = _fits([part[:, over] for part in parts], [part[:, column] for part in parts])
             found.append((sum(squares for squares, _ in fits), sum(size for _, size in fits)))
         return found
 
@@ -308,12 +308,19 @@ def _independent(columns: Floats) -> tuple[Floats, Floats]:
     return scale, np.asarray(right[kept].T / values[kept])
 
 
-def _fit(columns: Floats, target: Floats) -> tuple[float, int]:
-    """Return what columns leave of a target, its sum of squares, and how many of them are independent."""
-    left, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
-    basis = left[:, values > _DEPENDENT]
-    rest = target - basis @ (basis.T @ target)
-    return float(rest @ rest), basis.shape[1]
+def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[float, int]]:
+    """Return what columns leave of a target, its sum of squares, and how many of them are independent, of each trial.
+
+    Trials whose columns have one shape are decomposed together.
+    """
+    if len({each.shape for each in columns}) > 1:
+        return [fit for pair in zip(columns, targets, strict=True) for fit in _fits([pair[0]], [pair[1]])]
+    scaled, aims = np.array([each / column_scales(each) for each in columns]), np.array(targets)
+    left, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    bases = left * (values > _DEPENDENT)[:, np.newaxis]
+    rest = aims - np.einsum("tnk,tk->tn", bases, np.einsum("tnk,tn->tk", bases, aims))
+    squares, sizes = np.einsum("tn,tn->t", rest, rest), (values > _DEPENDENT).sum(axis=1)
+    return list(zip(squares.tolist(), sizes.tolist(), strict=True))
 
 
 @lru_cache(maxsize=8)

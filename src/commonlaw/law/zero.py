@@ -91,9 +91,8 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
 
 def _leaves_zero(trial: Trial, noise: Floats) -> bool:
     """Return whether all states are zero at first, and later some state is not."""
-    limits = _NOISES * with_typical(trial.noise, noise)
-    start = np.abs(trial.states[0]) <= np.broadcast_to(limits, trial.states.shape)[0]
-    return bool(start.all() and np.any(np.abs(trial.states) > 5 * limits))
+    begins = np.abs(trial.states[:1]) <= _NOISES * with_typical(trial.noise[:1], noise)
+    return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * with_typical(trial.noise, noise)))
 
 
 def _rests(law: Law, trial: Trial) -> bool:

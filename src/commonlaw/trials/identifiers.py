@@ -24,7 +24,7 @@ def label(value: object) -> str:
     >>> label(1.0), label(" 1.0"), label("Golf Ball"), label("v1.0"), label(None)
     ('1', '1', 'Golf Ball', 'v1.0', '')
     """
-    if _is_missing(value):
+    if not isinstance(value, str) and _is_missing(value):
         return ""
     if isinstance(value, float | np.floating) and float(value).is_integer():
         return str(int(value))

@@ -156,12 +156,15 @@ class Trial:
             raise CommonlawError(f"{self.label}: {error}") from None
         if inputs.size == 0:
             inputs = _frozen(np.empty((len(times), 0)), 2)
-        if np.isnan(noise).all():
+        unknown = np.isnan(noise).all()
+        if unknown:
             noise = np.full(states.shape, np.nan)
             noise.flags.writeable = False
         for name, values in (("times", times), ("states", states), ("inputs", inputs), ("noise", noise)):
             object.__setattr__(self, name, values)
         self._check()
+        if not unknown:
+            self._check_noise()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -176,7 +179,7 @@ class Trial:
         """Of which states standard deviations of measurements are known, shape (states,)."""
         return np.asarray(np.isfinite(self.noise).any(axis=0))
 
-    @property
+    @cached_property
     def complete(self) -> bool:
         """Whether every state was measured in every sample."""
         return not np.isnan(self.states).any()
@@ -215,21 +218,19 @@ class Trial:
                 raise CommonlawError(
                     f"{self.label}: {what} is {values[tuple(bad[0])]} in {where}; remove or repair the sample"
                 )
-        self._check_noise()
         if self.states.shape[1] and np.isnan(self.states[0]).all():
             raise CommonlawError(f"{self.label}: no state was measured in sample 1; leave the sample out")
         self._check_times()
 
     def _check_times(self) -> None:
         steps = np.diff(self.times)
-        late = np.flatnonzero(steps <= 0)
-        if len(late):
-            i = int(late[0])
+        smallest, largest = steps.min(initial=np.inf), max(abs(self.times[0]), abs(self.times[-1]))
+        if smallest <= 0:
+            i = int(np.argmax(steps <= 0))
             raise CommonlawError(
                 f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
                 "sort the samples and keep one for each time"
             )
-        largest, smallest = np.abs(self.times).max(), steps.min(initial=np.inf)
         if largest > _EXTREME or smallest < 1 / _EXTREME:
             what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
             raise CommonlawError(
@@ -243,8 +244,6 @@ class Trial:
                 f"{self.label}: standard deviations of shape {self.noise.shape} for states of shape "
                 f"{self.states.shape}; give one for each measurement"
             )
-        if not self.known_noise.any() and np.isnan(self.noise).all():
-            return
         lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
         bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
         if len(bad):
@@ -338,6 +337,8 @@ def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
 
     A state may be missing throughout a trial if it was measured in another.
     """
+    if all(trial.complete for trial in trials):
+        return
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
     least = [min(1 if np.isnan(trial.states[-1]).all() else _LEAST, len(trial)) for trial in trials]
     few = (counts < np.array(least)[:, np.newaxis]) & ((counts > 0) | (counts.max(axis=0) == 0))
@@ -367,6 +368,8 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
 def as_numbers(values: ArrayLike) -> Floats:
     """Return a copy of `values`, refused if they are no real numbers."""
     try:
+        if isinstance(values, np.ndarray) and values.dtype == np.float64:
+            return values.astype(np.float64, subok=False)
         if np.iscomplexobj(values):
             raise TypeError("these are complex ones, give their real and imaginary parts")
         return np.array(values, dtype=np.float64)
