@@ -102,3 +102,10 @@ def test_letter_values_are_quantiles_and_the_strangest_is_the_farthest():
     assert (indices[0], columns[0]) == (17, "b")
     low, middle, high = np.quantile(values[:, 1], [0.25, 0.5, 0.75])
     assert far[0] == pytest.approx((9 - middle) / ((high - low) / 1.349))
+
+
+def test_a_law_of_many_objects_is_printed_with_the_first_of_them(law):
+    lines = str(law).splitlines()
+    assert sum(line.startswith("Ball") for line in lines) == 50
+    assert "and 10 more objects" in lines
+    assert repr(law) == "<Law of 60 objects: x'' = -g - c v>"

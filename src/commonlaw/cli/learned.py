@@ -122,6 +122,7 @@ class Learned:
     def show(self) -> None:
         """Print the law and how well it forecasts."""
         from commonlaw.law.tables import BAYES_FACTOR, readable_candidates
+        from commonlaw.law.text import MANY
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -134,6 +135,9 @@ class Learned:
             self._show_coefficients()
         else:
             say(str(law))
+            if len(law.objects) > MANY:
+                say("")
+                self._show_coefficients()
         if law.alternatives:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
             candidates = readable_candidates(law.alternatives)
@@ -187,11 +191,15 @@ class Learned:
 
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
-        from commonlaw.law.spread import MANY
+        from commonlaw.law.text import MANY
 
         if len(self.law.objects) > MANY:
-            pairs = zip(self.law.named_coefficients, self.law.letter_units(), strict=True)
-            print_spread(self.law, [_with_unit(each.name, unit) for each, unit in pairs])
+            law = self.law
+            names = [each.name for each in law.named_coefficients]
+            if law.explanation is not None:  # Its equations have letters of their own
+                parts = [(law.terms.names[each.term], law.states[each.equation]) for each in law.named_coefficients]
+                names = [f"of {term}{f' in {state}' * (len(law.states) > 1)}" for term, state in parts]
+            print_spread(law, [_with_unit(*each) for each in zip(names, law.letter_units(), strict=True)])
         else:
             columns = self._coefficient_columns()
             print_table(list(columns), zip(*columns.values(), strict=True))

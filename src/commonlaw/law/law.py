@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 
     from commonlaw.law.json import Decoded
 
-_NAMED = 50
-"""Objects that are named where a law is shown in one line; of more their number says more."""
-
 
 @dataclass(frozen=True, eq=False)
 class Law(AbstractDelegates):
@@ -288,7 +285,7 @@ class Law(AbstractDelegates):
 
     def __repr__(self) -> str:
         form = self.structure() if self.shared else ("each object with its own terms",)
-        few = self.objects if len(self.objects) <= _NAMED else (counted(len(self.objects), "object"),)
+        few = self.objects if len(self.objects) <= text.MANY else (counted(len(self.objects), "object"),)
         return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:

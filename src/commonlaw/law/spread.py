@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Floats
 from commonlaw.wording import counted
 
-MANY = 50
-"""Objects; of more a table with a row for each is no help to a reader."""
-
 _DEPTHS = {"median": 2, "fourth": 4, "eighth": 8, "sixteenth": 16}
 """Letter values (Tukey 1977, "Exploratory data analysis", chapter 2), by the share of objects beyond them."""
 

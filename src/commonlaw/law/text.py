@@ -14,6 +14,10 @@ from commonlaw.library.fraction import Fraction
 from commonlaw.library.naming import latex_name
 from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
+from commonlaw.wording import counted
+
+MANY = 50
+"""Objects; of more a table with a row for each is no help to a reader."""
 
 _TAKEN = ("e", "t")
 """Letters that mean something else in equations."""
@@ -123,17 +127,22 @@ def with_units(names: Iterable[str], units: Iterable[str | None]) -> list[str]:
 
 
 def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
-    """Return lines of each object's coefficients under their letters; both arrays have the shape (objects, letters)."""
-    pairs = zip(coefficients, np.nan_to_num(errors), strict=True)
+    """Return lines of objects' coefficients under their letters, of very many those of the first.
+
+    Both arrays have the shape (objects, letters).
+    """
+    few, left_out = objects[:MANY], len(objects) - MANY
+    pairs = zip(coefficients[:MANY], np.nan_to_num(errors[:MANY]), strict=True)
     cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
-    names = ["", *map(in_line, objects)]
+    names = ["", *map(in_line, few)]
     first = max(map(len, names))
     rows = zip(names, [head, *cells], strict=True)
-    return [
+    lines = [
         "  ".join([f"{name:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))]).rstrip()
         for name, row in rows
     ]
+    return [*lines, *([f"and {counted(left_out, 'more object')}"] if left_out > 0 else [])]
 
 
 def printed(

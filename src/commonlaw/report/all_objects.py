@@ -8,7 +8,8 @@ import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
-from commonlaw.law.spread import MANY, letter_values, strangest
+from commonlaw.law.spread import letter_values, strangest
+from commonlaw.law.text import MANY
 from commonlaw.plots import plot_intervals
 from commonlaw.report.document import Block, Picture, Section, Table, Text
 from commonlaw.report.formulas import coefficient_names
