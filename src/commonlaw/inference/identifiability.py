@@ -231,10 +231,16 @@ class _IntegralForm:
         Errors are white noise and a part that is correlated in time, of the same share and memory in all trials; these
         are chosen by the restricted likelihood, which knows what all terms and the starts have taken.
         """
-        share, memory = min(self._deviances, key=lambda each: each[1][equation])[0]
-        if not share:
-            return self
-        return self._made(self.terms, [tuple(_whitened(each, share, memory) for each in own) for own in self.objects])
+        errors = min(self._deviances, key=lambda each: each[1][equation])[0]
+        if errors not in self._white:
+            rows = [tuple(_whitened(each, *errors) for each in own) for own in self.objects]
+            self._white[errors] = self._made(self.terms, rows) if errors[0] else self
+        return self._white[errors]
+
+    @cached_property
+    def _white(self) -> "dict[tuple[float, float], _IntegralForm]":
+        """Forms that were made already, by shares and memories of errors, as equations often have the same."""
+        return {}
 
     @cached_property
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:
