@@ -204,7 +204,7 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
         (ONE, {"depot": 100.0, "conc": 0.0}, {}, "conc was measured, so that its start is found with the law"),
         (ONE, {"depot": 100.0}, {"noise": {"depot": 1.0}}, "the noise of 'depot' is given, and nobody measured it"),
         (ONE, {"depot": 100.0}, {"positive": ["depot"]}, "depot was not measured, and a logarithmic scale"),
-        (ONE.replace("'", "''"), {"depot": 100.0}, {}, "starts go with laws of first order"),
+        (ONE.replace("'", "''"), {"depot": 100.0}, {}, "starts go with equations of first order"),
         (
             TWO.replace("slow' = conc", "slow' = p conc"),
             {"depot": 100.0, "slow": 0.0},

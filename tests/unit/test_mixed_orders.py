@@ -256,9 +256,49 @@ def test_what_does_not_fit_orders_by_state_is_refused(settings, message):
         cl.discover(heated(0.01), **{"order": {"T": 1, "x": 2}, "library": "poly:1", "cache": False} | settings)
 
 
-def test_unmeasured_states_of_laws_with_mixed_orders_are_refused():
-    with pytest.raises(cl.CommonlawError, match="starts go with laws of first order"):
-        cl.fit("x'' = -a x + q; T' = -b T; q' = -c q", heated(0.01), starts={"q": 1.0})
+def swing(numbers, start):
+    """A pendulum that is driven by what decays, solved by SciPy: angle, rate, drive."""
+    a, b, c = numbers
+
+    def rates(_, z):
+        return [z[1], -a * np.sin(z[0]) - b * z[1] + z[2], -c * z[2]]
+
+    return solve_ivp(rates, TIMES[[0, -1]], start, t_eval=TIMES, rtol=1e-10, atol=1e-12).y.T
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(known):
+    true, noise = (4.0, 0.3, 0.35), 0.01
+    begin = np.array([[1.2, 0.5, 0.8], [-0.8, 1.5, 0.8 if known else -0.6]])
+    generator = np.random.default_rng(0)
+    measured = [swing(true, start)[:, :1] + noise * generator.standard_normal((len(TIMES), 1)) for start in begin]
+    trials = cl.Trials.from_arrays([TIMES] * 2, measured, names=["theta"])
+
+    def left(values):
+        starts = values[3:].reshape(2, -1)
+        starts = np.column_stack([starts, [0.8, 0.8]]) if known else starts
+        pairs = zip(starts, measured, strict=True)
+        return np.concatenate([((swing(values[:3], start)[:, :1] - own) / noise).ravel() for start, own in pairs])
+
+    expected = least_squares(left, [*true, *begin[:, : 2 if known else 3].ravel()], xtol=1e-12, ftol=1e-12)
+    errors = np.sqrt(np.diag(np.linalg.inv(expected.jac.T @ expected.jac)))[:3]
+    law = cl.fit(
+        "theta'' = -a sin(theta) - b theta' + 1 q; q' = -c q",
+        trials,
+        starts={"q": 0.8 if known else None},
+        noise={"theta": noise},
+        errors="white",
+        huber_threshold=np.inf,
+    )
+    assert law.order == (2, 1)
+    values, own = (each[0] for each in law.letter_values())
+    np.testing.assert_allclose(values, expected.x[:3], atol=0.02 * errors.min())
+    np.testing.assert_allclose(own, errors, rtol=0.02)
+
+
+def test_an_unmeasured_state_of_second_order_is_refused():
+    with pytest.raises(cl.CommonlawError, match="q was not measured, and starts go with equations of first order"):
+        cl.fit("x'' = -a x + q; T' = -b T; q'' = -c q", heated(0.01), starts={"q": 1.0})
 
 
 def test_the_page_of_the_app_is_told_the_order_of_each_state(law):

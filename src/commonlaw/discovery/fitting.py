@@ -85,8 +85,8 @@ def fit(
     starts
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
-        measurements are to tell it. They need no column, and go with laws
-        of first order: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
+        measurements are to tell it. They need no column, and their equations are of first order:
+        ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
         A coefficient may stand before several terms: ``"conc' = -(k10 + k12) conc + k21 p; p' = k12 conc - k21 p"``.
     starts_at
         The time of these starts, such as that of an injection, where it comes before the first sample. What was
@@ -198,11 +198,12 @@ def _with_unmeasured(
             f"{lacking[0]} has an equation, but neither a column nor a start: name its column, or give where trials "
             f"start, starts={{{lacking[0]!r}: ...}}, by a number or a property of the objects"
         )
-    if starts and any(each.order != 1 for each in asked):
-        raise CommonlawError(
-            f"{next(iter(starts))} was not measured, and starts go with laws of first order: write each rate as a "
-            "state with an equation of its own"
-        )
+    for each in asked:
+        if each.state in starts and each.order != 1:
+            raise CommonlawError(
+                f"{each.state} was not measured, and starts go with equations of first order: write its rate as a "
+                "state with an equation of its own"
+            )
     if starts_at is not None and not starts:
         raise CommonlawError("starts_at is the time of starts, and there are none: give starts=... too")
     return with_starts(trials, starts, starts_at)

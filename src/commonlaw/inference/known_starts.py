@@ -52,7 +52,7 @@ _TINY = 1e-6
 """Deviance of measurements that count as exact."""
 
 Curve = tuple[Floats, Floats]
-"""States and rates of a trial at its samples, each of shape (n, states)."""
+"""States and rates of a trial at its samples, shape (n, D), and their highest derivatives, shape (n, states)."""
 
 
 def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
@@ -236,7 +236,7 @@ class _Object:
 
     def like(self, typical: Floats, fitted: tuple[Estimate, list[Curve]]) -> tuple[Estimate, list[Curve]]:
         """Return a fit that is like the typical coefficients, if that is as good as another one; else this."""
-        if not self.free.any() and not self.model.terms.variables.logarithmic:
+        if not self.free.any() and not self.model.terms.variables.logarithmic and self.model.order == 1:
             found = self.shot(np.where(np.isnan(self.known), typical, self.known))
             if np.isfinite(found[0].objective) and self.as_good(found[0], fitted[0], _NEARLY):
                 return found
@@ -279,7 +279,7 @@ class _Object:
 
 def _found(estimate: Estimate) -> Drawn:
     """Return the coefficients of a fit, and where its first trial starts."""
-    return Drawn(estimate.coefficients, estimate.states[0][0])
+    return Drawn(estimate.coefficients, estimate.states[0][0, : len(estimate.coefficients)])
 
 
 def _best(
@@ -313,9 +313,11 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     nobody knows, shape (draws, states).
     """
     substeps = -(-_STEPS // len(trial))
-    rows = np.column_stack([np.where(started, 0.0, curve[0]), trial.inputs, trial.times])
+    known, columns = curve[0].copy(), np.flatnonzero(started)
+    known[:, columns] = 0.0
+    rows = np.column_stack([known, trial.inputs, trial.times])
     (rows,) = interpolate([rows], 2 * substeps, len(trial))
-    rows, columns = terms.variables.natural(rows), np.flatnonzero(started)
+    rows = terms.variables.natural(rows)
     own = coefficients[:, started]
     inside = np.nan_to_num(coefficients[:, :, list(terms.constants)]).sum(axis=1)
     values = np.empty((len(coefficients), rows.shape[1] + inside.shape[1]))
@@ -337,5 +339,5 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
             now = now + step / 6 * (first + 2 * (second + third) + rates(i + 2, now + step * third))
             path.append(now)
     states = np.tile(curve[0], (len(coefficients), 1, 1))
-    states[:, :, started] = np.stack(path[::substeps], axis=1)
+    states[:, :, columns] = np.stack(path[::substeps], axis=1)
     return states

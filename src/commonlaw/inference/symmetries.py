@@ -28,7 +28,7 @@ def may_be_rescaled(terms: Terms, known: Floats, states: Bools) -> Bools:
     Parameters
     ----------
     terms
-        Over states of a law of first order.
+        Over states of first order, and others with their rates.
     known
         Coefficients that are known, shape (equations, terms), NaN where they are to be found.
     states
@@ -56,12 +56,12 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
     To a state is added a share of a state, by its index, or if that is None a constant.
     """
     free, width = np.isnan(known), len(terms.variables.states)
-    found = np.zeros(width, dtype=np.bool_)
+    found = np.zeros(len(known), dtype=np.bool_)
     if not changes:
         return found
     random = np.random.default_rng(0)
     coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape), known)
-    field = VectorField(terms, coefficients, free=free)
+    field = VectorField(terms, coefficients, terms.variables.order_of(len(known)), free=free)
     points = random.uniform(0.5, 1.5, (_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured)))
     linear = field.linearize(points)
     columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]

@@ -6,7 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.constant_values import values_to_try
-from commonlaw.library import Terms
+from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import natural
 
@@ -47,8 +47,8 @@ def scales_of_states(trials: Trials, terms: Terms, known: Floats) -> Floats:
     is_told = ~(trials.schema.unmeasured & (largest == 0))
     scales = np.where(is_told, largest, np.median(largest[is_told]))
     numbers = ~np.isnan(known) & (known != 0)
-    constants, duration = np.full(len(terms.constants), 1 / _duration(trials)), _duration(trials)
-    where = np.nonzero(numbers)
+    constants = np.full(len(terms.constants), 1 / _duration(trials))
+    where, times = np.nonzero(numbers), _times(trials, terms, len(known))
     if is_told.all() or not len(where[0]):
         return scales
 
@@ -57,7 +57,7 @@ def scales_of_states(trials: Trials, terms: Terms, known: Floats) -> Floats:
         own = scales.copy()
         own[~is_told], inside = np.exp(logarithms[: (~is_told).sum()]), np.exp(logarithms[(~is_told).sum() :])
         sizes = _sizes(trials, terms, own, inside)[where[1]] * np.abs(known[where])
-        found = np.log(duration * sizes / own[where[0]])
+        found = np.log(times[where[0]] * sizes / own[where[0]])
         return np.where(np.isfinite(found), found, 0.0)
 
     logarithms = np.log(np.concatenate([scales[~is_told], constants]))
@@ -99,6 +99,7 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Dr
     is_rate = own & (terms.is_factor | _of_terms(terms, np.asarray(np.isfinite(powers).all(axis=0))))
     rows, matrix = _rates(terms, known, is_rate, powers)
     bank = _bank(trials, terms, scales, own & ~is_rate)
+    times = _times(trials, terms, len(known))
     signs, factors = np.sign(guess[is_rate]), np.nan_to_num(np.abs(known[rows]), nan=1.0)
     steps = _duration(trials) / min(np.diff(trial.measured().times).min() for trial in trials)
     free = trials.schema.with_free_start
@@ -110,7 +111,7 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Dr
         drawn[own & ~is_rate] = bank[random.integers(len(bank))]
         constants = np.nan_to_num(np.where(is_rate, 1.0, drawn)[:, list(terms.constants)]).sum(axis=0)
         sizes = _sizes(trials, terms, scales, constants)[rows[1]] * factors
-        typical = scales[rows[0]] / (_duration(trials) * sizes)
+        typical = scales[rows[0]] / (times[rows[0]] * sizes)
         targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
         drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
         found.append(Drawn(drawn, _starts(scales, random) if free.any() else scales))
@@ -167,22 +168,28 @@ def _bank(trials: Trials, terms: Terms, scales: Floats, inside: Bools) -> Floats
     columns = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
     if not columns:
         return np.empty((1, 0))
-    return values_to_try(terms, np.outer(_SHARES, _whole(trials, scales)), columns)
+    return values_to_try(terms, np.outer(_SHARES, _whole(trials, terms, scales)), columns)
 
 
 def _duration(trials: Trials) -> float:
     return float(np.mean([np.ptp(trial.times) for trial in trials]))
 
 
-def _whole(trials: Trials, scales: Floats) -> Floats:
+def _times(trials: Trials, terms: Terms, equations: int) -> Floats:
+    """Return by what each equation is multiplied to give a change within a trial, shape (equations,)."""
+    return _duration(trials) ** np.array(order_of_each(terms.variables.order_of(equations), equations), dtype=float)
+
+
+def _whole(trials: Trials, terms: Terms, scales: Floats) -> Floats:
     """Return sizes of all variables without constants, shape (variables,)."""
+    rates = scales[with_rates(terms.variables.order_of(len(scales)), len(scales))] / _duration(trials)
     inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in trials]) ** 2, axis=0))
-    return np.concatenate([scales, inputs, [_duration(trials)]])
+    return np.concatenate([scales, rates, inputs, [_duration(trials)]])
 
 
 def _sizes(trials: Trials, terms: Terms, scales: Floats, constants: Floats) -> Floats:
     """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
-    values = np.outer(_SHARES, _whole(trials, scales))
+    values = np.outer(_SHARES, _whole(trials, terms, scales))
     values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
     with np.errstate(all="ignore"):
         return np.asarray(np.mean(np.abs(terms.evaluate(values)), axis=0))
