@@ -14,6 +14,7 @@ from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.orders import of_best_order, those_found, with_order_said
+from commonlaw.discovery.screened import Screened
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
@@ -31,8 +32,7 @@ from commonlaw.inference import (
     evidence_of_order,
     finish,
     known_noise,
-    missed_terms,
-    promising_terms,
+    may_be_simpler,
     resolved,
     search_supports,
     with_drive_said,
@@ -42,7 +42,7 @@ from commonlaw.inference import (
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Order, SelectedLibrary, Terms, highest_order
+from commonlaw.library import Order, highest_order
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -57,6 +57,9 @@ _FACTORS, _ARRAYS = 6, 20
 
 _PLAIN = 0.2
 """Share of the time that plain terms are searched in where others are, too. It is only shown, while it works."""
+
+_MANY = 4
+"""Coefficients and constants of an equation more than which may stand for a state that nobody measured."""
 
 _SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
 
@@ -155,7 +158,7 @@ class TrajectoryLikelihood(AbstractMethod):
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
         with threads(self.n_jobs):
-            begun = self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), structure), progress)
+            begun = self._begun(trials, Screened.of(with_logarithms(trials, self.positive), structure), progress)
             return self._finished(trials, self._with_errors(trials, begun, progress), progress)
 
     def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
@@ -207,7 +210,7 @@ class TrajectoryLikelihood(AbstractMethod):
             own = replace(structure, order=order)
             progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
             refuse_what_does_not_fit(self, trials, own)
-            return self._begun(trials, _Screened.of(with_logarithms(trials, self.positive), own), progress)
+            return self._begun(trials, Screened.of(with_logarithms(trials, self.positive), own), progress)
 
         with threads(self.n_jobs):
             found, refused = of_best_order(begun, possible, lambda each: each.evidence)
@@ -223,7 +226,7 @@ class TrajectoryLikelihood(AbstractMethod):
             law = self._finished(trials, best, progress)
         return with_order_said(law, [(each.order, each.evidence - best.evidence) for each in others], refused)
 
-    def _begun(self, trials: Trials, screened: "_Screened", progress: ProgressCallback) -> "_Found":
+    def _begun(self, trials: Trials, screened: Screened, progress: ProgressCallback) -> "_Found":
         """Search among terms that were kept, with the interpolation of inputs that is chosen."""
         followed = as_followed(trials, self.positive, self.input_between)
         search, steps = begin_search(
@@ -258,25 +261,26 @@ class TrajectoryLikelihood(AbstractMethod):
         steps = (*found.screened.steps, *found.steps, *law.history)
         return replace(law, provenance=replace(law.provenance, history=steps))
 
-    def _search_all(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
-        """Search for the law of largest evidence among all terms, also those with constants inside."""
-        whole, seek = screened.whole, self.unmeasured > 0
-        others, ratios = whole.parametric(trials.schema), whole.ratios(trials.schema)
-        driven = drives(screened.terms.variables) if seek and highest_order(whole.order) == 2 else ()
-        others = (*others, *driven)
-        if not others and not ratios and not seek:
-            return self._search(screened, trials, progress)
-        found = self._search(screened, trials, part(progress, 0.0, _PLAIN))
-        if others or ratios:
-            found = with_parametric_terms(found, others, ratios, part(progress, _PLAIN, 1.0))
+    def _search_all(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
+        """Search for the law of largest evidence among all that is offered, also terms with constants inside."""
+        order, variables = screened.whole.order, screened.terms.variables
+        library = screened.whole.library
+        driven = drives(variables) if self.unmeasured and highest_order(order) == 2 else ()
+        first, *richer = library.offers(variables)
+        offers = [replace(first, terms=(*first.terms, *driven)), *richer]
+        seeks = bool(self.unmeasured) or library.seeks_unmeasured
+        only_plain = not (any(each.count for each in offers) or seeks)
+        found = self._search(screened, trials, progress if only_plain else part(progress, 0.0, _PLAIN))
+        progress = part(progress, _PLAIN, 1.0)
+        if any(each.count for each in offers):
+            found = with_parametric_terms(found, offers, progress)
         if driven:
             found = with_drive_said(found, driven)
-        if seek and whole.order == 1:
-            rest = part(progress, _PLAIN, 1.0)
-            found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=rest)
+        if order == 1 and seeks and (self.unmeasured or may_be_simpler(found, _MANY)):
+            found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
 
-    def _search(self, screened: "_Screened", trials: Trials, progress: ProgressCallback) -> LawSearch:
+    def _search(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""
         found = self._search_among(trials, screened.structure, progress)
         while more := screened.with_missed(found):
@@ -312,52 +316,10 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
 
 
 @dataclass(frozen=True, eq=False)
-class _Screened:
-    """What is sought among the terms that a screening has kept of many, shape (terms,); all if they are not many."""
-
-    whole: ModelStructure
-    terms: Terms
-    kept: Bools
-
-    @classmethod
-    def of(cls, trials: Trials, structure: ModelStructure) -> "_Screened":
-        """Return what is sought in trials, of many terms those that explain most."""
-        terms, schema = structure.terms(trials.schema), trials.schema
-        known = structure.known_coefficients(schema, trials.objects)
-        needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
-        return cls(structure, terms, promising_terms(trials, terms, known, np.asarray(needed)))
-
-    @property
-    def structure(self) -> ModelStructure:
-        """The same question with the plain terms that were kept."""
-        if self.kept.all() and not self.whole.library.parametric(self.terms.variables):
-            return self.whole
-        names = tuple(self.terms.names[i] for i in np.flatnonzero(self.kept))
-        return replace(self.whole, library=SelectedLibrary(self.whole.library, names))
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """What is said of it."""
-        if self.kept.all():
-            return ()
-        why = "they explain most of smoothed rates; each of the others was tried on the law, and none improves it"
-        return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
-
-    def among(self, found: LawSearch) -> "_Screened":
-        """Return the same with the terms among which a law was found."""
-        return replace(self, kept=np.isin(self.terms.names, found.template.terms.names))
-
-    def with_missed(self, found: LawSearch) -> "_Screened | None":
-        """Return the same with terms that were left out and improve a law; None if there are none."""
-        missed = missed_terms(found, self.terms)
-        return replace(self, kept=self.kept | missed) if missed.any() else None
-
-
-@dataclass(frozen=True, eq=False)
 class _Found:
     """What is chosen: the terms that were kept, the law among them, and what to say of the way there."""
 
-    screened: _Screened
+    screened: Screened
     search: LawSearch
     steps: Sequence[Step]
 
@@ -385,7 +347,7 @@ def _found_in(method: TrajectoryLikelihood, structure: ModelStructure, trials: T
     return method.find(trials, structure, lambda _: None)
 
 
-def _by_derivatives(trials: Trials, screened: _Screened, progress: ProgressCallback, found: LawSearch) -> Bools | None:
+def _by_derivatives(trials: Trials, screened: Screened, progress: ProgressCallback, found: LawSearch) -> Bools | None:
     """Return the support that regression on derivatives finds among the same terms, None if it finds none."""
     with suppress(CommonlawError):
         sought = screened.among(found).structure

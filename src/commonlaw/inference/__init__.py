@@ -22,7 +22,7 @@ from commonlaw.inference.law_search import (
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order
-from commonlaw.inference.parametric_search import with_parametric_terms
+from commonlaw.inference.parametric_search import may_be_simpler, with_parametric_terms
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
@@ -60,6 +60,7 @@ __all__ = [
     "fit_supports",
     "known_noise",
     "levels_in_words",
+    "may_be_simpler",
     "missed_terms",
     "outcomes_of_constants",
     "prepare",

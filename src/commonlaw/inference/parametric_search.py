@@ -15,17 +15,17 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.law_search import LawSearch, best_of, resolved
+from commonlaw.inference.law_search import LawSearch, best_of, beyond_white_noise, resolved
 from commonlaw.inference.poles import has_poles
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import ANY_ERROR, FINAL, NO_ERROR, is_settled
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
+from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
-from commonlaw.library import Constant, ParametricTerm, Ratios, Terms, parse_term
-from commonlaw.library.parametric import free_name
+from commonlaw.library import Offer
 from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior, fit_each
 from commonlaw.progress import ProgressCallback, Stage
 
@@ -53,31 +53,57 @@ _SHORT = (3.0, 0.3, *FINAL)
 """Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
 
 
-def with_parametric_terms(
-    found: LawSearch, others: Sequence[ParametricTerm], ratios: Sequence[Ratios], progress: ProgressCallback
-) -> LawSearch:
-    """Return the law of largest evidence with some of these terms or without, with the others as its rivals.
+_FEWEST, _MORE = 2, 1
+"""Coefficients and constants that a ratio has at least; and by how many more than those of an equation that explains
+what was measured another is fitted that may explain it better."""
+
+
+def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback) -> LawSearch:
+    """Return the law of largest evidence with some of what is offered or without, with the others as its rivals.
 
     Parameters
     ----------
     found
-        The law without such terms.
-    others
-        Terms with constants inside, or that are offered beside the plain ones of the law only.
-    ratios
-        Of sums of terms.
+        The law among plain terms.
+    offers
+        What an equation may have besides. Those after the first are tried where `may_be_simpler`, and pay for what was
+        to choose from before, too.
     progress
         Takes what is being done.
     """
-    count = len(others) + sum(len(each.above) + len(each.below) for each in ratios)
-    search, curves = _Search(found, _base(found, count), tuple(others), tuple(ratios)), _near(found)
+    search, best = _Search(found, _base(found), Offer(())), found
     rows = search.rows_of_found()
+    for i, offer in enumerate(offers):
+        if i and not may_be_simpler(best, _FEWEST):
+            break
+        search, best, rows = _with_offer(search.offering(offer), best, rows, progress)
+    return best_of(search.listed())
+
+
+def may_be_simpler(found: LawSearch, numbers: int) -> bool:
+    """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
+    most = int(found.state.supports.sum(axis=1).max())
+    return most > numbers or not _explains(found)
+
+
+def _explains(found: LawSearch) -> bool:
+    """Return whether noise explains what a law leaves: it is not said better then, only in fewer numbers."""
+    return not beyond_white_noise(found.problem, found.state)
+
+
+def _with_offer(
+    search: "_Search", best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[_Search, LawSearch, tuple[TermSet, ...]]":
+    """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
+    curves = _near(search.found)
+    if best is not search.found and _explains(best):  # Its solutions are as near as can be
+        curves = (_without_processes(best, best.state.estimates),)
     while True:
         best, rows = _searched(search, rows, curves, progress)
         worse = best.state.value >= search.found.state.value
         finer = search.base.points if worse else resolved(best, progress).problem.points
         if finer <= search.base.points:
-            return best_of(search.listed())
+            return search, best, rows
         progress("fitting laws again on a finer mesh")
         search, near = search.on_finer_mesh(best, finer)
         curves = (near,)
@@ -95,6 +121,9 @@ def _searched(
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
         known = [proposed for each in curves for proposed in search.proposed(each)] + known
         estimates, proposed = curves[0], [_in_turn(own) for own in zip(*known, strict=True)]
+        if _explains(best):
+            pairs = zip(proposed, rows, strict=True)
+            proposed = [[each for each in own if each.numbers <= row.numbers + _MORE] for own, row in pairs]
         listed = _joint(proposed) if len(rows) > 1 else []
         for j, own in enumerate(proposed):
             listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_TRIED]]
@@ -113,12 +142,12 @@ def _searched(
     return best, rows
 
 
-def _base(found: LawSearch, count: int) -> SearchProblem:
+def _base(found: LawSearch) -> SearchProblem:
     """Return the problem of a search without errors of the law, and how many terms are to choose from `besides`.
 
     These are all: the terms of a law are not yet among them.
     """
-    problem = replace(found.problem, besides=len(found.template.terms) + count)
+    problem = replace(found.problem, besides=len(found.template.terms))
     if problem.errors.of_law:
         return problem.with_errors(problem.first_noise, NO_ERRORS, "of the first estimate")
     return problem
@@ -168,15 +197,18 @@ class _Search:
 
     found: LawSearch
     base: SearchProblem
-    others: tuple[ParametricTerm, ...]
-    ratios: tuple[Ratios, ...]
+    offer: Offer
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
 
     def proposed(self, estimates: Sequence[Estimate]) -> Iterator[list[list[TermSet]]]:
         """Yield sets of terms of each equation, the most promising first: with others, and with ratios of sums."""
-        yield matching_sets(self.base, estimates, self.others)
-        if self.ratios:
-            yield matching_ratios(self.base, estimates, self.ratios)
+        yield matching_sets(self.base, estimates, self.offer.terms)
+        if self.offer.ratios:
+            yield matching_ratios(self.base, estimates, self.offer.ratios)
+
+    def offering(self, offer: Offer) -> "_Search":
+        """Return the search for laws with something else, which was to choose from, too."""
+        return replace(self, base=replace(self.base, besides=self.base.besides + offer.count), offer=offer)
 
     def rows_of_found(self) -> tuple[TermSet, ...]:
         """Return the terms of the law without others."""
@@ -192,7 +224,7 @@ class _Search:
     def with_coefficients(self, rows: Sequence[TermSet], fitted: LawSearch) -> tuple[TermSet, ...]:
         """Return the terms of a law that was fitted with its coefficients and constants."""
         whole = np.array([each.coefficients for each in fitted.state.estimates])
-        built, found = _built(self.base, rows), []
+        built, found = terms_of_sets(self.base, rows), []
         for j, row in enumerate(rows):
             places, inside = built.places[j], built.constants[j]
             constants = tuple(whole[:, j, list(own)] for own in inside)
@@ -226,9 +258,9 @@ class _Search:
                     ranked.append((float(np.median(fits)) + price, k))
         return [new[k] for _, k in sorted(ranked)[:_MOST_FITTED]]
 
-    def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[_Built, SearchProblem, list[Floats]]":
+    def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[TermsOfSets, SearchProblem, list[Floats]]":
         """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
-        built = _built(self.base, rows)
+        built = terms_of_sets(self.base, rows)
         models = tuple(replace(each, terms=built.terms) for each in self.base.models)
         besides = self.base.besides - int(built.terms.is_factor.sum())
         problem = replace(self.base, models=models, known=built.known, besides=besides)
@@ -260,8 +292,8 @@ class _Search:
         state = fit_supports(problem, plain.state.supports, ANY_ERROR)
         if not state.has_model_error:
             problem, state = to_scale(problem, state)
-        search = _Search(replace(plain, problem=problem, state=state), base, self.others, self.ratios)
-        return search, base.starts
+        plain = replace(plain, problem=problem, state=state, found=(state,))
+        return replace(self, found=plain, base=base, fitted={}), base.starts
 
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
@@ -325,58 +357,3 @@ def _prior(problem: SearchProblem, estimates: Sequence[Estimate]) -> Prior | Non
     free = problem.allowed & (scatter > 0)
     precision = np.divide(1.0, _WIDER * scatter, out=np.zeros_like(scatter), where=free) ** 2
     return Prior(typical, precision)
-
-
-@dataclass(frozen=True, eq=False)
-class _Built:
-    """The terms of a law, and where those of each equation, and the constants of its others, are among them.
-
-    Known coefficients have the shape (objects, equations, terms), NaN where they are to be found.
-    """
-
-    terms: Terms
-    known: Floats
-    places: tuple[tuple[int, ...], ...]
-    constants: tuple[tuple[tuple[int, ...], ...], ...]
-
-    def coefficients(self, starts: Sequence[Start]) -> Floats:
-        """Return what a fit begins with, shape (objects, equations, terms), from the starts of each equation."""
-        found = np.nan_to_num(self.known)
-        for j, start in enumerate(starts):
-            found[:, j, list(self.places[j])] = start.coefficients
-            for indices, own in zip(self.constants[j], start.constants, strict=True):
-                found[:, j, list(indices)] = own
-        return found
-
-
-def _built(problem: SearchProblem, rows: Sequence[TermSet]) -> _Built:
-    """Return the terms of a law whose equations have these."""
-    whole = problem.models[0].terms
-    variables, certain = whole.variables, np.nan_to_num(problem.known)
-    plain = sorted({i for row in rows for i in row.plain} | {*np.flatnonzero(certain.any(axis=(0, 1))).tolist()})
-    names, written = list[str](), list[list[tuple[list[str], list[str]]]]()
-    for row in rows:
-        written.append([])
-        for other in row.others:
-            new = list[str]()
-            for each in other.constants:
-                new.append(free_name(each, (*variables.measured, *names, *new)))
-            names += new
-            written[-1].append((other.expressions(variables, new), new))
-    variables = replace(variables, constants=tuple(names))
-    texts = list(
-        dict.fromkeys(text for own in written for listed, _ in own for text in listed)
-    )  # Equations share those without constants
-    texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
-    constants = (Constant(variables.index(name)) for name in names)
-    terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *constants))
-    known = np.zeros((*certain.shape[:2], len(terms)))
-    known[:, :, : len(plain)] = certain[:, :, plain]
-    places, inside = [], []
-    for j, (row, own) in enumerate(zip(rows, written, strict=True)):
-        places.append(
-            (*(plain.index(i) for i in row.plain), *(texts.index(text) for listed, _ in own for text in listed))
-        )
-        inside.append(tuple(tuple(len(texts) + names.index(each) for each in new) for _, new in own))
-        known[:, j, [*places[-1], *(i for each in inside[-1] for i in each)]] = np.nan
-    return _Built(terms, known, tuple(places), tuple(inside))

@@ -6,7 +6,7 @@ them get another term, and so on. What is compared are measurements with integra
 rates are not multiplied by the denominator, which would make errors of those of the regressors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations
@@ -213,6 +213,13 @@ class _Ranked:
             for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
                 found[shape] = self._closely(shape, found[shape])
                 closer.setdefault(numbers, []).append((found[shape].squares, shape))
+        for numbers in range(most + 1, 1, -1):
+            for _, shape in sorted(closer.get(numbers, []))[:1]:
+                for less, score in self._without_one(shape, found[shape]):
+                    listed = closer.setdefault(less.numbers, [])
+                    if less not in {own for _, own in listed} or score.squares < found[less].squares:
+                        found[less] = score
+                        closer[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
         least = {numbers: min(listed)[0] for numbers, listed in closer.items()}
         enough = min(least, key=lambda numbers: self._criterion(numbers, least[numbers]), default=0)
         return [
@@ -237,6 +244,16 @@ class _Ranked:
             found |= wider
             listed = self._most_promising(wider)
         return found
+
+    def _without_one(self, shape: _Shape, score: _Score) -> Iterator[tuple[_Shape, _Score]]:
+        """Yield shapes with one term less, at the coefficients below that leave least near those of the larger one."""
+        for place, terms in enumerate(shape):
+            for k in range(len(terms)):
+                parts = [*shape]
+                parts[place] = terms[:k] + terms[k + 1 :]
+                less, columns = _Shape(*parts), np.delete(np.arange(len(shape.below)), k if place == 1 else [])
+                if less.above and len(less.below) > 1 and self.offered.is_reduced(less.above, less.below):
+                    yield less, self._closely(less, _Score(np.inf, score.below[:, columns]))
 
     def _most_promising(self, found: dict[_Shape, _Score]) -> list[tuple[tuple[int, ...], Floats]]:
         """Return the denominators of the best shapes, with their coefficients."""

@@ -5,7 +5,14 @@ from functools import partial, reduce
 from operator import add, mul
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.algebra import AbstractLibrary, ProductLibrary, ReducedLibrary, SelectedLibrary, SumLibrary
+from commonlaw.library.algebra import (
+    AbstractLibrary,
+    Offer,
+    ProductLibrary,
+    ReducedLibrary,
+    SelectedLibrary,
+    SumLibrary,
+)
 from commonlaw.library.constant import Constant
 from commonlaw.library.expression import Expression
 from commonlaw.library.families import (
@@ -51,6 +58,7 @@ __all__ = [
     "FamilyLibrary",
     "FourierLibrary",
     "Monomial",
+    "Offer",
     "Order",
     "ParametricTerm",
     "PolynomialLibrary",

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.parametric import ParametricTerm, parametric_term
@@ -21,12 +22,36 @@ def check_count(what: str, count: int) -> None:
         )
 
 
+@dataclass(frozen=True)
+class Offer:
+    """What is offered beside plain terms of a law.
+
+    Parameters
+    ----------
+    terms
+        With constants inside that are to be found, or that a law takes few of.
+    ratios
+        Of sums of terms.
+    """
+
+    terms: tuple[ParametricTerm, ...]
+    ratios: tuple[Ratios, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many terms there are to choose from."""
+        return len(self.terms) + sum(len(each.above) + len(each.below) for each in self.ratios)
+
+
 class AbstractLibrary(ABC):
     """A family of candidate terms, not yet bound to variables.
 
     Libraries form an algebra: ``a + b`` has the terms of both, ``a * b`` every product of a term of one with a term
     of the other, and ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
     """
+
+    seeks_unmeasured: ClassVar[bool] = False
+    """Whether it stands for laws with a state that nobody measured, too."""
 
     @abstractmethod
     def bind(self, variables: Variables) -> Terms:
@@ -39,6 +64,10 @@ class AbstractLibrary(ABC):
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         """Return ratios of sums of terms that are offered besides."""
         return ()
+
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        """Return what is offered besides, the next where a law of those before may be wrong or could be simpler."""
+        return (Offer(self.parametric(variables), self.ratios(variables)),)
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented

@@ -4,9 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import ClassVar
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.library.algebra import AbstractLibrary, check_count
+from commonlaw.library.algebra import AbstractLibrary, Offer, check_count
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
 from commonlaw.library.parametric import FAMILIES, ParametricTerm, constants_in, parametric_term, terms_of_family
@@ -299,7 +300,9 @@ class AutoLibrary(AbstractLibrary):
     """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
 
     Polynomials of degree 3 first; beside few of these, functions of all families, alone and as factors of a state or
-    an input: a law takes them where its evidence pays for the larger choice.
+    an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree 2, beside
+    linear terms; then a state that nobody measured, in laws of first order. A law takes them where its evidence pays
+    for the larger choice.
 
     Examples
     --------
@@ -307,6 +310,8 @@ class AutoLibrary(AbstractLibrary):
     >>> len(library.bind(Variables(("x", "v")))), len(library.parametric(Variables(("x", "v"))))
     (10, 71)
     """
+
+    seeks_unmeasured: ClassVar[bool] = True
 
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
@@ -317,3 +322,7 @@ class AutoLibrary(AbstractLibrary):
         driven = FamilyLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * each for each in factors), driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
+
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        ratios = PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
+        return (*super().offers(variables), *ratios.offers(variables))
