@@ -1,0 +1,59 @@
+"""Libraries that offer more where what they offered first may be said in fewer numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.inference import parametric_search
+from commonlaw.library import AbstractLibrary, Offer, Terms, Variables, parametric_term, parse_library
+
+
+@dataclass(frozen=True)
+class _InTurn(AbstractLibrary):
+    """Polynomials; beside them some terms, and then what another library offers."""
+
+    terms: tuple[str, ...]
+    later: str
+
+    def bind(self, variables: Variables) -> Terms:
+        return cl.PolynomialLibrary(1).bind(variables)
+
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        first = Offer(tuple(parametric_term(each, variables) for each in self.terms))
+        return (first, *parse_library(self.later).offers(variables))
+
+
+def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
+    return -rate * s / (half + s + s**2 / inhibition)
+
+
+@pytest.fixture(scope="module")
+def inhibited() -> cl.Trials:
+    """s' = -V s/(K + s + s^2/L), an enzyme that its substrate inhibits (Haldane)."""
+    generator, times = np.random.default_rng(1), np.linspace(0, 8, 50)
+    states = list[np.ndarray]()
+    for rate, half, inhibition in ((1.2, 0.5, 2.0), (1.8, 0.7, 3.0)):
+        for start in (6.0, 3.0):
+            found = solve_ivp(_rate, (0, 8), [start], t_eval=times, rtol=1e-9, args=(rate, half, inhibition))
+            states.append(found.y.T + 0.02 * generator.standard_normal((len(times), 1)))
+    names = [name for name in "ab" for _ in range(2)]
+    return cl.Trials.from_arrays([times] * 4, states, object=names, names=["s"])
+
+
+def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
+    library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
+    law = cl.discover(inhibited, library=library)
+    assert law.structure() == ("s' = a s/(K + L*s + s^2)",)
+    np.testing.assert_allclose(law.letter_values()[0][:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
+
+
+def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_noise(monkeypatch):
+    monkeypatch.setattr(parametric_search, "matching_ratios", lambda *_: pytest.fail("ratios were proposed"))
+    times = np.linspace(0, 3, 60)
+    noise = 0.01 * np.random.default_rng(2).standard_normal((60, 1))
+    decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
+    law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"))
+    assert law.structure() == ("s' = a s",)
