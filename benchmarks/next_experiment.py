@@ -107,14 +107,25 @@ def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outco
         if not designed:
             space = Settings.of(law, vary, {})
             vary = space.at(random.uniform(size=len(space.varied)))
-        design = cl.design(law, vary, seed=seed)
-        settings = design.experiments[0].experiment.settings
-        promised = design.chance if k == 0 else promised
+        chance, settings = expected(law, vary, seed)
+        promised = chance if k == 0 else promised
         trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)
         probability.append(law.plausible[0].probability)
     return Outcome(tuple(right), tuple(probability), promised)
+
+
+def expected(law: cl.Law, vary: Mapping[str, object], seed: int) -> tuple[float, Mapping[str, object]]:
+    """Return the chance of the right law after a designed experiment, and the experiment's settings.
+
+    Where nothing is left to choose, and forecasts of it diverge, that is the chance without it.
+    """
+    try:
+        design = cl.design(law, vary, seed=seed)
+    except cl.CommonlawError:
+        return law.plausible[0].probability, vary
+    return design.chance, design.experiments[0].experiment.settings
 
 
 def first_trials(name: str, seed: int) -> Experiment:

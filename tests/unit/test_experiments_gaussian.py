@@ -4,9 +4,11 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal, norm
 
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
+from commonlaw.experiments.imitation import Point, imitating
 
 NOTHING = np.zeros((1, 0))
 
@@ -141,3 +143,46 @@ def test_discrimination_agrees_with_the_published_t_optimal_design():
     more = [value(np.append(support, x), np.append((1 - small) * shares, small)) for x in points]
     assert max(more) < (1 + 1e-5) * best
     assert value(points, np.full(41, 1 / 41)) < 0.7 * best
+
+
+def test_a_law_imitates_another_by_a_start_beyond_a_watershed():
+    """The sign of the start decides where it goes: lines about the other side say that the laws are told apart."""
+    times = np.linspace(0.5, 3, 6)
+
+    def linearise(_, points):
+        """Return x(t) = tanh(20 s) t from each start, shifted from 0.1."""
+        starts = [0.1 + each.shifts[0] for each in points]
+        return [
+            Gaussian(
+                np.tanh(20 * start) * times,
+                np.zeros((6, 1)),
+                (20 / np.cosh(np.clip(20 * start, -50, 50)) ** 2 * times)[:, np.newaxis],
+                np.full(6, 0.01),
+            )
+            for start in starts
+        ]
+
+    begun = linearise(0, [Point(np.zeros(1), np.zeros(1))])
+    (alone,) = imitating(begun, [-0.9 * times], linearise, np.zeros(1))
+    (found,) = imitating(begun, [-0.9 * times], linearise, np.array([0.15]))
+    apart = [np.sum((each.mean + 0.9 * times) ** 2 / 0.01) for each in (alone, found)]
+    assert apart[0] > 10
+    assert apart[1] < 1
+
+
+def test_coefficients_imitate_within_their_errors():
+    """Of exp(u t) with u standard normal the fit is nearly that of nonlinear least squares; a line goes through it."""
+    times, target = np.linspace(0.1, 1, 8), np.exp(0.7 * np.linspace(0.1, 1, 8))
+
+    def linearise(_, points):
+        values = [np.exp(each.unknowns[0] * times) for each in points]
+        return [Gaussian(own, (times * own)[:, np.newaxis], np.zeros((8, 0)), np.full(8, 0.04)) for own in values]
+
+    (found,) = imitating(linearise(0, [Point(np.zeros(1), np.zeros(0))]), [target], linearise, np.zeros(0))
+
+    def deviance(u):
+        return np.sum((target - np.exp(u * times)) ** 2) / 0.04 + u**2
+
+    unknown = np.log(found.by_unknowns[0, 0] / times[0]) / times[0]
+    assert deviance(unknown) < minimize_scalar(deviance).fun + 1 < deviance(0)
+    np.testing.assert_allclose(found.mean, np.exp(unknown * times) * (1 - unknown * times))

@@ -126,7 +126,7 @@ def design(
                 evidence.chance(prior) if evidence and in_doubt else 1.0,
                 aim.bits(evidence) if evidence else 0.0,
                 aim.quantity.expected_std(prior, evidence) if evidence and aim.quantity else None,
-                Forecasts.of(each, first),
+                Forecasts.of(each.experiment, hypotheses),
             )
             for each, evidence in zip(chosen, steps, strict=True)
         ),

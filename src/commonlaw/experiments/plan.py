@@ -1,5 +1,6 @@
 """The experiments that were chosen, and what is to be expected of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -8,7 +9,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
-from commonlaw.experiments.search import MOST_REPEATS, SURE, Candidate
+from commonlaw.experiments.predictive import Hypothesis
+from commonlaw.experiments.search import LITTLE, MOST_REPEATS, SURE
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.numbers import with_error
 from commonlaw.notebooks import ShownInNotebooks
@@ -16,9 +18,6 @@ from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_LITTLE = 0.01
-"""Gain of the chance that is none: a hundredth is what laws are left out for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +44,11 @@ class Forecasts:
     logarithmic: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, candidate: Candidate, law: Law) -> "Forecasts":
-        """Return those of an experiment that was looked at, of laws of the variables of this one."""
-        first = [own[0] for own in candidate.said]
-        states, times = law.schema.measured, candidate.experiment.times
+    def of(cls, experiment: Experiment, hypotheses: Sequence[Hypothesis]) -> "Forecasts":
+        """Return those of an experiment in which no law diverges."""
+        law, said = hypotheses[0].law, [each.says([experiment])[0] for each in hypotheses]
+        first = [own[0] for own in said if own is not None]
+        states, times = law.schema.measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
         times = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))]
@@ -134,7 +134,7 @@ class Design(ShownInNotebooks):
     @property
     def tells_apart(self) -> bool:
         """Whether some experiment in the ranges, however often it is made, makes the right law surer."""
-        return self.repeats is not None or (self.limit or 0.0) > self.chance_now + _LITTLE
+        return self.repeats is not None or (self.limit or 0.0) > self.chance_now + LITTLE
 
     @property
     def sentences(self) -> tuple[str, ...]:

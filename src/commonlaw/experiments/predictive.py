@@ -9,6 +9,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Gaussian
+from commonlaw.experiments.imitation import Point, imitating
 from commonlaw.experiments.settings import Range
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
@@ -19,6 +20,9 @@ from commonlaw.trials import Trial, Trials
 MOST, _LEAST, _TOGETHER = 64, 16, 192
 """Measurements of a trial that are looked at: where there are more, each stands for several, with less noise. Where
 each object makes a trial, as many as the last together; and always so many times as the second."""
+
+_ASIDE = 10
+"""How many times larger than a law says at first states may become on the way of a fit."""
 
 _TOLERANCE = 1e-5
 """Of a step of the forecasts, which noise and errors of coefficients exceed."""
@@ -91,21 +95,54 @@ class Hypothesis:
             for own in planned
         ]
 
-    def says(self, experiments: Sequence[Experiment], limit: float | None = None) -> list[tuple[Gaussian, ...] | None]:
+    def says(
+        self,
+        experiments: Sequence[Experiment],
+        limit: float | None = None,
+        imitated: Sequence[tuple[Gaussian, ...]] | None = None,
+        thoroughly: bool = False,
+    ) -> list[tuple[Gaussian, ...] | None]:
         """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge.
 
-        They diverge where a state is larger than a limit, see `simulate`.
+        Parameters
+        ----------
+        experiments
+            Those that could be made.
+        limit
+            A state larger than this diverges, see `simulate`.
+        imitated
+            What another law says of each: this one is linearised about where it comes nearest to it.
+        thoroughly
+            Whether fits to that begin from several starts.
         """
         planned = [_planned(self.law, each) for each in experiments]
-        problems = [own.problem(name) for own in planned for name in own.experiment.objects]
-        found = iter(simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit))
-        return [self._said(own, [next(found) for _ in own.experiment.objects]) for own in planned]
+        trials = [(own, name) for own in planned for name in own.experiment.objects]
+        followed = self._followed(trials, [None] * len(trials), limit)
+        said = [own.gaussian(name, each, self) for (own, name), each in zip(trials, followed, strict=True)]
+        if imitated is not None:
+            targets = [each.mean for own in imitated for each in own]
+            far = _ASIDE * max((float(np.nanmax(np.abs(each.states))) for each in followed), default=1.0)
+            known = [i for i, each in enumerate(said) if each]
 
-    def _said(self, planned: "_Planned", found: Sequence[Trajectory]) -> tuple[Gaussian, ...] | None:
-        if any(each.outcome is not None or not _is_finite(each.sensitivities) for each in found):
-            return None
-        pairs = zip(planned.experiment.objects, found, strict=True)
-        return tuple(planned.gaussian(name, each, self) for name, each in pairs)
+            def linearised(indices: Sequence[int], points: Sequence[Point]) -> list[Gaussian | None]:
+                some = [trials[known[i]] for i in indices]
+                found = self._followed(some, points, far if limit is None else min(far, limit))
+                return [own.gaussian(name, each, self) for (own, name), each in zip(some, found, strict=True)]
+
+            around = planned[0].start_noise * thoroughly if planned else np.empty(0)
+            own = [each for each in said if each]
+            for i, each in zip(known, imitating(own, [targets[i] for i in known], linearised, around), strict=True):
+                said[i] = each
+        found = iter(said)
+        whole = [[next(found) for _ in own.experiment.objects] for own in planned]
+        return [tuple(each for each in own if each) if all(own) else None for own in whole]
+
+    def _followed(
+        self, trials: "Sequence[tuple[_Planned, str]]", points: Sequence[Point | None], limit: float | None
+    ) -> tuple[Trajectory, ...]:
+        triples = zip(trials, points, strict=True)
+        problems = [own.problem(name, self, point) for (own, name), point in triples]
+        return simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +154,27 @@ class _Planned:
     times: Floats
     is_new: bool
 
-    def problem(self, name: str) -> InitialValueProblem:
+    def problem(self, name: str, known: Hypothesis | None = None, point: Point | None = None) -> InitialValueProblem:
+        """Return the problem of one object, with the coefficients and the start at a point of what is known."""
         law, own = self.law, self.experiment
         field = replace(law.vector_field(name), free=law.support, inputs=own.inputs)
         start = own.start.copy()
         logs = list(law.terms.variables.logarithmic_columns)
         start[logs] = np.log(start[logs])
+        if known is not None and point is not None:
+            start[self.free_starts] += point.shifts
+            if not self.is_new:
+                coefficients = field.coefficients.copy()
+                coefficients[law.support] += known.roots[known.objects.index(name)] @ point.unknowns
+                field = replace(field, coefficients=coefficients)
         return InitialValueProblem(field, start, self.times, name)
+
+    @property
+    def free_starts(self) -> list[int]:
+        """The states (and rates) whose starts the measurements alone tell."""
+        told, states = ~np.isfinite(self.experiment.start_std), len(self.law.states)
+        seen = np.append(~self.law.schema.unmeasured, np.ones(len(told) - states, dtype=np.bool_))
+        return np.flatnonzero(told & seen).tolist()
 
     @property
     def start_std(self) -> Floats:
@@ -132,6 +183,14 @@ class _Planned:
         logs = list(self.law.terms.variables.logarithmic_columns)
         found[logs] /= own.start[logs]
         return found
+
+    @property
+    def start_noise(self) -> Floats:
+        """How surely single measurements tell the free starts, and two of them rates, shape (f,)."""
+        law, start = self.law, self.problem(self.experiment.objects[0]).initial
+        white = _white_std(law, start[np.newaxis])[0]
+        rates = np.sqrt(2) * white / (self.times[1] - self.times[0])
+        return np.concatenate([white, rates[: len(start) - len(white)]])[self.free_starts]
 
     def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""
@@ -146,18 +205,17 @@ class _Planned:
             found.times[outside[0] - 1] if len(outside) and outside[0] else found.times[-1 if not len(outside) else 0]
         )
 
-    def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian:
-        """Return what is said of the trial of one object."""
+    def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian | None:
+        """Return what is said of the trial of one object; nothing if its forecast diverges."""
         law, own = self.law, self.experiment
         assert law.noise is not None
-        assert found.sensitivities is not None
-        states, width = len(law.states), found.states.shape[1]
+        if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
+            return None
+        width = found.states.shape[1]
         seen = np.flatnonzero(~law.schema.unmeasured)
         by_own = found.sensitivities[:, :, :-width]
         by_start = found.sensitivities[:, :, -width:]
         by_set = by_start[:, seen].reshape(-1, width)
-        told = ~np.isfinite(own.start_std)  # By the measurements alone
-        free = [j for j in range(width) if (j >= states or j in seen) and told[j]]
         measured = by_own[:, seen].reshape(-1, by_own.shape[2])
         common = None
         if self.is_new:
@@ -167,12 +225,12 @@ class _Planned:
             by_unknowns = measured @ known.roots[known.objects.index(name)]
         share = len(self.times) / len(own.times)
         white, coloured = _noise(law, self.times, found.states, by_start, share)
-        off = by_set[:, ~told] * self.start_std[~told]
+        known_starts = np.isfinite(own.start_std)
+        off = by_set[:, known_starts] * self.start_std[known_starts]
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
-        return Gaussian(
-            found.states[:, seen].ravel(), by_unknowns, by_set[:, free], white, coloured, common, own.repeats
-        )
+        mean, by_free = found.states[:, seen].ravel(), by_set[:, self.free_starts]
+        return Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
 
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:
@@ -204,8 +262,7 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     """
     assert law.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
-    own = states[:, : len(law.states)]
-    white = (errors.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))[:, measured]
+    white = _white_std(law, states)[:, measured]
     parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
@@ -214,6 +271,11 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
         pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
         parts.append(pushed @ pushed.T)
     return share * white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
+
+
+def _white_std(law: Law, states: Floats) -> Floats:
+    own = states[:, : len(law.states)]
+    return np.asarray(law.uncertainty.error_model.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))
 
 
 def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
@@ -235,7 +297,3 @@ def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
         forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
         parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
     return np.concatenate([each.reshape(count, width, -1) for each in parts], axis=2)
-
-
-def _is_finite(values: Floats | None) -> bool:
-    return values is not None and bool(np.isfinite(values).all())

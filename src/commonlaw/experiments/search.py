@@ -27,6 +27,12 @@ SURE = 0.95
 
 MOST_REPEATS = 100
 
+LITTLE = 0.01
+"""A share that is no gain: a hundredth is what laws are left out for."""
+
+_CHECKS = 2
+"""How often an experiment that seems best is checked: by fits of laws from its start, and from several."""
+
 _EXCHANGES = 2
 """How often each of several experiments may be exchanged for another."""
 
@@ -37,11 +43,15 @@ linearised about its coefficients, means nothing, and rivals on their way to inf
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An experiment, and what each hypothesis says of its trials: first by hypothesis, then by trial."""
+    """An experiment, and what each hypothesis says of its trials: first by hypothesis, then by trial.
+
+    It is checked so often whether laws, fitted to what the first of them says, imitate it.
+    """
 
     experiment: Experiment
     point: Floats
     said: tuple[tuple[Gaussian, ...], ...]
+    checked: int = 0
 
     def repeated(self, times: int) -> "Candidate":
         """Return the same experiment made so many times."""
@@ -151,16 +161,31 @@ class Search:
             bits = self.aim.bits(base + own if base else own) - now
             return bits if first else bits / (each.experiment.cost or 1.0)
 
+        checks, enough = (_CHECKS, 1 + LITTLE) if self.aim.of_law else (0, 1.0)
         best, most = first, worth(first) if first else -np.inf
         listed = self._spread
         for round_, width in enumerate((*_WIDTHS, None)):
-            for each in listed:
-                if each.experiment.cost <= budget and (value := worth(each)) > most:
-                    best, most = each, value
+            values = [worth(each) if each.experiment.cost <= budget else -np.inf for each in listed]
+            while values and max(values) > (most * enough if most > 0 else most):
+                i = values.index(max(values))
+                while listed[i].checked < checks and values[i] > most:
+                    listed[i] = self._checked(listed[i])
+                    values[i] = worth(listed[i])
+                if values[i] > most:
+                    best, most = listed[i], values[i]
+                values[i] = -np.inf
             if best is None or width is None or not len(best.point):
                 break
             listed = self.candidates(self.settings.near(best.point, width, self.points // _SHARE, self.seed + round_))
         return best
+
+    def _checked(self, each: Candidate) -> Candidate:
+        """Return an experiment with laws fitted to what the first says of it, the next time thoroughly."""
+        said, checks = [each.said[0]], each.checked + 1
+        for own, before in zip(self.hypotheses[1:], each.said[1:], strict=True):
+            (found,) = own.says([each.experiment], self._farthest, [each.said[0]], thoroughly=checks == _CHECKS)
+            said.append(found or before)
+        return Candidate(each.experiment, each.point, tuple(said), checks)
 
     def candidates(self, points: Floats) -> list[Candidate]:
         """Return the experiments at points of the settings, but those in which a hypothesis diverges."""
