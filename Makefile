@@ -107,7 +107,7 @@ bench-next: $(STAMP) ## Whether designed experiments find the law sooner than ra
 bench-unseen: $(STAMP) ## Whether bounds of absent coefficients hold: a minute
 	$(BIN)/python -m benchmarks.unseen $(ARGS)
 
-bench-orders: $(STAMP) ## Whether a law is of first or of second order: ten minutes; less with ARGS="--only relaxation"
+bench-orders: $(STAMP) ## Whether a law is of first or of second order: twenty minutes; less with ARGS="--only relaxation"
 	$(BIN)/python -m benchmarks.orders $(ARGS)
 
 bench-unmeasured: $(STAMP) ## States that nobody measured: twenty minutes; less with ARGS="--seeds 2 --fits 2"
