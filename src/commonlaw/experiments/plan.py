@@ -11,6 +11,7 @@ from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import LITTLE, MOST_REPEATS, SURE
+from commonlaw.inference.search_problem import spread
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.numbers import with_error
 from commonlaw.notebooks import ShownInNotebooks
@@ -51,7 +52,7 @@ class Forecasts:
         states, times = law.schema.measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
-        times = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))]
+        times = times[spread(len(times), count)]
         total = [each.variances for each in first]
         means = np.array([each.mean for each in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), law.schema.logarithmic)

@@ -11,6 +11,7 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.experiments.imitation import Point, imitating
 from commonlaw.experiments.settings import Range
+from commonlaw.inference.search_problem import spread
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
@@ -237,8 +238,7 @@ def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = experiment.times
     most = min(MOST, _TOGETHER // len(experiment.objects)) // len(law.schema.measured)
     most = max(most, min(_LEAST, MOST // len(law.schema.measured)))
-    if len(times) > most:
-        times = times[np.unique(np.linspace(0, len(times) - 1, most).round().astype(int))]
+    times = times[spread(len(times), most)]
     is_new = bool(experiment.properties)
     if is_new:
         (name,), states = experiment.objects, np.zeros((1, len(law.states)))

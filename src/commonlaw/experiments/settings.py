@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.inference.search_problem import spread
 from commonlaw.law import Law
 
 Value = float | str | tuple[float, ...]
@@ -234,9 +235,7 @@ def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
-    if len(names) <= MOST_OBJECTS:
-        return names
-    return tuple(names[i] for i in np.linspace(0, len(names) - 1, MOST_OBJECTS).round().astype(int).tolist())
+    return tuple(names[i] for i in spread(len(names), MOST_OBJECTS))
 
 
 def _check_new(options: Mapping[str, Options], law: Law) -> None:
