@@ -224,11 +224,23 @@ def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState])
         done.add(supports.tobytes())
         with suppress(NotPositiveError):
             start = restricted(problem, evidence_about(problem, near), near.estimates, supports)
-            state = fitted(problem, start, supports, best.model_error)[0]
-            found = list_by_evidence([*found, *([state] if is_settled(problem, state) else [])])
+            found = list_by_evidence([*found, *_comparable(problem, start, supports, best.model_error)])
         vain = vain + 1 if found[0] is best else 0
     best = found[0]
     return [best.with_alternatives([each for each in found if each.model_error == best.model_error]), *found[1:]]
+
+
+def _comparable(
+    problem: SearchProblem, estimates: Sequence[Estimate], supports: Bools, model_error: float
+) -> list[SearchState]:
+    """Return supports fitted to be compared with others, nothing if what they leave means nothing.
+
+    Of supports that leave far more than the noise all would count as outliers, which cost too little; so no evidence is
+    larger than under noise of the size that they leave.
+    """
+    state = fitted(problem, estimates, supports, model_error)[0]
+    own = to_scale(problem, state)[1]
+    return [replace(state, value=max(state.value, own.value))] if is_settled(problem, state) else []
 
 
 def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchState:
@@ -238,8 +250,7 @@ def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchSta
     for each in state.alternatives:
         if each.value < state.value + PLAUSIBLE:
             with suppress(NotPositiveError):
-                other = fitted(problem, each.estimates, each.supports, state.model_error)[0]
-                states += [other] if is_settled(problem, other) else []
+                states += _comparable(problem, each.estimates, each.supports, state.model_error)
     best = with_close_neighbours(problem, states)[0]
     return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
 
