@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.cluster import done_in_parts, on_cluster
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
@@ -131,7 +132,9 @@ def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
         forecast.to_frame().to_parquet(content, index=False)
         make_folder(piece.file.parent)
         write_whole(piece.file, content.getvalue())
-    compared = [_compared(forecast, i) for i in range(len(forecast.trials))]
+    known = forecast.std is not None and forecast.noise is not None
+    bands = forecast.bands(measured=True) if known else [None] * len(forecast.trials)
+    compared = [_compared(forecast, i, own) for i, own in enumerate(bands)]
     errors, schema = forecast.errors(), forecast.trials.schema
     measured = [schema.states.index(name) for name in schema.measured]
     for column, values in zip(("samples", "spread", WITHIN), np.array(compared).transpose(1, 0, 2), strict=True):
@@ -139,7 +142,7 @@ def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
     return errors
 
 
-def _compared(forecast: Forecast, index: int) -> tuple[Any, Any, Any]:
+def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None) -> tuple[Any, Any, Any]:
     """Return of each state of a trial how many samples are compared, their standard deviation, the share in bands."""
     ahead = forecast.ahead[index]
     states = forecast.trials[index].states[ahead]
@@ -148,7 +151,7 @@ def _compared(forecast: Forecast, index: int) -> tuple[Any, Any, Any]:
     means = np.nansum(states, axis=0) / counts
     spread = np.sqrt(np.nansum((states - means) ** 2, axis=0) / counts)
     share = np.full(states.shape[1], np.nan)
-    if forecast.std is not None and forecast.noise is not None:
-        low, high = (end[ahead] for end in forecast.bands(measured=True)[index])
+    if band is not None:
+        low, high = (end[ahead] for end in band)
         share = ((low <= states) & (states <= high) & seen).sum(axis=0) / counts
     return seen.sum(axis=0), spread, share
