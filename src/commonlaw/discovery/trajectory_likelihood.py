@@ -61,6 +61,9 @@ _PLAIN = 0.2
 _MANY = 4
 """Coefficients and constants of an equation more than which may stand for a state that nobody measured."""
 
+_FEW_OBJECTS = 10
+"""Objects up to which a library asks for such a state by itself: with more it takes minutes."""
+
 _SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
 
 
@@ -276,7 +279,8 @@ class TrajectoryLikelihood(AbstractMethod):
             found = with_parametric_terms(found, offers, progress)
         if driven:
             found = with_drive_said(found, driven)
-        if order == 1 and seeks and (self.unmeasured or may_be_simpler(found, _MANY)):
+        few = len(trials.objects) <= _FEW_OBJECTS
+        if order == 1 and (self.unmeasured or (seeks and few and may_be_simpler(found, _MANY))):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
 
