@@ -301,8 +301,8 @@ class AutoLibrary(AbstractLibrary):
 
     Polynomials of degree 3 first; beside few of these, functions of all families, alone and as factors of a state or
     an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree 2, beside
-    linear terms; then a state that nobody measured, in laws of first order of at most ten objects. A law takes them where its evidence pays
-    for the larger choice.
+    linear terms; then, in laws of first order of at most ten objects, a state that nobody measured. A law takes them
+    where its evidence pays for the larger choice.
 
     Examples
     --------
