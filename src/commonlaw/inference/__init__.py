@@ -7,6 +7,7 @@ from commonlaw.inference.constants import outcomes_of_constants, with_constants_
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.drives import drives, with_drive_said
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.finishing import finish
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.fit_setup import as_followed
 from commonlaw.inference.law_search import (
@@ -16,7 +17,6 @@ from commonlaw.inference.law_search import (
     begin_search,
     beyond_white_noise,
     choose_errors,
-    finish,
     resolved,
     search_supports,
 )

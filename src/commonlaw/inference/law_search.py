@@ -1,4 +1,4 @@
-"""The way from trials to a law: search supports, or fit the one that is given, choose its errors, finish.
+"""The way from trials to a law: search supports, or fit the one that is given, choose its errors; see `finishing`, too.
 
 Each step returns what the next one takes.
 """
@@ -11,9 +11,7 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.averaging import other_laws, with_rivals
-from commonlaw.inference.calibration import calibrated
-from commonlaw.inference.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.error_choice import candidates, chosen, runs_away
 from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
 from commonlaw.inference.few_samples import few_of, search_by_few
@@ -21,21 +19,12 @@ from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import hypotheses, under_each_kind
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
-from commonlaw.inference.provenance import (
-    ComparedTerms,
-    alternatives,
-    history,
-    inclusion_probabilities,
-    names_in,
-    outcomes,
-)
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
-from commonlaw.inference.search_state import ANY_ERROR, SearchState, neighbours
-from commonlaw.inference.trial_differences import differing_trials
-from commonlaw.law import Law, PlausibleLaw, Step
+from commonlaw.inference.search_state import ANY_ERROR, SearchState
+from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
@@ -49,9 +38,6 @@ after which the law is chosen. They are only shown, while it works."""
 
 _RIVALS = 2
 """Laws of other terms that are fitted under each kind of errors, too."""
-
-_SAME = 1e-3
-"""Standard deviations of the noise in which the ends of trajectories agree where one law is written in two ways."""
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -306,103 +292,3 @@ def resolved(found: LawSearch, progress: ProgressCallback) -> LawSearch:
             return replace(found, problem=problem, state=best)
         progress("fitting what is more plausible")
         state = best
-
-
-def finish(
-    found: LawSearch,
-    *,
-    covariance: CovarianceKind,
-    universal: Callable[[Law], Bools],
-    partial_pooling: bool,
-    seed: int,
-    progress: ProgressCallback,
-) -> Law:
-    """Return the law that was found: its terms, coefficients, their covariance, and every choice on the way.
-
-    Parameters
-    ----------
-    found
-        By `begin_search`, `choose_errors` and `resolved`.
-    covariance
-        How the coefficients' covariance is found, see `covariance.covariances`.
-    universal
-        Returns which coefficients of a law all objects have in common, shape (equations, terms).
-    partial_pooling
-        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
-    seed
-        Of what is drawn.
-    progress
-        Takes what is being done.
-    """
-    template, problem, state = found.template, found.problem, found.state
-    progress("judging terms and coefficients")
-    compared = compared_terms(found)
-    law = fitted_law(template, problem, state, covariance, seed)
-    law = replace(
-        law,
-        uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(template, compared)),
-        provenance=replace(
-            template.provenance,
-            outcomes=(
-                *template.provenance.outcomes,
-                *outcomes(template, problem, state),
-                *differing_trials(problem, state),
-            ),
-            alternatives=alternatives(template, compared),
-            history=(*template.provenance.history, *history(template, problem, state, compared)),
-        ),
-    )
-
-    def pooled(law: Law) -> Law:
-        return law.partial_pooling(universal(law), partial_pooling)
-
-    law = calibrated(law, problem, state, pooled)
-    others = other_laws(problem, state, law) if found.solver is not None else ()
-    others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
-    return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))
-
-
-def _different(found: LawSearch) -> list[LawSearch]:
-    """Return the rivals that are not the same law in other words, as another or the law itself is."""
-    listed = [found]
-    for rival in found.rivals:
-        if not any(_is_same(rival, each) for each in listed):
-            listed.append(rival)
-    return listed[1:]
-
-
-def _is_same(one: LawSearch, other: LawSearch) -> bool:
-    """Return whether laws with as many coefficients have the same trajectories, by far less than the noise."""
-    if one.state.supports.sum() != other.state.supports.sum() or one.template.states != other.template.states:
-        return False
-    pairs = zip(one.state.estimates, other.state.estimates, strict=True)
-    ends = [(a[[0, -1]], b[[0, -1]]) for x, y in pairs for a, b in zip(x.states, y.states, strict=True)]
-    width = len(one.problem.noise)
-    apart = np.max([abs(a - b)[:, :width] for a, b in ends], axis=(0, 1))
-    return bool((apart < _SAME * one.problem.noise).all())
-
-
-def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:
-    """Return for each equation the terms that were chosen and those beside them, the other equations' being the same.
-
-    Of terms that are given, these are those of rivals alone.
-    """
-    laws = [(each.state.value - found.state.value, _names(each)) for each in found.rivals]
-    first, compared = _names(found), []
-    near = neighbours(found.problem, found.state) if found.solver is not None else [[] for _ in first]
-    for j, (own, given) in enumerate(zip(first, found.template.support, strict=True)):
-        named = [(names_in(found.template, each.support | given), each) for each in near[j]]
-        listed = {names: ComparedTerms(names, each.twice_log_bayes_factor, each.chosen) for names, each in named}
-        listed = listed or {own: ComparedTerms(own, 0.0, True)}
-        here = listed[own].twice_log_bayes_factor
-        for above, names in laws:
-            if names[:j] == first[:j] and names[j + 1 :] == first[j + 1 :]:
-                listed.setdefault(names[j], ComparedTerms(names[j], here + above, False))
-        compared.append(sorted(listed.values(), key=lambda each: each.twice_log_bayes_factor))
-    return compared
-
-
-def _names(found: LawSearch) -> list[tuple[str, ...]]:
-    template = found.template
-    pairs = zip(found.state.supports, template.support, strict=True)
-    return [names_in(template, own | given) for own, given in pairs]
