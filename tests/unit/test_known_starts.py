@@ -90,6 +90,7 @@ def test_standard_errors_are_the_bound_of_the_information(equations):
         assert (abs(value - expected) < 0.05 * error).all()
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_they_say():
     inside = []
     for seed in range(24):

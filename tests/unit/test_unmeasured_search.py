@@ -71,6 +71,7 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
     assert "unmeasured=1" in law.to_script()
 
 
+@pytest.mark.slow
 def test_the_susceptible_are_found_by_the_infected():
     truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
     law = cl.discover(trials, library="poly:2", unmeasured=1)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
@@ -133,7 +134,10 @@ class Source:
     def is_stream(self) -> bool:
         """Whether the file is a folder of Parquet files, or a pattern of them."""
         path = Path(self.path or "")
-        return bool(self.path) and not path.is_file() and (path.is_dir() or any(each in str(path) for each in "*?["))
+        with suppress(OSError):  # As of a name that is too long, which is refused where it is read
+            pattern = any(each in str(path) for each in "*?[")
+            return bool(self.path) and not path.is_file() and (path.is_dir() or pattern)
+        return False
 
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
