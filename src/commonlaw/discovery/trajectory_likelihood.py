@@ -58,7 +58,7 @@ _FACTORS, _ARRAYS = 6, 20
 _PLAIN = 0.2
 """Share of the time that plain terms are searched in where others are, too. It is only shown, while it works."""
 
-_MANY = 4
+_MANY = 5
 """Coefficients and constants of an equation more than which may stand for a state that nobody measured."""
 
 _FEW_OBJECTS = 10
