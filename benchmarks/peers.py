@@ -28,7 +28,6 @@ def bootstrap(problem: Problem) -> Run:
 
     def run() -> Floats:
         optimizer = ps.EnsembleOptimizer(_stlsq(problem.thresholds[0]), bagging=True, n_models=problem.models)
-        np.random.seed(0)  # noqa: NPY002 (PySINDy draws from the global generator)
         _fitted(problem, optimizer)
         return np.stack(optimizer.coef_list)
 
