@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
+from click.types import StringParamType
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
@@ -14,7 +15,7 @@ from commonlaw.files import check_targets
 from commonlaw.names import as_text, in_line
 
 
-class _File(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions only
+class _File(StringParamType):
     """A name of a file; a shell completes it."""
 
     name = "file"
