@@ -9,9 +9,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import contextmanager, suppress
 from urllib.parse import urlsplit
+
+import psutil
 
 PATIENCE = 20.0
 """Seconds within which what is told to end has ended: far less than what it is in would take, on any machine."""
@@ -92,15 +93,12 @@ def served(*arguments: object, environment: Mapping[str, str] | None = None) -> 
 
 
 def processes_of(session: int) -> dict[int, str]:
-    """Return the states of the processes of a session, `Z` for zombies, by number."""
-    found = {}
-    for each in Path("/proc").glob("[0-9]*"):
-        try:
-            state, _, _, own = (each / "stat").read_text().rpartition(")")[2].split()[:4]
-        except OSError:  # ended meanwhile
-            continue
-        if int(own) == session:
-            found[int(each.name)] = state
+    """Return the states of the processes of a session, as `psutil` names them, by number."""
+    found = dict[int, str]()
+    for each in psutil.process_iter():
+        with suppress(psutil.NoSuchProcess, ProcessLookupError, PermissionError):  # Ended meanwhile, or somebody else's
+            if os.getsid(each.pid) == session:
+                found[each.pid] = each.status()
     return found
 
 

@@ -1,12 +1,8 @@
 """Many files in one call: a law for each, one table of all."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
 from contextlib import closing
-from shutil import which
 
 import numpy as np
 import pandas as pd
@@ -109,39 +105,3 @@ def test_processes_end_when_nobody_waits_for_them():
         os.kill(process, 0)
     with pytest.raises(ProcessLookupError):
         os.kill(process, 0)
-
-
-def _of_group(group):
-    """Return the command lines of the processes of a group that have not ended."""
-    listed = subprocess.run(["ps", "-A", "-o", "pgid=,stat=,args="], capture_output=True, text=True, check=True).stdout
-    rows = (line.split(maxsplit=2) for line in listed.splitlines())
-    return [row[2] for row in rows if int(row[0]) == group and not row[1].startswith("Z")]
-
-
-@pytest.mark.skipif(not which("ps"), reason="nothing lists processes here")
-def test_an_interrupt_ends_all_processes_and_writes_nothing(tmp_path):
-    for i in range(6):
-        cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")
-    program = "import sys; sys.argv[0] = 'commonlaw'; from commonlaw.cli import main; main()"
-    words = ["discover", *(f"{i}.csv" for i in range(6)), "--each", "--order", "2", "--out", "r.csv", "--workers", "2"]
-    command = subprocess.Popen(
-        [sys.executable, "-c", program, *words, "-v"],
-        cwd=tmp_path,
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-    )
-    assert command.stderr is not None
-    for _ in ("the processes are started", "one file is done"):
-        command.stderr.readline()
-    os.killpg(command.pid, signal.SIGINT)
-    _, said = command.communicate(timeout=120)
-    assert command.returncode != 0
-    assert b"Traceback" not in said
-    assert not (tmp_path / "r.csv").exists()
-    until = time.monotonic() + 10  # A process that is ending is listed until it has ended
-    while (left := [each for each in _of_group(command.pid) if "resource_tracker" not in each]) and (
-        time.monotonic() < until
-    ):
-        time.sleep(0.1)
-    assert left == []

@@ -81,6 +81,28 @@ def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
     print(f"{command}, {2 * KILLS} times: ended within {longest:.2f} s")
 
 
+def test_an_interrupt_from_a_terminal_ends_all_processes_and_writes_nothing(tmp_path: Path) -> None:
+    for i in range(6):
+        cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")
+    words = ["discover", *(f"{i}.csv" for i in range(6)), "--each", "--order", "2", "--out", "r.csv", "--workers", "2"]
+    command = subprocess.Popen(
+        [*COMMAND, *words, "-v"],
+        cwd=tmp_path,
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+    )
+    assert command.stderr is not None
+    for _ in ("the processes are started", "one file is done"):
+        command.stderr.readline()
+    os.killpg(command.pid, signal.SIGINT)  # As Ctrl-C does: to all of them
+    _, said = command.communicate(timeout=120)
+    assert command.returncode != 0
+    assert b"Traceback" not in said
+    assert not (tmp_path / "r.csv").exists()
+    assert gone(command.pid)
+
+
 def run_to_the_end(folder: Path, inputs: Path, arguments: tuple[str, ...]) -> tuple[dict[str, bytes], float]:
     """Return what a command writes by name of file, and how long it takes."""
     (folder / "in").symlink_to(inputs)

@@ -1,7 +1,6 @@
 """Workbooks, Parquet files and frames that would take memory, other files or the process with them."""
 
 import json
-import os
 from decimal import Decimal
 
 import numpy as np
@@ -54,7 +53,6 @@ def parquet_file(path, kept):
 
 KEPT = {
     "a file of properties": json.dumps({"roles": {"properties": "secret.csv"}}).encode(),
-    "a pipe of properties": json.dumps({"roles": {"properties": "pipe"}}).encode(),
     "numbers for names": b'{"roles": {"time": 5}}',
     "an empty name": b'{"roles": {"states": [null]}}',
     "a list": b"[]",
@@ -64,12 +62,10 @@ KEPT = {
 }
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes that have names")
 @pytest.mark.parametrize("kept", KEPT.values(), ids=KEPT)
 def test_what_a_parquet_file_says_of_its_columns_are_names_of_them(tmp_path, monkeypatch, kept):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "secret.csv").write_text("object,password\ndrops,xyzzy\n")
-    os.mkfifo(tmp_path / "pipe")
     path = parquet_file(tmp_path / "drops.parquet", kept)
     for read in (cl.Trials.read, cl.TrialStream.from_parquet):
         with pytest.raises(cl.CommonlawError, match=r"drops.parquet: what the file says .* damaged .*; write the file"):
