@@ -102,7 +102,8 @@ def fit(
     ------
     CommonlawError
         If the text cannot be read, the message says at which character and lists the variables; if a state has neither
-        a column nor a start, or nothing tells its scale or a coefficient; or if the trials cannot be used as they are.
+        a column nor a start, or nothing tells its scale or a coefficient; if there is no such setting; or if the trials
+        cannot be used as they are.
 
     Examples
     --------
@@ -113,6 +114,8 @@ def fit(
     <BLANKLINE>
     with v = x', g [m/s²] = 9.80000 ± 0.00096, c [1/s] = 0.380000 ± 0.000086
     """
+    for name in settings:
+        check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
