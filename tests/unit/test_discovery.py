@@ -211,6 +211,9 @@ def test_settings_of_a_method_that_do_not_fit_are_refused_with_place_and_remedy(
     [
         ({"order": 3}, "order 3 is not supported"),
         ({"order": "2"}, "order '2' is not supported: give the number"),
+        ({"order": 2.0}, r"order 2\.0 is not supported"),
+        ({"order": [2]}, r"order \[2\] is not supported"),
+        ({"order": {"x": 2.0}}, r"order 2\.0 of x is not supported"),
         ({"order": 0}, r"order=0 does not go with DerivativeRegression: use method=DiscreteTimeRegression\(\)"),
         ({"library": "poly:2 + fuorier:1"}, "unknown library 'fuorier': did you mean 'fourier'"),
         ({"library": "terms:1,1/(t - t)"}, "(?s)1/.*Ball 1, trial 1|Ball 1, trial 1.*1/"),

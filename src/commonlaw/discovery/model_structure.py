@@ -33,24 +33,12 @@ class ModelStructure:
         Coefficients that are known, see `Known`.
     universal
         Terms that have one coefficient for all objects.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such order.
     """
 
     order: Order
     library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
     known: Known = field(default_factory=dict)
     universal: Sequence[Key] = ()
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.order, tuple) and self.order not in (0, 1, 2):
-            raise CommonlawError(
-                f"order {self.order!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law "
-                'in discrete time (x[k+1] = ...), orders by state ({"x": 2, "y": 1}), or "auto" for 1 or 2'
-            )
 
     def terms(self, schema: Schema) -> Terms:
         """Return the candidate terms over the variables of trials of this schema.

@@ -1,7 +1,8 @@
 """The order of a law as it is asked for, or where none is given told by measured rates and by evidence."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 from typing import Literal, NamedTuple, TypeVar
 
 from commonlaw.discovery.measured_rates import measured_rates, without_measured_rates
@@ -38,7 +39,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
     Raises
     ------
     CommonlawError
-        If orders by state do not fit the states, or are to be found in a stream.
+        If there is no such order, orders by state do not fit the states, or are to be found in a stream.
     """
     if asked == "auto":
         if isinstance(trials, TrialStream):
@@ -55,6 +56,11 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
             trials, outcomes = without_measured_rates(trials, second, asked)
         own = _by_state(asked, trials.schema)
     else:
+        if not _is_among(asked, (0, 1, 2)):
+            raise CommonlawError(
+                f"order {asked!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law in "
+                'discrete time (x[k+1] = ...), orders by state ({"x": 2, "y": 1}), or "auto" for 1 or 2'
+            )
         if isinstance(trials, Trials):
             trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
         own = [asked] * len(trials.schema.states)
@@ -64,7 +70,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
 def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
     for name, each in asked.items():
         check_choice("state", name, schema.states)
-        if each not in (1, 2):
+        if not _is_among(each, (1, 2)):
             raise CommonlawError(
                 f"order {each!r} of {name} is not supported: give 1 ({name}' = ...) or 2 ({name}'' = ...)"
             )
@@ -72,6 +78,11 @@ def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
     if lacking:
         raise CommonlawError(f"order says nothing of {', '.join(lacking)}: give 1 or 2 for each state")
     return [asked[name] for name in schema.states]
+
+
+def _is_among(order: object, known: Container[object]) -> bool:
+    """Whether an order is a whole number, and a known one; 2.0 is none."""
+    return isinstance(order, Integral) and order in known
 
 
 def _told_by_rates(trials: Trials) -> Orders:
