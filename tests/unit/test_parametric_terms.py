@@ -42,6 +42,19 @@ def law(enzymes):
     return cl.discover(enzymes, library="poly:2 + poly:1 * saturating + exponential", cache=False)
 
 
+@pytest.mark.parametrize("library", ["poly:1 + saturating", "poly:1 + ratio(poly:1, poly:1)"])
+def test_coefficients_that_are_known_stay_in_laws_with_constants_inside(library):
+    def rates(s, rate, half):
+        return saturation(s, rate, half) + 0.3
+
+    fed = simulated(rates, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
+    law = cl.discover(fed, library=library, known={"1": 0.25}, cache=False)
+    assert law.terms.variables.constants
+    column = law.terms.index("1")
+    assert (law.coefficients[:, 0, column] == 0.25).all()
+    assert (law.standard_errors[:, 0, column] == 0).all()
+
+
 def test_families_of_variables_and_products_of_them_are_read_from_text():
     variables = Variables(("s", "x"))
     library = parse_library("poly:1 + poly:1:x * saturating:s + terms:abs(s)**p,s**2")

@@ -126,6 +126,20 @@ def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_pole
         assert (np.abs(below + rest) > 0).all()
 
 
+def test_a_term_whose_coefficient_is_known_in_an_equation_is_not_beside_its_ratios():
+    table = enzymes(1, noise=0.01).to_frame()
+    table["p"] = 6 * np.exp(-0.5 * table["t"]) + 0.1 * table["s"]
+    trials = cl.Trials.from_frame(table, object="object", trial="trial", time="t", states=["s", "p"])
+    variables = Variables(("s", "p"))
+    terms, known = PolynomialLibrary(1).bind(variables), np.full((3, 2, 3), np.nan)
+    known[:, 1, terms.index("p")] = 0.0
+    problem = prepare(trials, terms, known)
+    ratios = parse_library("poly:1 + ratio(poly:1, poly:1)").ratios(variables)
+    of_s, of_p = ({k for each in own for k in each.plain} for own in matching_ratios(problem, problem.starts, ratios))
+    assert terms.index("p") not in of_p
+    assert of_s
+
+
 def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
     table = enzymes(1, noise=0.01).to_frame()
     table["u"] = np.where(table["object"] == "a", 0.0, 1.0 + (table["trial"].astype(str) == "1"))

@@ -70,7 +70,7 @@ def matching_ratios(
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, each, sides).best() if sides else []
+            scored += _Ranked(problem, equation, each, sides).best() if sides else []
         found.append([each for _, each in sorted(scored, key=lambda pair: pair[0])])
     return found
 
@@ -198,6 +198,7 @@ class _Ranked:
     """Ratios for an equation by what they leave of the measurements of all objects."""
 
     problem: SearchProblem
+    equation: int
     offered: Ratios
     sides: Sequence[_Sides]
 
@@ -299,7 +300,7 @@ class _Ranked:
     def _by_size(self) -> list[Indices]:
         """The sets of terms above and beside, shape (sets, size) for each size."""
         plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
-        free = np.asarray(self.problem.allowed.any(axis=0))
+        free = self.problem.allowed[self.equation]
         beside = [count + k for k, each in enumerate(self.offered.beside) if each in plain and free[plain.index(each)]]
         found, total = list[Indices](), 0
         for size in range(1, _MOST_ABOVE + _MOST_BESIDE + 1):

@@ -100,7 +100,9 @@ def matching_sets(
     found = []
     for equation in range(len(problem.noise)):
         matches = [each.match(equation) for each in courses]
-        found.append(_Ranked([each for each in matches if len(each.target)], others).best(len(problem.models)))
+        plain = np.flatnonzero(problem.allowed[equation]).tolist()
+        ranked = _Ranked([each for each in matches if len(each.target)], plain, others)
+        found.append(ranked.best(len(problem.models)))
     return found
 
 
@@ -110,9 +112,13 @@ _Key = tuple[tuple[int, ...], tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class _Ranked:
-    """Sets of terms of an equation by what they leave of the measurements of all objects."""
+    """Sets of terms of an equation by what they leave of the measurements of all objects.
+
+    Plain terms are those, by their index, whose coefficients are not known.
+    """
 
     matches: Sequence[Match]
+    plain: Sequence[int]
     others: Sequence[ParametricTerm]
     constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
@@ -149,7 +155,7 @@ class _Ranked:
         columns = [match.plain for match in self.matches]
         new = [a for a in range(len(self.others)) if not any(match.repeats(a) for match in self.matches)]
         found: dict[_Key, float] = {}
-        for plain, row in self._left(columns, _subsets(columns[0].shape[1], _MOST_SETS)):
+        for plain, row in self._left(columns, _subsets(self.plain, _MOST_SETS)):
             found[plain, ()] = row[0]
             found |= {(plain, (a,)): row[1 + a] for a in new}
         return found
@@ -167,7 +173,9 @@ class _Ranked:
             for match in self.matches:
                 columns.append(np.column_stack([match.plain, match.columns_of(a)[:, self._values(match, key)[0]]]))
             last = columns[0].shape[1] - 1
-            for plain, row in self._left(columns, [(*own, last) for own in _subsets(last, _MOST_SETS_BESIDE_TWO)]):
+            for plain, row in self._left(
+                columns, [(*own, last) for own in _subsets(self.plain, _MOST_SETS_BESIDE_TWO)]
+            ):
                 for b in best.keys() - {a}:
                     wider = plain[:-1], (min(a, b), max(a, b))
                     found[wider] = min(row[1 + b], found.get(wider, np.inf))
@@ -277,11 +285,11 @@ def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
 
 
-def _subsets(count: int, most: int) -> list[tuple[int, ...]]:
-    """Return the sets of plain terms, smaller ones first, of sizes of which not too many are compared."""
+def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
+    """Return the sets of some terms, smaller ones first, of sizes of which not too many are compared."""
     found: list[tuple[int, ...]] = []
     for size in range(_MOST_PLAIN + 1):
-        of_size = list(combinations(range(count), size))
+        of_size = list(combinations(plain, size))
         if size > 1 and len(found) + len(of_size) > most:
             break
         found += of_size
