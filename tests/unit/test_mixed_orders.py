@@ -1,5 +1,6 @@
 """Laws whose equations have different orders: theta'' = ... beside i' = ..."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -11,6 +12,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.app.result import results
 from commonlaw.kernel import library as kernels
+from commonlaw.library import Terms
 
 TIMES = np.linspace(0, 6, 90)
 EQUATIONS = "theta'' = -a sin(theta) - b theta' + k i; i' = -r i - m theta' + u"
@@ -153,6 +155,13 @@ def test_it_is_saved_and_written_as_a_program(law, tmp_path):
     np.testing.assert_array_equal(again.predict(motors(0.01)).score(), law.predict(motors(0.01)).score())
 
 
+@pytest.mark.parametrize(("order", "orders"), [((2, 1), ()), ((1, 2), (2, 1))])
+def test_a_law_whose_variables_have_other_orders_is_refused(law, order, orders):
+    terms = Terms(replace(law.terms.variables, orders=orders), law.terms.terms)
+    with pytest.raises(cl.CommonlawError, match="and its terms are over variables with the orders"):
+        cl.Law(terms, law.schema, order, law.objects, law.coefficients)
+
+
 def test_it_is_judged_and_compared(law):
     trials = motors(0.01)
     assert law.verdict(trials).usable
@@ -170,7 +179,6 @@ def test_the_discrepancy_of_a_law_of_mixed_orders_is_found():
     assert "theta''" in str(found)
 
 
-MOTOR = ("theta'' = a i + b v_theta + c sin(theta)", "i' = d i + f v_theta + g u")
 SYSTEMS = {
     "motor": (
         motors,

@@ -98,13 +98,17 @@ class Law(AbstractDelegates):
                 f"order {text.order_in_words(self.order, schema.states)}: leave positive=... out"
             )
         names = variables.states[: len(schema.states)], variables.inputs, variables.time, variables.logarithmic
-        rates, orders = len(with_rates(self.order, len(schema.states))), variables.orders or self.order
+        rates, order = len(with_rates(self.order, len(schema.states))), text.order_in_words(self.order, schema.states)
         is_over = names == (schema.states, schema.inputs, schema.time, schema.logarithmic)
-        if not is_over or len(self.rates) != rates or orders != self.order:
-            order = text.order_in_words(self.order, schema.states)
+        if not is_over or len(self.rates) != rates:
             raise CommonlawError(
                 f"the terms of a law of order {order} for {', '.join(schema.states)} are over "
                 f"{', '.join(variables.names)}; expected states and {rates} rates, inputs and time"
+            )
+        if variables.orders != (self.order if isinstance(self.order, tuple) else ()):
+            raise CommonlawError(
+                f"the law is of order {order}, and its terms are over variables with the orders "
+                f"{variables.orders or 'that all have'}: give both the same"
             )
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
         if twice:
