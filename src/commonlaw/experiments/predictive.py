@@ -15,7 +15,7 @@ from commonlaw.inference.search_problem import spread
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
-from commonlaw.library import highest_columns
+from commonlaw.library import highest_columns, with_rates
 from commonlaw.trials import Trial, Trials
 
 MOST, _LEAST, _TOGETHER = 64, 16, 192
@@ -190,8 +190,8 @@ class _Planned:
         """How surely single measurements tell the free starts, and two of them rates, shape (f,)."""
         law, start = self.law, self.problem(self.experiment.objects[0]).initial
         white = _white_std(law, start[np.newaxis])[0]
-        rates = np.sqrt(2) * white / (self.times[1] - self.times[0])
-        return np.concatenate([white, rates[: len(start) - len(white)]])[self.free_starts]
+        rates = np.sqrt(2) * white[with_rates(law.order, len(white))] / (self.times[1] - self.times[0])
+        return np.concatenate([white, rates])[self.free_starts]
 
     def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""
