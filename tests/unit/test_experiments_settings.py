@@ -89,6 +89,12 @@ def test_free_starts_are_as_sure_as_the_noise_of_their_own_states():
     np.testing.assert_allclose(planned.start_noise, [0.1, 0.4, np.sqrt(2) * 0.4 / 0.5])
 
 
+@pytest.mark.parametrize("given", [{"start_std": {"x": "0.1"}}, {"start_std": {"x": None}}, {"cost": {"trial": "one"}}])
+def test_errors_of_starts_and_prices_that_are_no_numbers_are_refused(given):
+    with pytest.raises(cl.CommonlawError, match=r"(start|price) of (x|trial) is .*: give a number from zero on"):
+        cl.design(falling(), {"x": 0, "v": 0, "duration": 1, "rate": 10}, **given)
+
+
 def test_errors_of_starts_that_cannot_be_are_refused():
     settings = {"x": 0, "v": 0, "duration": 1, "rate": 10}
     with pytest.raises(cl.CommonlawError, match="'y'"):
@@ -128,6 +134,12 @@ def test_doses_are_given_when_and_as_often_as_is_set(eliminated):
     np.testing.assert_allclose(found.mean, expected, atol=1e-3)
 
 
+def test_a_dose_after_the_last_sample_is_none(eliminated):
+    found = cl.design(eliminated, {"c": 0, "dose": 3, "dose.at": 5, "duration": 5, "rate": 2})
+    assert "no dose" in found.experiments[0].text
+    assert found.experiments[0].bits == pytest.approx(0)
+
+
 def test_doses_are_those_of_trials_by_default():
     times = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 8.0])
     random = np.random.default_rng(0)
@@ -147,7 +159,12 @@ def test_doses_are_those_of_trials_by_default():
 
 @pytest.mark.parametrize(
     ("vary", "message"),
-    [({"dose.shape": "ramp"}, r"dose\.shape"), ({"dose.every": 0}, r"dose\.every is 0: give numbers above 0")],
+    [
+        ({"dose.shape": "ramp"}, r"dose\.shape"),
+        ({"dose.every": 0}, r"dose\.every is 0: give numbers above 0"),
+        ({"dose.every": 1e-9}, r"an experiment has 5e\+09 doses: give a longer dose\.every"),
+        ({"dose.at": -1}, r"dose\.at is -1\.0: give a number from zero on"),
+    ],
 )
 def test_doses_have_no_shape_and_take_time(eliminated, vary, message):
     with pytest.raises(cl.CommonlawError, match=message):

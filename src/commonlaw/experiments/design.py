@@ -10,7 +10,7 @@ from commonlaw.experiments.experiment import check_prices
 from commonlaw.experiments.plan import Design, Forecasts, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, Search
-from commonlaw.experiments.settings import Options, Range, Settings, read
+from commonlaw.experiments.settings import Options, Range, Settings, check_amount, read
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.meeting import matched
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -153,8 +153,7 @@ def _start_std(given: Mapping[str, float], law: Law) -> Mapping[str, float]:
     for name, value in given.items():
         if name not in law.terms.variables.states:
             raise unknown("state", name, law.terms.variables.states)
-        if not (np.isfinite(value) and value >= 0):
-            raise CommonlawError(f"the start of {name} is off by {value}: give a number from zero on")
+        check_amount(f"the start of {name} is off by", value)
     return given
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.experiments.settings import EACH, Value
+from commonlaw.experiments.settings import EACH, Value, check_amount
 from commonlaw.forecast.law_simulation import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
@@ -112,6 +112,8 @@ class Experiment:
     def _input(self, name: str, law: Law, units: Mapping[str, str]) -> str:
         if name in law.schema.doses:
             given = dose_times(self.settings, name, self.times)
+            if not given:
+                return f"no {name}"
             first = f"{given[0] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
             amount = f"{_number(self.settings, name):.3g} {units.get(name, '')}".rstrip()
             often = f" and {counted(len(given) - 1, 'time')} more" if len(given) > 1 else ""
@@ -129,8 +131,7 @@ def check_prices(prices: Mapping[str, float], settings: Mapping[str, object], la
     for name, price in prices.items():
         if name not in known:
             raise unknown("price", name, dict.fromkeys(known))
-        if not (np.isfinite(price) and price >= 0):
-            raise CommonlawError(f"the price of {name} is {price}: give a number from zero on")
+        check_amount(f"the price of {name} is", price)
 
 
 def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
@@ -178,9 +179,13 @@ def _inputs(law: Law, settings: Mapping[str, Value], times: Floats) -> Inputs | 
 
 
 def dose_times(settings: Mapping[str, Value], name: str, times: Floats) -> list[float]:
-    """Return when a dose is given: once, or again and again, before the last sample."""
+    """Return when a dose is given: once, or again and again; not from the last sample on."""
     first = float(times[0]) + _number(settings, f"{name}.at")
     every, last = _number(settings, f"{name}.every", np.inf), float(times[-1])
+    if first >= last:
+        return []
+    if (last - first) / every > _MOST_SAMPLES:
+        raise CommonlawError(f"an experiment has {(last - first) / every:.3g} doses: give a longer {name}.every")
     return [first, *(first + k * every for k in range(1, int(np.ceil((last - first) / every))))]
 
 

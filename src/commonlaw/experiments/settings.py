@@ -201,6 +201,12 @@ def _words_of(options: Options) -> tuple[str, ...]:
     return () if isinstance(options, Range) else tuple(map(str, options))
 
 
+def check_amount(what: str, value: object) -> None:
+    """Refuse what is no finite number from zero on."""
+    if not (isinstance(value, float | int | np.floating | np.integer) and 0 <= value < np.inf):
+        raise CommonlawError(f"{what} {value}: give a number from zero on")
+
+
 def _replaced(name: str, given: Mapping[str, Options]) -> bool:
     """Whether what was given says something else in place of a setting."""
     if name in ("rate", "samples"):
@@ -276,6 +282,9 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
         for number in numbers_of(options.get(name, ())):
             if not number > least:
                 raise CommonlawError(f"{name} is {number:g}: give numbers above {least:g}")
+    for name in law.schema.doses:
+        for number in numbers_of(options.get(f"{name}.at", ())):
+            check_amount(f"{name}.at is", number)
     for name in law.schema.logarithmic:
         if any(not number > 0 for number in numbers_of(options.get(name, ()))):
             raise CommonlawError(
