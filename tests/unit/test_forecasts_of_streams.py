@@ -51,18 +51,37 @@ def test_errors_are_those_of_forecasts_of_all_trials(law, stream, drops, tmp_pat
     pd.testing.assert_frame_equal(pd.concat(written, ignore_index=True), frame, check_dtype=False)
 
 
-def test_objects_that_the_law_has_not_seen_are_forecast_by_their_properties(drops, stream):
-    seen = cl.Trials(
-        drops.select(object=list(drops.objects[:30])).trials,
-        drops.schema,
-        {n: drops.properties[n] for n in drops.objects[:30]},
-    )
-    law = cl.fit("x'' = -g - c v", seen)
+@pytest.fixture(scope="module")
+def explained(drops):
+    """The law of half of the balls, whose drag follows from the mass."""
+    seen = drops.objects[:30]
+    half = drops.select(object=list(seen))
+    return cl.fit(
+        "x'' = -g - c v", cl.Trials(half.trials, half.schema, {n: drops.properties[n] for n in seen})
+    ).explain()
+
+
+def test_objects_that_the_law_has_not_seen_are_forecast_by_their_properties(explained, law, drops, stream):
     with pytest.raises(cl.CommonlawError, match=r"Ball 31 is not in the law: .* explain the law first"):
-        cl.forecast_stream(law, stream)
-    explained = law.explain()
+        cl.forecast_stream(law.select(list(drops.objects[:30])), stream)
     expected = explained.predict(drops, return_std=True).errors()
     np.testing.assert_allclose(cl.forecast_stream(explained, stream)["rms error"], expected["rms error"], rtol=1e-6)
+
+
+def test_objects_whose_properties_are_not_known_are_refused(explained, drops, tmp_path):
+    cl.Trials(drops.select(object="Ball 31").trials, drops.schema).to_parquet(tmp_path / "31.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path, **ROLES)
+    with pytest.raises(cl.CommonlawError, match=r"Ball 31 is not in the law, .* mass: name the columns, properties="):
+        cl.forecast_stream(explained, stream)
+
+
+@pytest.mark.parametrize("first", [29, 30])
+def test_a_law_is_judged_by_objects_of_which_it_knows_one_or_none(explained, drops, tmp_path, first):
+    some = drops.select(object=list(drops.objects[first:33]))
+    some.to_parquet(tmp_path / "some.parquet")
+    found = find_by_stream(explained, cl.TrialStream.from_parquet(tmp_path, **ROLES, properties=["mass"]), str)
+    assert found.score == pytest.approx(explained.predict(some).score(), abs=1e-9)
+    assert found.few.forecast.score() == pytest.approx(found.score, abs=1e-9)
 
 
 @pytest.fixture(scope="module")

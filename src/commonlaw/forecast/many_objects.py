@@ -1,7 +1,7 @@
 """Forecasts of the trials of a stream, part by part, by workers or here: a row of errors for each trial is kept."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
@@ -17,8 +17,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.files import make_folder, write_whole
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Forecast, Law
+from commonlaw.law.population import is_typical
 from commonlaw.progress import ProgressCallback, part
-from commonlaw.trials import TrialStream
+from commonlaw.trials import Trials, TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,7 +90,7 @@ def forecast_parts(
     names = dict(done_in_parts(_objects, parts, "listing objects", part(progress, 0.0, _LISTED)))
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
-    pieces = [_Piece(_law_of(law, names[i]), parts[i], files[i]) for i in range(len(parts))]
+    pieces = [_Piece(_light(law_of(law, names[i])), parts[i], files[i]) for i in range(len(parts))]
     found = dict(done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0)))
     return [found[i] for i in range(len(parts))]
 
@@ -107,8 +108,14 @@ def _objects(stream: TrialStream) -> tuple[str, ...]:
     return tuple(dict.fromkeys(trial.object for trial in stream))
 
 
-def _law_of(law: Law, names: Sequence[str]) -> Law:
-    """Return what forecasts of some objects take of a law, which is small."""
+def law_of(law: Law, names: Collection[str]) -> Law:
+    """Return what a law says of some objects: of those that it knows, and of others by what it was learned from.
+
+    Raises
+    ------
+    CommonlawError
+        If it does not know one of them, and what its coefficients follow from was not found.
+    """
     if len(law.objects) == 1:
         return law
     known = {*law.objects}
@@ -119,14 +126,33 @@ def _law_of(law: Law, names: Sequence[str]) -> Law:
             "properties; explain the law first"
         )
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
-    own = law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
-    return replace(own, uncertainty=replace(own.uncertainty, shared_factor=None, unpooled=None))
+    return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
+
+
+def _light(law: Law) -> Law:
+    """Return what forecasts take of a law, without what is large."""
+    return replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
+
+
+def _check_told(law: Law, trials: Trials) -> None:
+    """Refuse objects whose coefficients nothing tells: the typical ones are not known from what is sent of a law."""
+    if len(law.objects) == 1 or law.explanation is None:
+        return
+    for name in trials.objects:
+        if is_typical(law, name, trials):
+            wanted = [*law.explanation.properties]
+            raise CommonlawError(
+                f"{name} is not in the law, and not all is known that its coefficients follow from, "
+                f"{' and '.join(wanted)}: name the columns, properties={wanted}"
+            )
 
 
 def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
     """Forecast the trials of a part; return their errors, and write the forecasts if they are kept."""
+    trials = piece.stream.read()
+    _check_told(piece.law, trials)
     with unannounced():
-        forecast = predict(piece.law, piece.stream.read(), return_std=piece.law.has_std, **how)
+        forecast = predict(piece.law, trials, return_std=piece.law.has_std, **how)
     if piece.file is not None:
         content = BytesIO()
         forecast.to_frame().to_parquet(content, index=False)

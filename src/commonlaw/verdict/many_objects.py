@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.cluster import done_in_parts
-from commonlaw.forecast.many_objects import WITHIN, forecast_parts
+from commonlaw.forecast.many_objects import WITHIN, forecast_parts, law_of
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.trials import Trials, TrialStream
@@ -90,8 +90,7 @@ def find_by_stream(law: Law, stream: TrialStream, progress: ProgressCallback) ->
     ]
     few = _joined(_read(wanted, part(progress, _FORECAST, 1.0)))
     progress(Stage(f"judging the law by {len(rows)} objects", 1.0))
-    of_few = law if len(law.objects) == 1 else law.select([name for name in few.objects if name in {*law.objects}])
-    return ManyFindings(law, errors, len(frames), find(of_few, few))
+    return ManyFindings(law, errors, len(frames), find(law_of(law, few.objects), few))
 
 
 def _read(wanted: Sequence[tuple[TrialStream, set[str]]], progress: ProgressCallback) -> Iterator[Trials]:
