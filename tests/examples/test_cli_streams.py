@@ -30,6 +30,21 @@ def test_forecasts_of_a_pattern_are_written_file_by_file(run, tmp_path):
     assert sorted(each.name for each in (tmp_path / "f").iterdir()) == [f"forecast-00000{i}.parquet" for i in (1, 2)]
 
 
+def test_forecasts_that_all_run_away_are_listed(run):
+    cl.Law.from_text("x' = k x^3", {"k": {"Ball 1": 50.0, "Ball 2": 50.0}}).save("wrong.json")
+    code, out, err = run("predict", "wrong.json", "Ball *.parquet")
+    assert code == 0, err
+    assert "The worst" in out
+    assert "by trial" not in out
+
+
+def test_a_law_of_many_objects_without_coefficients_is_shown(run, tmp_path):
+    cl.datasets.linear_drag(drag=(0.0,) * 51, noise=0.01, trials=1, samples=8).to_csv(tmp_path / "drops.csv")
+    code, out, err = run("fit", "x'' = -9.81", "drops.csv")
+    assert code == 0, err
+    assert "51 objects" in out
+
+
 def test_a_page_on_a_pattern(run, tmp_path):
     code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--out", "page.html")
     assert code == 0, err

@@ -13,15 +13,19 @@ _STRANGEST = 10
 
 
 def print_spread(law: "Law", heads: list[str]) -> None:
-    """Print letter values of the coefficients, under these heads, and the objects farthest from the medians."""
+    """Print letter values of the coefficients, under these heads, and the objects farthest from the medians.
+
+    Nothing of a law that has none.
+    """
     from commonlaw.law.spread import letter_values, strangest
 
+    if not heads:
+        return
     values, errors = law.letter_values()
     print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
     say(f"\nThe {_STRANGEST} objects farthest from the medians, in standard deviations of a normal spread:\n")
-    own = [
-        list(zip(each.tolist(), np.nan_to_num(error).tolist(), strict=True))
-        for each, error in zip(values, errors, strict=True)
-    ]
-    rows = [[law.objects[i], *own[i], *rest] for i, *rest in zip(*strangest(values, heads, _STRANGEST), strict=True)]
+    rows: list[list[object]] = []
+    for i, *rest in zip(*strangest(values, heads, _STRANGEST), strict=True):
+        own = zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)
+        rows.append([law.objects[i], *own, *rest])
     print_table([law.schema.object, *heads, "farthest in", "by"], rows)

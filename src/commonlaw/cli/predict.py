@@ -175,6 +175,8 @@ def _forecast_stream(
     else:
         for state, own in finite.groupby("state", sort=False):
             known = own.dropna(subset="rms error")
+            if not len(known):
+                continue
             say(f"Errors of forecasts of {state}, by trial:\n")
             print_frame(letter_values({name: known[name].to_numpy() for name in _ERRORS}, "trial"))
         worst = errors.sort_values("rms error", ascending=False, kind="stable")[:_WORST]

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Floats
 from commonlaw.wording import counted
 
-_DEPTHS = {"median": 2, "fourth": 4, "eighth": 8, "sixteenth": 16}
-"""Letter values (Tukey 1977, "Exploratory data analysis", chapter 2), by the share of objects beyond them."""
+_DEPTHS = {"fourth": 4, "eighth": 8, "sixteenth": 16}
+"""Letter values (Tukey 1977, "Exploratory data analysis", chapter 2) on each side of the median: one object in so many
+is beyond them."""
 
 _NORMAL = 1.349
 """Standard deviations between the fourths of a normal distribution."""
@@ -24,10 +25,9 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     75.0
     """
     values = np.stack([*columns.values()], axis=1)
-    shares = [(name, 1 / depth) for name, depth in _DEPTHS.items()]
     rows = [("median", 0.5)]
-    for name, share in shares[1:]:
-        rows += [(f"lower {name}", share), (f"upper {name}", 1 - share)]
+    for name, depth in _DEPTHS.items():
+        rows += [(f"lower {name}", 1 / depth), (f"upper {name}", 1 - 1 / depth)]
     rows += [("least", 0.0), ("largest", 1.0)]
     found = np.quantile(values, [share for _, share in rows], axis=0, method="linear")
     names = pd.DataFrame({f"of {counted(len(values), of)}": [name for name, _ in rows]})
