@@ -40,7 +40,8 @@ def test_errors_are_those_of_forecasts_of_all_trials(law, stream, drops, tmp_pat
     found = cl.forecast_stream(law, stream, folder=tmp_path / "forecasts")
     whole = law.predict(drops, return_std=True)
     pd.testing.assert_frame_equal(found[list(whole.errors())], whole.errors())
-    assert (found["samples"] == [len(each) for each in drops]).all()
+    assert found["samples"].tolist() == [len(each) for each in drops]
+    assert found["samples"].dtype == int
     np.testing.assert_allclose(found["spread"], [each.states.std() for each in drops])
     frame = whole.to_frame()
     inside = (frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"])

@@ -1,7 +1,7 @@
 """Forecasts of the trials of a stream, part by part, by workers or here: a row of errors for each trial is kept."""
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
@@ -87,10 +87,10 @@ def forecast_parts(
 ) -> "list[pd.DataFrame]":
     """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
     parts = stream.parts or (stream,)
-    names = dict(done_in_parts(_objects, parts, "listing objects", part(progress, 0.0, _LISTED)))
+    laws = _laws(law, parts, part(progress, 0.0, _LISTED))
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
-    pieces = [_Piece(_light(law_of(law, names[i])), parts[i], files[i]) for i in range(len(parts))]
+    pieces = [_Piece(*each) for each in zip(laws, parts, files, strict=True)]
     found = dict(done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0)))
     return [found[i] for i in range(len(parts))]
 
@@ -102,6 +102,15 @@ class _Piece:
     law: Law
     stream: TrialStream
     file: Path | None
+
+
+def _laws(law: Law, parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Law]:
+    """Return what forecasts of each part take of a law, which is small: its objects, nothing of all together."""
+    if len(law.objects) == 1:
+        return [law] * len(parts)
+    names = dict(done_in_parts(_objects, parts, "listing objects", progress))
+    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
+    return [law_of(light, names[i]) for i in range(len(parts))]
 
 
 def _objects(stream: TrialStream) -> tuple[str, ...]:
@@ -127,11 +136,6 @@ def law_of(law: Law, names: Collection[str]) -> Law:
         )
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
     return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
-
-
-def _light(law: Law) -> Law:
-    """Return what forecasts take of a law, without what is large."""
-    return replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
 
 
 def _check_told(law: Law, trials: Trials) -> None:
@@ -163,9 +167,8 @@ def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
     compared = [_compared(forecast, i, own) for i, own in enumerate(bands)]
     errors, schema = forecast.errors(), forecast.trials.schema
     measured = [schema.states.index(name) for name in schema.measured]
-    for column, values in zip(("samples", "spread", WITHIN), np.array(compared).transpose(1, 0, 2), strict=True):
-        errors[column] = values[:, measured].ravel()
-    return errors
+    samples, spread, within = np.array(compared).transpose(1, 0, 2)[:, :, measured].reshape(3, -1)
+    return errors.assign(**{"samples": samples.astype(int), "spread": spread, WITHIN: within})
 
 
 def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None) -> tuple[Any, Any, Any]:

@@ -56,10 +56,9 @@ class ManyFindings:
 
     @property
     def coverage(self) -> float:
-        """The share of all measurements in their 95 % bands; NaN if these are not known."""
-        if WITHIN not in self.errors or self.errors[WITHIN].isna().all():
-            return float("nan")
-        return float(np.average(self.errors[WITHIN].fillna(0.0), weights=self.errors["samples"]))
+        """The share of the measurements that are in their 95 % bands, of those that have some; NaN if none has."""
+        known = self.errors.dropna(subset=WITHIN)
+        return float(np.average(known[WITHIN], weights=known["samples"])) if known["samples"].any() else np.nan
 
     @property
     def trials(self) -> int:
