@@ -241,6 +241,14 @@ def on_cluster(client: "Client | None") -> Iterator[None]:
         _CLUSTER.reset(token)
 
 
+def refuse_client(client: "Client | None") -> None:
+    """Refuse a dask client where there are no files for its workers to read."""
+    if client is not None:
+        raise CommonlawError(
+            "client=... is for files, which its workers read: give TrialStream.from_parquet(...), or leave it out"
+        )
+
+
 def current_cluster() -> Cluster | None:
     """Return the cluster that work is done by, see `on_cluster`; None if it is done here."""
     return _CLUSTER.get()

@@ -102,6 +102,13 @@ def test_few_objects_stand_for_all_and_all_are_counted(found, law, drops):
     assert found.few.trials.properties[few[0]] == drops.properties[few[0]]
 
 
+def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
+    with pytest.raises(cl.CommonlawError, match=r"learned=\.\.\. goes with trials in memory"):
+        law.report(stream, drops)
+    with pytest.raises(cl.CommonlawError, match=r"client=\.\.\. is for files"):
+        law.report(drops, client=object())
+
+
 def test_the_page_tells_of_all_objects(law, found):
     first, *blocks = all_objects(found).blocks
     assert "120 trials of 60 objects in 3 files were forecast" in first.text

@@ -66,10 +66,10 @@ def report(
         law = Law.load(law_path) if law_path else None
         known = law.schema if law else None
         trials = stream_of(source, known) if streams else source.load(known)
-        training = trials if isinstance(trials, TrialStream) else source.select(trials)
+        training = None if isinstance(trials, TrialStream) else source.select(trials)
         later = LaterSteps()
         if law is None:
-            law = question.answer(training, part(show, 0.0, 0.5))
+            law = question.answer(trials if training is None else training, part(show, 0.0, 0.5))
             later.write_law(save, law)
             law = question.explained(law, show, later)
             later.write_law(save, law)
@@ -77,8 +77,7 @@ def report(
 
         def page() -> bytes:
             show("judging the law")
-            if isinstance(trials, TrialStream) or isinstance(training, TrialStream):
-                assert isinstance(trials, TrialStream)
+            if isinstance(trials, TrialStream):
                 found = find_by_stream(law, trials, part(show, 0.5, 1.0))
                 table = Table(source.path or "", properties=source.properties, stream=True)
                 made = law_report(found.few, command, table, in_options, show, everything=found)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
-from commonlaw.cluster import on_cluster
+from commonlaw.cluster import on_cluster, refuse_client
 from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
@@ -131,10 +131,8 @@ class LawDiscovery:
                 f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
                 "Trials.read"
             )
-        if self.client is not None and isinstance(trials, Trials):
-            raise CommonlawError(
-                "client=... is for files, which its workers read: give TrialStream.from_parquet(...), or leave it out"
-            )
+        if isinstance(trials, Trials):
+            refuse_client(self.client)
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
         progress = self.progress or on_terminal()
         with on_cluster(self.client):

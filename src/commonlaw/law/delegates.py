@@ -354,9 +354,14 @@ class AbstractDelegates(AbstractAverages):
         trials
             What was measured. All of a stream is forecast, and the page shows few objects that stand for all.
         learned
-            What of it the law was learned from, see `verdict`; all by default.
+            What of it the law was learned from, see `verdict`; all by default, and of a stream always.
         client
             A dask client, whose workers go through a stream.
+
+        Raises
+        ------
+        CommonlawError
+            If the law and the trials do not go together, or one of the others does not go with them.
 
         Examples
         --------

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from commonlaw.cluster import on_cluster
+from commonlaw.cluster import on_cluster, refuse_client
+from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.page import Page
@@ -30,7 +31,10 @@ def law_page(
     """Return the report of a law as a page, see `Law.report`."""
     check_packages()
     if isinstance(trials, Trials):
+        refuse_client(client)
         return Page(to_page(law_report(find(law, trials, learned))).decode())
+    if learned is not None:
+        raise CommonlawError("learned=... goes with trials in memory, and all of a stream is forecast: leave it out")
     with on_cluster(client):
         found = find_by_stream(law, trials, on_terminal())
     made = law_report(found.few, table=Source("runs/*.parquet", stream=True), everything=found)
