@@ -98,7 +98,7 @@ def test_values_of_constants_that_say_the_same_are_tried_once():
 def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
-    (sets,) = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables))
+    (sets,) = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables), [7])
     found = next(each for each in sets if not each.plain and len(each.others) == 1)
     assert found.others[0].text(plain.variables) == "s/(K + s)"
     start = found.starts[0]

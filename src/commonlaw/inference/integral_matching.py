@@ -5,7 +5,7 @@ near the true ones in f, coefficients are found by least squares on integrals, w
 Klaassen 2015), and constants inside of terms from a bank of values.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -28,6 +28,9 @@ matched, evenly spread."""
 _STEPS, _CHANGE, _SHORTER = 4, 1e-6, 5.0
 """Gauss-Newton steps on constants, the relative change that derivatives are found by, and by how much a step is
 shortened that does not gain."""
+
+_SINGULAR = 1e-12
+"""Share of the largest singular value of columns up to which one is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,21 +120,30 @@ class Match:
             not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - INSIDE))
         )
 
-    def best_beside(self, plain: Sequence[int], a: int, beside: Floats | None = None) -> int:
-        """Return the index, in its bank, of the values of one of the others that leave least beside plain terms.
+    def best_beside(self, plain: Indices, which: Indices, beside: Indices | None = None) -> Indices:
+        """Return for sets of plain terms the values of one of the others that leave least, by index in its bank.
 
-        And beside more columns, shape (n, k).
+        The sets have the shape (sets, size); which other it is, and a column of the others that is taken too, (sets,).
         """
-        chosen, columns = list(plain), self.columns_of(a)
-        own, inner = self._gram[np.ix_(chosen, chosen)], self._inner[chosen]
-        crossed, every = self._crossed[chosen][:, self._of(a)], self._every[self._of(a)]
+        firsts = self.banks.firsts[which]
+        counts = self.banks.firsts[which + 1] - firsts
+        offsets = np.arange(counts.max())
+        exists = offsets < counts[:, np.newaxis]
+        columns = firsts[:, np.newaxis] + np.where(exists, offsets, 0)
+        own, inner = self._gram[plain[:, :, np.newaxis], plain[:, np.newaxis, :]], self._inner[plain]
+        crossed, every = self._crossed[plain[:, :, np.newaxis], columns[:, np.newaxis, :]], self._every[columns]
         if beside is not None:
-            between = self.plain[:, chosen].T @ beside
-            own = np.block([[own, between], [between.T, beside.T @ beside]])
-            inner, crossed = np.append(inner, beside.T @ self.target), np.vstack([crossed, beside.T @ columns])
-        solved = np.linalg.solve(own + INSIDE * np.eye(len(own)), np.column_stack([inner, crossed]))
-        outside = self.squares[self._of(a)] - np.sum(crossed * solved[:, 1:], axis=0)
-        return int(np.argmax(gains(every - solved[:, 0] @ crossed, outside)))
+            between = self._crossed[plain, beside[:, np.newaxis]][:, :, np.newaxis]
+            own = np.block([[own, between], [between.transpose(0, 2, 1), self.squares[beside, np.newaxis, np.newaxis]]])
+            added = np.zeros((len(plain), 1, len(offsets)))
+            for row, a, column, count in zip(added[:, 0], which, beside, counts, strict=True):
+                row[:count] = self.others[:, column] @ self.columns_of(a)
+            inner, crossed = np.column_stack([inner, self._every[beside]]), np.concatenate([crossed, added], axis=1)
+        whole = np.concatenate([inner[..., np.newaxis], crossed], axis=2)
+        solved = np.linalg.solve(own + INSIDE * np.eye(own.shape[1]), whole)
+        outside = self.squares[columns] - np.sum(crossed * solved[:, :, 1:], axis=1)
+        gained = gains(every - np.sum(crossed * solved[:, :, :1], axis=1), outside)
+        return np.asarray(np.argmax(np.where(exists, gained, -1.0), axis=1))
 
     def _of(self, a: int) -> slice:
         return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
@@ -166,9 +178,8 @@ class Match:
         """Return derivatives of one of the others by its constants, of unit norm, shape (n, constants)."""
         if (a, index) not in self.slopes:
             value = self.banks.constants[a][index]
-            steps = np.diag(np.where(value != 0, _CHANGE * value, _CHANGE))
-            columns = along(self.banks.others[a], self.banks.values, np.vstack([value, value + steps]))
-            self.slopes[a, index] = unit(self.integrals.of(columns[:, 1:] - columns[:, :1]))[0]
+            (columns,) = self._integrated([a], [with_steps(value)])
+            self.slopes[a, index] = unit(columns[:, 1:] - columns[:, :1])[0]
         return self.slopes[a, index]
 
     def fitted(self, plain: Sequence[int], others: Sequence[int], constants: Sequence[Floats]) -> tuple[Floats, Floats]:
@@ -176,40 +187,41 @@ class Match:
 
         All is left where a term is not finite.
         """
-        pairs = zip(others, constants, strict=True)
-        columns = [along(self.banks.others[a], self.banks.values, own[np.newaxis]) for a, own in pairs]
-        beside, sizes = unit(
-            self.integrals.of(np.concatenate([np.empty((len(self.banks.values), 0)), *columns], axis=1))
-        )
+        columns = self._integrated(others, [own[np.newaxis] for own in constants])
+        beside, sizes = unit(np.column_stack([self.plain[:, :0], *columns]))
         whole = np.column_stack([self.plain[:, list(plain)], beside])
         if not np.isfinite(sizes).all():
             return np.zeros(whole.shape[1]), self.target
-        own = np.linalg.lstsq(whole, self.target, rcond=1e-12)[0]
+        own = np.linalg.lstsq(whole, self.target, rcond=_SINGULAR)[0]
         norms = np.append(self.norms[list(plain)], sizes)
         return own / np.where(norms > 0, norms, 1.0), self.target - whole @ own
 
     def closest(self, plain: Sequence[int], others: Sequence[int], begin: Sequence[Floats]) -> tuple[Floats, ...]:
         """Return the constants of terms that leave least, near some."""
-        cuts = np.cumsum([len(each) for each in begin])[:-1]
-        found = np.concatenate([np.empty(0), *begin])
-        if not len(found):
+        counts = [len(each) for each in begin]
+        if not sum(counts):
             return tuple(begin)
+        cuts, fixed = np.cumsum(counts)[:-1], self.plain[:, list(plain)]
 
-        def left(values: Floats) -> Floats:
-            return self.fitted(plain, others, np.split(values, cuts))[1]
+        def linearized(values: Floats) -> tuple[Floats, Floats]:
+            columns = self._integrated(others, [with_steps(own) for own in np.split(values, cuts)])
+            here = np.column_stack([fixed, *(each[:, 0] for each in columns)])
+            whole, step = np.repeat(here[np.newaxis], 1 + len(values), axis=0), 1
+            for place, each in enumerate(columns, fixed.shape[1]):
+                count = each.shape[1] - 1
+                whole[step : step + count, :, place] = each[:, 1:].T
+                step += count
+            return projected(self.target, whole)
 
-        here = left(found)
-        for _ in range(_STEPS):
-            nearby = np.where(found != 0, _CHANGE * found, _CHANGE)
-            slopes = np.column_stack([(left(found + own) - here) / _CHANGE for own in np.diag(nearby)])
-            step = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0] * nearby / _CHANGE
-            there = left(found + step)
-            if not there @ there < here @ here:
-                step, there = step / _SHORTER, left(found + step / _SHORTER)
-            if not there @ there < here @ here:
-                break
-            found, here = found + step, there
-        return tuple(np.split(found, cuts))
+        return tuple(np.split(closest(linearized, np.concatenate(begin)), cuts))
+
+    def _integrated(self, others: Sequence[int], banks: Sequence[Floats]) -> list[Floats]:
+        """Return integrals of some of the others at some values of their constants, shape (n, values) each."""
+        if not others:
+            return []
+        columns = [along(self.banks.others[a], self.banks.values, own) for a, own in zip(others, banks, strict=True)]
+        whole = self.integrals.of(np.concatenate(columns, axis=1))
+        return np.split(whole, np.cumsum([len(own) for own in banks])[:-1], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +288,58 @@ class _Window:
         times = (self.times - self.times[0])[self.observed]
         basis = np.linalg.qr(np.column_stack([times**k / self.std for k in range(order)]))[0]
         return np.asarray(rows - basis @ (basis.T @ rows))
+
+
+def with_steps(values: Floats) -> Floats:
+    """Return values, and these with one after the other a little changed, shape (1 + values, values)."""
+    return np.vstack([values, values + np.diag(_CHANGE * _sizes(values))])
+
+
+def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats) -> Floats:
+    """Return values near some that leave the least sum of squares, by Gauss-Newton steps.
+
+    What is left and its derivatives by relative changes of the values are those that `projected` returns.
+    """
+    found, (here, slopes) = begin, linearized(begin)
+    for _ in range(_STEPS):
+        step = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0] * _sizes(found)
+        there = linearized(found + step)
+        if not there[0] @ there[0] < here @ here:
+            step = step / _SHORTER
+            there = linearized(found + step)
+        if not there[0] @ there[0] < here @ here:
+            break
+        found, (here, slopes) = found + step, there
+    return found
+
+
+def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
+    """Return what columns leave of a target by least squares, and its derivatives by relative changes of values.
+
+    Coefficients follow these (variable projection, as by Kaufman 1975). All is left, whatever the values are, where a
+    column is not finite.
+
+    Parameters
+    ----------
+    target
+        Shape (n,).
+    columns
+        At the values and the others of `with_steps`, shape (1 + values, n, columns).
+    """
+    if not np.isfinite(columns).all():
+        return target, np.zeros((len(target), len(columns) - 1))
+    whole, norms = unit(columns[0])
+    basis, sizes, turned = np.linalg.svd(whole, full_matrices=False)
+    kept = sizes > _SINGULAR * sizes[:1].sum()
+    basis = basis[:, kept]
+    inner = basis.T @ target
+    found = np.divide(turned[kept].T @ (inner / sizes[kept]), norms, out=np.zeros(len(norms)), where=norms > 0)
+    slopes = (columns[0] - columns[1:]) @ found / _CHANGE
+    return target - basis @ inner, slopes.T - basis @ (basis.T @ slopes.T)
+
+
+def _sizes(values: Floats) -> Floats:
+    return np.where(values != 0, values, 1.0)
 
 
 def gains(inner: Floats, outside: Floats) -> Floats:

@@ -21,7 +21,7 @@ from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import ANY_ERROR, FINAL, NO_ERROR, is_settled
-from commonlaw.inference.term_sets import Start, TermSet, matching_sets
+from commonlaw.inference.term_sets import MOST_NUMBERS, Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
@@ -119,11 +119,11 @@ def _searched(
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        known = [proposed for each in curves for proposed in search.proposed(each)] + known
-        estimates, proposed = curves[0], [_in_turn(own) for own in zip(*known, strict=True)]
-        if _explains(best):
-            pairs = zip(proposed, rows, strict=True)
-            proposed = [[each for each in own if each.numbers <= row.numbers + _MORE] for own, row in pairs]
+        explained = _explains(best)
+        most = [row.numbers + _MORE if explained else MOST_NUMBERS for row in rows]
+        known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
+        estimates, pairs = curves[0], zip(zip(*known, strict=True), most, strict=True)
+        proposed = [[each for each in _in_turn(own) if each.numbers <= numbers] for own, numbers in pairs]
         listed = _joint(proposed) if len(rows) > 1 else []
         for j, own in enumerate(proposed):
             listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_TRIED]]
@@ -200,11 +200,14 @@ class _Search:
     offer: Offer
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
 
-    def proposed(self, estimates: Sequence[Estimate]) -> Iterator[list[list[TermSet]]]:
-        """Yield sets of terms of each equation, the most promising first: with others, and with ratios of sums."""
-        yield matching_sets(self.base, estimates, self.offer.terms)
+    def proposed(self, estimates: Sequence[Estimate], most: Sequence[int]) -> Iterator[list[list[TermSet]]]:
+        """Yield sets of terms of each equation, of at most so many numbers, the most promising first.
+
+        With others, and with ratios of sums.
+        """
+        yield matching_sets(self.base, estimates, self.offer.terms, most)
         if self.offer.ratios:
-            yield matching_ratios(self.base, estimates, self.offer.ratios)
+            yield matching_ratios(self.base, estimates, self.offer.ratios, most)
 
     def offering(self, offer: Offer) -> "_Search":
         """Return the search for laws with something else, which was to choose from, too."""

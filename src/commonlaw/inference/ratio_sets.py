@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.inference.integral_matching import INSIDE, Course, unit
+from commonlaw.inference.integral_matching import INSIDE, Course, closest, projected, unit, with_steps
 from commonlaw.inference.poles import with_points_between
 from commonlaw.inference.search_problem import SearchProblem, spread
-from commonlaw.inference.term_sets import OBJECTS, Start, TermSet, for_all
+from commonlaw.inference.term_sets import MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
@@ -38,18 +38,12 @@ _WIDENED = 4
 _CLOSE, _KEPT = 6, 3
 """Sets of as many numbers whose denominators are found to more digits, and of which so many are fitted."""
 
-_MOST_NUMBERS = 7
-"""Coefficients and constants of an equation at most."""
-
 _HOPELESS = 30.0
 """Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
 
-_STEPS = 8
-"""Steps by which a denominator is found to more digits."""
-
 
 def matching_ratios(
-    problem: SearchProblem, estimates: Sequence[Estimate], offered: Sequence[Ratios]
+    problem: SearchProblem, estimates: Sequence[Estimate], offered: Sequence[Ratios], most: Sequence[int]
 ) -> list[list[TermSet]]:
     """Return for each equation ratios that fit best for how many numbers they have, the most promising first.
 
@@ -61,6 +55,8 @@ def matching_ratios(
         States near the true ones, of each object.
     offered
         The ratios among which is chosen.
+    most
+        How many numbers those of each equation have at most.
     """
     indices = spread(len(problem.models), OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
@@ -70,7 +66,7 @@ def matching_ratios(
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, equation, each, sides).best() if sides else []
+            scored += _Ranked(problem, equation, each, sides).best(most[equation]) if sides else []
         found.append([each for _, each in sorted(scored, key=lambda pair: pair[0])])
     return found
 
@@ -165,13 +161,14 @@ class _Sides:
 
     def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
         """Return the coefficients below that leave least, near some, of which none is zero."""
-        from scipy.optimize import least_squares
 
-        def left(relative: Floats) -> Floats:
-            return self.fitted(below, begin * np.append(relative, 1.0), terms)[1]
+        def linearized(values: Floats) -> tuple[Floats, Floats]:
+            several = np.column_stack([with_steps(values), np.full(len(begin), begin[-1])])
+            if not self.whole(below, several[:1]).all():
+                return self.target, np.zeros((len(self.target), len(values)))
+            return projected(self.target, self.columns(below, several)[:, :, terms])
 
-        found = least_squares(left, np.ones(len(begin) - 1), max_nfev=_STEPS).x
-        return np.asarray(begin * np.append(found, 1.0))
+        return np.append(closest(linearized, begin[:-1]), begin[-1])
 
 
 class _Shape(NamedTuple):
@@ -202,13 +199,14 @@ class _Ranked:
     offered: Ratios
     sides: Sequence[_Sides]
 
-    def best(self) -> list[tuple[float, TermSet]]:
+    def best(self, at_most: int) -> list[tuple[float, TermSet]]:
         """Return the best shapes of each size, with their criterion."""
         found = self._all()
         groups: dict[int, list[tuple[float, _Shape]]] = {}
         for shape, score in found.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
         most = min(groups, key=lambda numbers: self._criterion(numbers, min(groups[numbers])[0]), default=0)
+        most = min(most, at_most)  # One more is looked at, from which a term may be dropped
         closer: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
             for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
@@ -227,7 +225,7 @@ class _Ranked:
             (self._criterion(numbers, squares), own)
             for numbers, listed in closer.items()
             for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
-            if numbers <= enough + 1 and (not place or squares <= _HOPELESS * least[enough])
+            if numbers <= min(enough + 1, at_most) and (not place or squares <= _HOPELESS * least[enough])
             if (own := self._with_starts(shape, found[shape])) is not None
         ]
 
@@ -283,7 +281,7 @@ class _Ranked:
         for k, terms in enumerate(chain.from_iterable(own.tolist() for own in self._by_size)):
             shape = self._shape(ordered, terms)
             better = shape not in found or squares[k] < found[shape].squares
-            counts = shape.numbers <= _MOST_NUMBERS and np.isfinite(squares[k])
+            counts = shape.numbers <= MOST_NUMBERS and np.isfinite(squares[k])
             if better and counts and (reduced or self.offered.is_reduced(shape.above, ordered)):
                 best = np.array([bank[place[k]] for bank, place in zip(banks, places, strict=True)])
                 found[shape] = _Score(float(squares[k]), best)

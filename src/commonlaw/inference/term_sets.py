@@ -32,7 +32,7 @@ _MOST_SETS, _MOST_SETS_BESIDE_TWO = 1500, 60
 _AT_ONCE = 50
 """Sets that are compared at a time, so that arrays stay small."""
 
-_MOST_NUMBERS = 7
+MOST_NUMBERS = 7
 """Coefficients and constants of an equation at most."""
 
 _KEPT = (2, 3, 2)
@@ -82,7 +82,7 @@ class TermSet:
 
 
 def matching_sets(
-    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]
+    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm], most: Sequence[int]
 ) -> list[list[TermSet]]:
     """Return for each equation sets of terms that fit best for how many numbers they have, the most promising first.
 
@@ -94,15 +94,16 @@ def matching_sets(
         States near the true ones, of each object.
     others
         Terms with constants inside, or that are not taken together with many plain ones.
+    most
+        How many numbers the sets of each equation have at most.
     """
     indices = spread(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
     found = []
     for equation in range(len(problem.noise)):
-        matches = [each.match(equation) for each in courses]
+        matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        ranked = _Ranked([each for each in matches if len(each.target)], plain, others)
-        found.append(ranked.best(len(problem.models)))
+        found.append(_Ranked(matches, plain, others).best(len(problem.models), most[equation]))
     return found
 
 
@@ -120,9 +121,10 @@ class _Ranked:
     matches: Sequence[Match]
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
+    values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
     constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
-    def best(self, objects: int) -> list[TermSet]:
+    def best(self, objects: int, at_most: int) -> list[TermSet]:
         """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
         if not self.matches:
             return []
@@ -131,12 +133,12 @@ class _Ranked:
         groups: dict[tuple[int, int], list[tuple[float, _Key]]] = {}
         for key, squares in sums.items():
             groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
-        coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= _MOST_NUMBERS]
+        coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= at_most]
         most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
             (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(sorted(listed)))))
             for (numbers, many), listed in sorted(groups.items())
-            if 0 < numbers <= most + 1
+            if 0 < numbers <= min(most + 1, at_most)
         ]
         least = {numbers: np.inf for numbers, _, _ in ranked}
         for numbers, _, listed in ranked:
@@ -171,7 +173,8 @@ class _Ranked:
         for _, key in sorted(best.values())[:_WIDENED]:
             (a,), columns = key[1], []
             for match in self.matches:
-                columns.append(np.column_stack([match.plain, match.columns_of(a)[:, self._values(match, key)[0]]]))
+                (value,) = self._values(match, [key])[key]
+                columns.append(np.column_stack([match.plain, match.columns_of(a)[:, value]]))
             last = columns[0].shape[1] - 1
             for plain, row in self._left(
                 columns, [(*own, last) for own in _subsets(self.plain, _MOST_SETS_BESIDE_TWO)]
@@ -199,24 +202,31 @@ class _Ranked:
         count = sum(len(each.target) for each in self.matches)
         return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.matches) * float(np.log(count))
 
-    def _values(self, match: Match, key: _Key) -> list[int]:
-        """Return the index, in its bank, of the best values of each of the others of a set, found in turn."""
-        plain, others = key
-        if len(others) == 1:
-            return [match.best_beside(plain, others[0])]
-        chosen: dict[int, int] = {}
-        for a in others * len(others):
-            beside = [match.columns_of(b)[:, [i]] for b, i in chosen.items() if b != a]
-            chosen[a] = match.best_beside(plain, a, np.concatenate([match.plain[:, :0], *beside], axis=1))
-        return [chosen[a] for a in others]
+    def _values(self, match: Match, keys: Sequence[_Key]) -> dict[_Key, tuple[int, ...]]:
+        """Return the indices, in their banks, of the best values of the others of some sets, found in turn.
+
+        All sets have as many others.
+        """
+        found = dict[_Key, tuple[int, ...]]()
+        for _, group in groupby(sorted(keys, key=lambda key: len(key[0])), lambda key: len(key[0])):
+            own = list(group)
+            plain, which = (np.array(each, dtype=int) for each in zip(*own, strict=True))
+            chosen, beside = np.zeros_like(which), None
+            for place in [*range(which.shape[1])] * which.shape[1]:
+                chosen[:, place] = match.best_beside(plain, which[:, place], beside)
+                beside = match.banks.firsts[which[:, place]] + chosen[:, place]
+            found |= dict(zip(own, map(tuple, chosen.tolist()), strict=True))
+        return found
 
     def _constants(self, key: _Key) -> list[tuple[Floats, ...]]:
         """Return for each object the constants of a set that leave least, from the best in the banks."""
         if key not in self.constants:
-            self.constants[key] = []
-            for match in self.matches:
-                pairs = zip(key[1], self._values(match, key), strict=True)
-                self.constants[key].append(match.closest(*key, [match.banks.constants[a][i] for a, i in pairs]))
+            begin = [
+                [match.banks.constants[a][i] for a, i in zip(key[1], own, strict=True)]
+                for match, own in zip(self.matches, self.values[key], strict=True)
+            ]
+            pairs = zip(self.matches, begin, strict=True)
+            self.constants[key] = [match.closest(*key, each) for match, each in pairs]
         return self.constants[key]
 
     def _different(self, ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
@@ -237,7 +247,12 @@ class _Ranked:
 
     def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
         """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
-        left = [sum(match.left_nearby(*key, self._values(match, key)) for match in self.matches) for key in keys]
+        best = in_parallel(lambda match: self._values(match, keys), self.matches)
+        self.values.update({key: [own[key] for own in best] for key in keys})
+        left = [
+            sum(match.left_nearby(*key, own) for match, own in zip(self.matches, self.values[key], strict=True))
+            for key in keys
+        ]
         return [keys[k] for k in np.argsort(left, kind="stable")[:_CLOSE]]
 
     def _closely(self, key: _Key) -> tuple[float, _Key]:
