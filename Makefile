@@ -71,7 +71,7 @@ fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less
 unit: $(STAMP) ## Tests and the examples in docstrings, with warnings as errors
 	$(BIN)/pytest -n 2 --dist loadgroup --durations 20 -m "not slow"
 
-slow: $(STAMP) ## Tests that take minutes each
+slow: $(STAMP) ## Tests that take long, those of the whole study among them: half an hour
 	$(BIN)/pytest -m slow
 
 bench: $(BENCH_STAMP) ## Measure commonlaw beside PySINDy: about ten minutes

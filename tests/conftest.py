@@ -120,9 +120,14 @@ def ball_drops_folder(pytestconfig: pytest.Config) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items) -> None:
-    """Keep tests that share a fixture of their module in one worker, as each worker would make it for itself."""
+    """Mark tests of the whole study as slow, and keep in one worker those that share a fixture of their module.
+
+    Each worker would make that for itself.
+    """
     for item in items:
         definitions = item._fixtureinfo.name2fixturedefs.values()
+        if "finished_study" in item._fixtureinfo.name2fixturedefs:
+            item.add_marker(pytest.mark.slow)
         if any(each.scope == "module" for each, *_ in definitions) and not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.path.name))
 

@@ -146,6 +146,7 @@ def test_a_law_of_several_states_comes_back_under_the_names_of_its_terms(monkeyp
     assert models == [[{"x1": 1.0}, {"x0^2 x1": -2.0}], [{"x1": 1.0}, {"x0^2 x1": -3.0}]]
 
 
+@pytest.mark.slow
 def test_a_collection_is_run_and_its_scores_stand_beside_baselines_and_goals(tmp_path, capsys):
     (tmp_path / "run.py").write_text(COLLECTION)
     out = tmp_path / "scores.json"
@@ -180,6 +181,7 @@ def test_relations_of_a_collection_stand_beside_the_truth(tmp_path, capsys):
         assert ("- 10 objects, 1 %, decays 0: U in U' is power law 1/resistance" in printed) == (power == -2)
 
 
+@pytest.mark.slow
 def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
     cramer_rao.main(["--families", "heights of balls", "--draws", "1", "--noise", "0.001"])
     assert "| heights of balls | 0.1 | 1 of 1 |" in capsys.readouterr().out

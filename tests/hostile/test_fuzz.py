@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.cases import KINDS
 
-CASES = 40
+CASES = 20
 """Of each kind."""
 
 

@@ -39,6 +39,9 @@ COMMANDS = {
     ),
     "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
 }  # fmt: skip
+QUICK = ("export to Parquet", "predict", "discover in processes", "discover in each of two tables", "export a workbook")
+"""One of each way in which commands write."""
+
 OLD = b"what was there before"
 
 
@@ -54,7 +57,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [each if each in QUICK else pytest.param(each, marks=pytest.mark.slow) for each in COMMANDS]
+)
 def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
     tmp_path: Path, inputs: Path, command: str
 ) -> None:

@@ -71,6 +71,7 @@ def test_the_averages_of_reynolds_drag_need_the_thresholds_that_the_program_ran_
     assert all(each["v^2"] > 0 for each in others)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["linear", "reynolds"])
 def test_the_figures_of_both_parts_can_be_drawn(part, request):
     pictures = [block for block in request.getfixturevalue(part).blocks if isinstance(block, Picture)]

@@ -1,18 +1,17 @@
 """The part of the study on what all balls have in common."""
 
-import json
-
 import pytest
 
+import commonlaw as cl
 from commonlaw.datasets.sphere_drag import drag_coefficient
-
-# With all that takes numbers from the study, so that it runs once
-pytestmark = pytest.mark.xdist_group("study")
+from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.settings import SEED
+from studies.falling_balls.universal_laws import universal_laws
 
 
 @pytest.fixture(scope="module")
-def results(finished_study):
-    return json.loads((finished_study[0] / "report" / "results.json").read_text())["universal_laws"]
+def results(ball_drops_folder):
+    return universal_laws(Inquiry(cl.datasets.ball_drops(ball_drops_folder), "", SEED)).results["universal_laws"]
 
 
 def test_gravity_is_universal_and_drag_is_each_balls_own(results):
