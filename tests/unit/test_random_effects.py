@@ -153,6 +153,15 @@ def test_covariances_of_what_hangs_together_are_symmetric():
             np.testing.assert_array_equal(found.covariances, found.covariances.swapaxes(1, 2))
 
 
+def test_coefficients_that_scatter_stay_where_errors_of_each_object_are_those_of_fewer():
+    generator = np.random.default_rng(0)
+    halves = 1e-5 * generator.standard_normal((5, 8, 7))
+    own, errors = generator.standard_normal((5, 8)), halves @ halves.swapaxes(1, 2)
+    found = shrink(own, errors, np.full(8, np.nan))
+    np.testing.assert_allclose(found.estimates, own, atol=1e-7)
+    np.testing.assert_allclose(found.covariances, errors, atol=1e-4 * errors.max())
+
+
 def test_units_do_not_matter():
     _, estimates, covariances = measured(5, 0.3)
     units = np.array([1e-6, 1.0, 1e8])

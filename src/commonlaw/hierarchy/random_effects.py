@@ -259,7 +259,7 @@ class _Posterior:
         marginal = effects.marginal(variances)
         # How far each estimate is drawn to the mean: its errors' part of its covariance, E (E + T)^-1 = (I + T A)^-1
         drawn = np.linalg.inv(marginal.added).swapaxes(-1, -2)
-        shared = np.matmul(drawn, np.linalg.cholesky(np.linalg.inv(marginal.total))[:, np.newaxis])
+        shared = np.matmul(drawn, _roots_of_inverses(marginal.total)[:, np.newaxis])
         given_means = drawn * variances[:, np.newaxis, np.newaxis, :]
         deviations = effects.estimates - marginal.means[:, np.newaxis]
         return cls(
@@ -283,6 +283,17 @@ class _Posterior:
 def _symmetric(matrices: Floats) -> Floats:
     """Return matrices, shape (..., k, k), without what rounding has made their halves differ by."""
     return (matrices + matrices.swapaxes(-1, -2)) / 2
+
+
+def _roots_of_inverses(matrices: Floats) -> Floats:
+    """Return matrices whose squares, as A A^T, are the inverses of some information, shape (..., k, k).
+
+    What rounding has left of no information at all is taken as that of a last digit.
+    """
+    sizes = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
+    values, vectors = np.linalg.eigh(_symmetric(matrices / (sizes[..., np.newaxis] * sizes[..., np.newaxis, :])))
+    kept = np.sqrt(np.maximum(values, np.finfo(float).eps))
+    return np.asarray(vectors / kept[..., np.newaxis, :] / sizes[..., np.newaxis])
 
 
 def _grid(low: float, high: float) -> Floats:
