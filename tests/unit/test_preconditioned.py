@@ -28,17 +28,18 @@ def solved(library, target):
     return np.linalg.lstsq(library / norms, target, rcond=1e-15)[0]
 
 
+@pytest.mark.parametrize("terms", [20, TERMS])
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
-def test_coefficients_are_those_of_all_rows(scale):
-    library = monomials(walk(20 * BLOCK)) * scale ** np.linspace(-1, 1, TERMS)
-    truth = np.random.default_rng(1).normal(size=TERMS) / np.linalg.norm(library, axis=0)
+def test_coefficients_are_those_of_all_rows(scale, terms):
+    library = monomials(walk(20 * BLOCK))[:, :terms] * scale ** np.linspace(-1, 1, terms)
+    truth = np.random.default_rng(1).normal(size=terms) / np.linalg.norm(library, axis=0)
     target = library @ truth + np.random.default_rng(2).normal(size=len(library))
     problem = LeastSquaresProblem.of(library, target[:, np.newaxis])
     norms = np.linalg.norm(library, axis=0)
     assert problem.rows == len(library)
     np.testing.assert_allclose(problem.norms, norms, rtol=1e-11)
     expected = solved(library, target)
-    found = problem.least_squares(np.ones(TERMS, dtype=bool), 0) * norms
+    found = problem.least_squares(np.ones(terms, dtype=bool), 0) * norms
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
     assert problem.rss(found / norms, 0) == pytest.approx(np.sum((target - library / norms @ expected) ** 2), rel=1e-10)
 

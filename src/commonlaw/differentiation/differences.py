@@ -136,7 +136,7 @@ class FiniteDifference(AbstractDifferentiator):
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), order + self.accuracy, f"finite differences of accuracy {self.accuracy}")
         columns = np.ascontiguousarray(states.T)  # Long rows go through NumPy several times faster than short ones
-        return Rates(states, tuple(self._derivative(times, columns, k).T for k in range(1, order + 1)))
+        return Rates(columns.T, tuple(self._derivative(times, columns, k).T for k in range(1, order + 1)))
 
     def _derivative(self, times: Floats, states: Floats, order: int) -> Floats:
         """Return the derivative of states, both of shape (d, n)."""

@@ -17,10 +17,7 @@ panels are three times faster."""
 
 _MANY_COLUMNS = 128
 
-_PRECONDITIONED = 64
-"""Columns from which on Cholesky factorisation of preconditioned rows is faster than orthogonal transformations."""
-
-BLOCK = 2048
+BLOCK = 1024
 """Rows that are absorbed together."""
 
 _FEWER = 1e-2
@@ -98,13 +95,15 @@ class LeastSquaresProblem:
         factor, rows = np.zeros((columns, columns), order="F"), 0
         gram: PreconditionedGram | None = None
         for block in blocks:
+            if rows and gram is None and can_precondition(factor):
+                gram = PreconditionedGram(factor)
             rows += len(block)
             if gram is not None and gram.add(block):
                 if gram.is_full:
                     gram = PreconditionedGram(gram.joined())
                 continue
             factor = _absorb(factor if gram is None else gram.joined(), block, workspace=True)
-            gram = PreconditionedGram(factor) if columns >= _PRECONDITIONED and can_precondition(factor) else None
+            gram = None
         return cls(factor if gram is None else gram.joined(), terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":

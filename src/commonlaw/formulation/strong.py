@@ -96,5 +96,5 @@ class StrongForm(AbstractSampledForm):
             inside = slice(start - before, stop - before)
             states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
             lower, targets = split_derivatives([each[inside] for each in rates.derivatives], self.order)
-            columns = [states, lower, trial.inputs[start:stop], trial.times[start:stop, np.newaxis]]
-            yield start, np.concatenate(columns, axis=1), targets
+            columns = [states.T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
+            yield start, np.concatenate(columns).T, targets

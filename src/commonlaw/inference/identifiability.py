@@ -21,7 +21,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
@@ -332,9 +332,15 @@ def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[fl
 @lru_cache(maxsize=8)
 def _correlation(times: bytes, share: float, memory: float) -> Floats:
     """Return the triangular factor of the errors' correlation: a share decays with a memory, the rest is white."""
+    correlated = _decaying(times, memory)
+    return np.asarray(np.linalg.cholesky((1 - share) * np.eye(len(correlated)) + share * correlated))
+
+
+@lru_cache(maxsize=8)
+def _decaying(times: bytes, memory: float) -> Floats:
+    """Return the correlation of errors that decays with a memory."""
     samples = np.frombuffer(times)
-    apart = np.abs(samples[:, np.newaxis] - samples)
-    return np.asarray(np.linalg.cholesky((1 - share) * np.eye(len(samples)) + share * np.exp(-apart / memory)))
+    return np.asarray(np.exp(-np.abs(samples[:, np.newaxis] - samples) / memory))
 
 
 def _log_determinant(times: Floats, share: float, memory: float) -> float:
@@ -352,14 +358,19 @@ def _whitened(rows: _Rows, share: float, memory: float) -> _Rows:
 
 def _looked_at(trials: Trials) -> list[Trial]:
     groups = sorted((trials.of_object(name) for name in trials.objects), key=len, reverse=True)
-    complete = (_some(trial) for group in groups for trial in group if np.isfinite(trial.states).all(axis=1).any())
+    complete = (_some(trial) for group in groups for trial in group if trial.complete or _complete_samples(trial).any())
     return list(islice(complete, _MOST_TRIALS))
 
 
 def _some(trial: Trial) -> Trial:
     """Return the samples that have all states; of a long trial the first ones."""
-    measured = trial if trial.complete else trial.rows(np.asarray(np.isfinite(trial.states).all(axis=1)))
+    measured = trial if trial.complete else trial.rows(_complete_samples(trial))
     return measured.cut(_MOST_SAMPLES) if len(measured) > _MOST_SAMPLES else measured
+
+
+def _complete_samples(trial: Trial) -> Bools:
+    """Return the samples that have all states, shape (n,)."""
+    return np.asarray(np.isfinite(trial.states).all(axis=1))
 
 
 def _curve(trial: Trial, trials: Trials, order: Order) -> _Curve | None:

@@ -59,7 +59,11 @@ class Monomial(AbstractTerm):
         return np.multiply, self._lowered(last), variable(last, len(self.exponents))
 
     def columns(self) -> frozenset[int]:
-        return frozenset(i for i, power in enumerate(self.exponents) if power)
+        return self._columns
+
+    @cached_property
+    def _columns(self) -> frozenset[int]:
+        return frozenset(self._factors)
 
     def complexity(self) -> float:
         return self.degree

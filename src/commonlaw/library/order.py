@@ -63,5 +63,7 @@ def split_derivatives(derivatives: Sequence[Floats], order: Order) -> tuple[Floa
     The rates are those of the states of second order, shape (n, rates); highest derivatives have the shape (n, states).
     """
     states = derivatives[0].shape[1]
-    highest = [derivatives[own - 1][:, j] for j, own in enumerate(order_of_each(order, states))]
+    if not isinstance(order, tuple):
+        return derivatives[0][:, : states * (order - 1)], derivatives[order - 1]
+    highest = [derivatives[own - 1][:, j] for j, own in enumerate(order)]
     return derivatives[0][:, with_rates(order, states)], np.stack(highest, axis=1)

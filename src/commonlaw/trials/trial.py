@@ -158,8 +158,7 @@ class Trial:
             inputs = _frozen(np.empty((len(times), 0)), 2)
         unknown = np.isnan(noise).all()
         if unknown:
-            noise = np.full(states.shape, np.nan)
-            noise.flags.writeable = False
+            noise = np.broadcast_to(np.nan, states.shape)  # Takes no memory
         for name, values in (("times", times), ("states", states), ("inputs", inputs), ("noise", noise)):
             object.__setattr__(self, name, values)
         self._check()
@@ -177,7 +176,8 @@ class Trial:
     @cached_property
     def known_noise(self) -> Bools:
         """Of which states standard deviations of measurements are known, shape (states,)."""
-        return np.asarray(np.isfinite(self.noise).any(axis=0))
+        seen = self.noise if any(self.noise.strides) else self.noise[:1]
+        return np.asarray(np.isfinite(seen).any(axis=0))
 
     @cached_property
     def complete(self) -> bool:
