@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from threading import Thread, current_thread, main_thread
 from time import sleep
@@ -13,6 +13,8 @@ from types import FrameType
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """What people and systems tell processes to end by: Ctrl-C, `kill`, a terminal that is closed."""
 
+_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
+"""What ends a process whatever it is in; on Windows any signal does."""
 
 _TURN = 0.1
 """Seconds between looks at whether a parent has ended."""
@@ -126,5 +128,6 @@ def _kill_children() -> None:
     if "multiprocessing" in sys.modules:
         from multiprocessing import active_children
 
-        for each in active_children():
-            each.kill()
+        for pid in filter(None, [each.pid for each in active_children()]):
+            with suppress(OSError):  # It has ended meanwhile
+                os.kill(pid, _KILL)  # Processes of joblib have no method for it
