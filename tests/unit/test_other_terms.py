@@ -1,12 +1,14 @@
 """What else a law could be, where it has other terms with constants inside."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.special import lambertw
 
 import commonlaw as cl
+from commonlaw.inference.finishing import _is_same
 from commonlaw.law import Law, Provenance, with_constants_of
 
 
@@ -38,6 +40,21 @@ def test_a_law_in_other_words_is_not_counted_twice(law):
     """``a + b s/(K + s)`` is ``a + b - b K/(K + s)``."""
     said = [each.law.structure() for each in law.plausible]
     assert ("s' = a + b s/(K + s)",) not in said
+
+
+def test_laws_are_the_same_by_their_states_whatever_other_processes_they_have():
+    def found(*processes, shift=0.0):
+        states = np.linspace(1.0, 2.0, 10)[:, np.newaxis] + shift
+        state = SimpleNamespace(
+            supports=np.ones((1, 2), dtype=bool),
+            estimates=[SimpleNamespace(states=[np.column_stack([states, *(own * states for own in processes)])])],
+        )
+        return SimpleNamespace(
+            state=state, template=SimpleNamespace(states=("s",)), problem=SimpleNamespace(noise=np.array([0.1]))
+        )
+
+    assert _is_same(found(), found(3.0, 4.0))
+    assert not _is_same(found(), found(3.0, shift=0.01))
 
 
 def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws, with_rivals
 from commonlaw.inference.calibration import calibrated
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
@@ -94,11 +94,14 @@ def _is_same(one: LawSearch, other: LawSearch) -> bool:
     """Return whether laws with as many coefficients have the same trajectories, by far less than the noise."""
     if one.state.supports.sum() != other.state.supports.sum() or one.template.states != other.template.states:
         return False
-    pairs = zip(one.state.estimates, other.state.estimates, strict=True)
-    ends = [(a[[0, -1]], b[[0, -1]]) for x, y in pairs for a, b in zip(x.states, y.states, strict=True)]
-    width = len(one.problem.noise)
-    apart = np.max([abs(a - b)[:, :width] for a, b in ends], axis=(0, 1))
+    apart = np.abs(_ends(one) - _ends(other)).max(axis=(0, 1))
     return bool((apart < _SAME * one.problem.noise).all())
+
+
+def _ends(found: LawSearch) -> Floats:
+    """Return where trajectories start and end, without rates and other processes, shape (trajectories, 2, states)."""
+    states = len(found.problem.noise)
+    return np.array([own[[0, -1], :states] for each in found.state.estimates for own in each.states])
 
 
 def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:
