@@ -57,3 +57,15 @@ def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_no
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
     law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"))
     assert law.structure() == ("s' = a s",)
+
+
+@pytest.mark.parametrize("text", ["auto + terms:exp(s)", "terms:exp(s) + auto"])
+def test_a_sum_offers_what_each_of_its_libraries_does(text):
+    variables = Variables(("s",))
+    alone, library = parse_library("auto"), parse_library(text)
+    (first, ratios), (_, more) = alone.offers(variables), library.offers(variables)
+    assert library.offers(variables)[0] == first
+    assert [each.text(variables.names) for each in ratios.ratios[0].beside] == ["1", "s"]
+    assert [each.text(variables.names) for each in more.ratios[0].beside] == ["1", "s", "exp(s)"]
+    assert library.seeks_unmeasured
+    assert not parse_library("poly:3 + terms:exp(s)").seeks_unmeasured

@@ -1,8 +1,8 @@
 """Libraries: families of terms, their sums and products, and libraries without some of their terms."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.parametric import ParametricTerm, parametric_term
@@ -50,9 +50,6 @@ class AbstractLibrary(ABC):
     of the other, and ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
     """
 
-    seeks_unmeasured: ClassVar[bool] = False
-    """Whether it stands for laws with a state that nobody measured, too."""
-
     @abstractmethod
     def bind(self, variables: Variables) -> Terms:
         """Return the family's terms over these variables, but for those with constants inside that are to be found."""
@@ -68,6 +65,11 @@ class AbstractLibrary(ABC):
     def offers(self, variables: Variables) -> tuple[Offer, ...]:
         """Return what is offered besides, the next where a law of those before may be wrong or could be simpler."""
         return (Offer(self.parametric(variables), self.ratios(variables)),)
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        """Whether it stands for laws with a state that nobody measured, too."""
+        return False
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
@@ -100,10 +102,29 @@ class SumLibrary(AbstractLibrary):
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         return tuple(
-            replace(each, beside=(*each.beside, *plain.bind(variables).terms))
-            for own, plain in ((self.left, self.right), (self.right, self.left))
-            for each in own.ratios(variables)
+            each for own, other in self._sides() for each in _with_plain(own.ratios(variables), other.bind(variables))
         )
+
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        later = (
+            replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
+            for own, other in self._sides()
+            for each in own.offers(variables)[1:]
+        )
+        return (*super().offers(variables), *later)
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return self.left.seeks_unmeasured or self.right.seeks_unmeasured
+
+    def _sides(self) -> tuple[tuple[AbstractLibrary, AbstractLibrary], ...]:
+        """Return each of both libraries, with the other."""
+        return (self.left, self.right), (self.right, self.left)
+
+
+def _with_plain(ratios: Sequence[Ratios], terms: Terms) -> tuple[Ratios, ...]:
+    """Return ratios with more terms beside them."""
+    return tuple(replace(each, beside=tuple(dict.fromkeys((*each.beside, *terms.terms)))) for each in ratios)
 
 
 @dataclass(frozen=True)

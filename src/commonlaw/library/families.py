@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import ClassVar
 
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.algebra import AbstractLibrary, Offer, check_count
@@ -311,8 +310,6 @@ class AutoLibrary(AbstractLibrary):
     (10, 71)
     """
 
-    seeks_unmeasured: ClassVar[bool] = True
-
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
 
@@ -326,3 +323,7 @@ class AutoLibrary(AbstractLibrary):
     def offers(self, variables: Variables) -> tuple[Offer, ...]:
         ratios = PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
         return (*super().offers(variables), *ratios.offers(variables))
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return True
