@@ -96,7 +96,8 @@ def test_what_does_not_go_with_files_is_refused(folder):
     method = cl.TrajectoryLikelihood(covariance="bootstrap")
     with pytest.raises(cl.CommonlawError, match="covariance='bootstrap' does not go with a stream"):
         cl.discover(stream, order=2, method=method)
-    with pytest.raises(cl.CommonlawError, match="a term with constants inside does not go with a stream"):
-        cl.discover(stream, order=2, library="saturating", method=METHOD)
+    for library in ("saturating", "ratio(poly:1, poly:1)"):
+        with pytest.raises(cl.CommonlawError, match="a term with constants inside does not go with a stream"):
+            cl.discover(stream, order=2, library=library, method=METHOD)
     with pytest.raises(cl.CommonlawError, match="properties are columns of the files"):
         cl.TrialStream.from_parquet(folder, **ROLES, properties={"Ball 1": {"mass": 1.0}})

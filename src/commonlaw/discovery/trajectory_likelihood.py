@@ -166,7 +166,8 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of objects that are fitted part by part, under white noise if nothing else is named."""
-        if self.covariance != "likelihood" or structure.parametric(trials.schema) or self.unmeasured:
+        inside = structure.parametric(trials.schema) or structure.ratios(trials.schema)
+        if self.covariance != "likelihood" or inside or self.unmeasured:
             what = "covariance='bootstrap'" if self.covariance != "likelihood" else "a term with constants inside"
             what = "unmeasured=1" if self.unmeasured else what
             raise CommonlawError(f"{what} does not go with a stream: leave it out, or read the trials into memory")
