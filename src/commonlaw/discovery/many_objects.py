@@ -15,6 +15,7 @@ from commonlaw.inference import ErrorKind, compare, refine, written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.domain import Domain
 from commonlaw.progress import ProgressCallback, part
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.trial import ObjectProperties
 from commonlaw.wording import counted
@@ -68,7 +69,7 @@ def law_of_parts(
         If an object is in two parts, or what a part raises.
     """
     parts = trials.parts or (trials,)
-    some = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, _GROUPS).round().astype(int))]
+    some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
     tell = part(progress, 0.0, _PROPOSED)
     laws = dict(done_in_parts(partial(_proposed, find), some, "seeking laws of groups of objects", tell))
     proposed = {law.structure(): law for _, law in sorted(laws.items(), reverse=True)}

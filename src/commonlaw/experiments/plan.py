@@ -11,10 +11,10 @@ from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import LITTLE, MOST_REPEATS, SURE
-from commonlaw.inference.search_problem import spread
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.numbers import with_error
 from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.spacing import evenly_spaced
 from commonlaw.wording import counted
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Forecasts:
         states, times = law.schema.measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
-        times = times[spread(len(times), count)]
+        times = times[evenly_spaced(len(times), count)]
         total = [each.variances for each in first]
         means = np.array([each.mean for each in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), law.schema.logarithmic)

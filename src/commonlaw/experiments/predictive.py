@@ -11,11 +11,11 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.experiments.imitation import Point, imitating
 from commonlaw.experiments.settings import Range
-from commonlaw.inference.search_problem import spread
 from commonlaw.integration import InitialValueProblem, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
 from commonlaw.library import highest_columns, with_rates
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
 MOST, _LEAST, _TOGETHER = 64, 16, 192
@@ -238,7 +238,7 @@ def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = experiment.times
     most = min(MOST, _TOGETHER // len(experiment.objects)) // len(law.schema.measured)
     most = max(most, min(_LEAST, MOST // len(law.schema.measured)))
-    times = times[spread(len(times), most)]
+    times = times[evenly_spaced(len(times), most)]
     is_new = bool(experiment.properties)
     if is_new:
         (name,), states = experiment.objects, np.zeros((1, len(law.states)))

@@ -9,8 +9,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.inference.search_problem import spread
 from commonlaw.law import Law
+from commonlaw.spacing import evenly_spaced
 
 Value = float | str | tuple[float, ...]
 """A number; the name of an object or of a shape; or the times of the samples."""
@@ -241,7 +241,7 @@ def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
-    return tuple(names[i] for i in spread(len(names), MOST_OBJECTS))
+    return tuple(names[i] for i in evenly_spaced(len(names), MOST_OBJECTS))
 
 
 def _check_new(options: Mapping[str, Options], law: Law) -> None:

@@ -16,12 +16,13 @@ from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.search import fit_with
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NotPositiveError
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
 _SHARES = (0.5, 0.75)
@@ -136,7 +137,7 @@ LeftOut = list[tuple[list[Trial], int | None]]
 
 def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
     """Yield what laws are fitted to, and what they forecast then."""
-    names = [trials.objects[i] for i in spread(len(trials.objects), _OBJECTS)]
+    names = [trials.objects[i] for i in evenly_spaced(len(trials.objects), _OBJECTS)]
     groups = [trials.of_object(name) for name in names]
     repeated = [group for group in groups if len(group) > 1]
     if not repeated:

@@ -20,7 +20,6 @@ from commonlaw.formulation import column_scales
 from commonlaw.inference.constant_values import divisors, values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
-from commonlaw.inference.search_problem import spread
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
 from commonlaw.integration import VectorField
@@ -32,6 +31,7 @@ from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials
 
 _MOST_POINTS = 300
@@ -232,7 +232,7 @@ def _profiles(setup: FitSetup) -> list[_Profile]:
             raise CommonlawError(f"{name}: no trial has all states, from which constants inside of terms could begin")
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
-        few = spread(len(values), _MOST_POINTS)
+        few = evenly_spaced(len(values), _MOST_POINTS)
         found.append(_Profile(law.terms, known, values[few], rates[few]))
     return found
 

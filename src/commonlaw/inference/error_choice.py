@@ -11,11 +11,12 @@ from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.hypotheses import Hypothesis
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, evidence_of
 from commonlaw.integration import InitialValueProblem, Inputs, simulate
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver
+from commonlaw.spacing import evenly_spaced
 
 _OBJECTS = 20
 """Objects whose trajectories are followed at most, evenly spread."""
@@ -50,7 +51,7 @@ def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:
 def runs_away(problem: SearchProblem, state: SearchState) -> bool:
     """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
     found, between = [], problem.trials.schema.input_between
-    for i in spread(len(problem.models), _OBJECTS):
+    for i in evenly_spaced(len(problem.models), _OBJECTS):
         model, estimate = problem.models[i], state.estimates[i]
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]

@@ -12,10 +12,11 @@ from commonlaw.inference.evidence import Measured, minus_twice_log_evidence
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.newton import minimum
 from commonlaw.inference.search import to_scale
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.unmeasured import spread_within
 from commonlaw.likelihood import AboutEstimates, ErrorModel, NotPositiveError
+from commonlaw.spacing import evenly_spaced
 
 ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
 """White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
@@ -66,7 +67,7 @@ def with_errors_of_kind(
 def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) -> tuple[SearchProblem, SearchState]:
     levels = _Levels(problem, kind)
     count = int(np.clip(np.ceil(_MEASURED / np.mean(problem.measured)), _FEWEST, _MOST))
-    few = spread(len(problem.models), count)
+    few = evenly_spaced(len(problem.models), count)
     some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [state.estimates[i] for i in few]
     value = partial(
         _value, levels, some, AboutEstimates(some.models, some.padded(estimates), state.supports & some.allowed)

@@ -14,9 +14,10 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.constant_banks import Banks, along
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
+from commonlaw.spacing import evenly_spaced
 
 INSIDE = 1e-10
 """Columns of unit norm whose square is less outside of the span of others explain nothing more."""
@@ -268,7 +269,7 @@ class _Window:
                     own = mesh.times[points], seen, mesh.measured[at, equation], std[at]
                     found.append(cls(before + points, *own))
             before += len(mesh)
-        return [found[i] for i in spread(len(found), _WINDOWS)]
+        return [found[i] for i in evenly_spaced(len(found), _WINDOWS)]
 
     def integrals(self, order: int) -> Floats:
         """Return the integrals of splines that are one at a point, shape (measurements, points), see `target`.

@@ -16,6 +16,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.likelihood import LONGEST_MESH
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 from commonlaw.wording import counted
 
@@ -126,7 +127,7 @@ def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     longest = min(LONGEST_MESH, max(share // _SEGMENTS, min(share, _SHORTEST)))
     segments = [segment for trial in trials for segment in _cut(trial, longest)]
     count = max(1, int(share / np.mean([len(each) for each in segments])))
-    return [segments[i] for i in np.unique(np.linspace(0, len(segments) - 1, count).round().astype(int))]
+    return [segments[i] for i in evenly_spaced(len(segments), count)]
 
 
 def _cut(trial: Trial, longest: int) -> list[Trial]:

@@ -17,11 +17,12 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, closest, projected, unit, with_steps
 from commonlaw.inference.poles import with_points_between
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.term_sets import MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
+from commonlaw.spacing import evenly_spaced
 
 _BANK = 10.0 ** np.arange(-2.0, 2.1, 0.25)
 """Coefficients below that are tried, relative to those that make terms below of one size."""
@@ -58,7 +59,7 @@ def matching_ratios(
     most
         How many numbers those of each equation have at most.
     """
-    indices = spread(len(problem.models), OBJECTS)
+    indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
     found: list[list[TermSet]] = []
     for equation in range(len(problem.noise)):

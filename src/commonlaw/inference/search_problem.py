@@ -362,8 +362,3 @@ def _begun_along_curves(
         if any(np.isnan(states).any() for states, _ in own):
             starts[o] = begun(models[o], starts[o], own_laws[o] or others)
     return starts
-
-
-def spread(count: int, most: int) -> list[int]:
-    """Return the indices of at most so many of a number of things, evenly spread."""
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]

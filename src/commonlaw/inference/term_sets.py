@@ -15,10 +15,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, Match, gains
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
+from commonlaw.spacing import evenly_spaced
 
 OBJECTS = 12
 """Objects whose measurements are matched, evenly spread."""
@@ -97,7 +98,7 @@ def matching_sets(
     most
         How many numbers the sets of each equation have at most.
     """
-    indices = spread(len(problem.models), OBJECTS)
+    indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
     found = []
     for equation in range(len(problem.noise)):
@@ -313,7 +314,7 @@ def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
 
 def for_all(found: Floats, objects: int) -> Floats:
     """Return values for all objects from those of the objects that were matched: typical ones for the others."""
-    where, every = spread(objects, OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
+    where, every = evenly_spaced(objects, OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
     if len(found) == len(where):
         every[where] = found
     return every

@@ -8,10 +8,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
-from commonlaw.inference.search_problem import SearchProblem, spread
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials.trial import shown
 
 _OBJECTS = 30
@@ -31,7 +32,7 @@ def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcom
     with what it leaves with those of each trial alone.
     """
     names = [name for name in problem.trials.objects if len(problem.trials.of_object(name)) > 1]
-    names = [names[i] for i in spread(len(names), _OBJECTS)] if names else []
+    names = [names[i] for i in evenly_spaced(len(names), _OBJECTS)] if names else []
     found = []
     for name in names:
         with suppress(CommonlawError, NotPositiveError):

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from commonlaw.law import Law
 from commonlaw.plots.dots import Coefficient, DotPlot
 from commonlaw.plots.style import COLORS, add_legend, frozen_layout, styled
+from commonlaw.spacing import evenly_spaced
 
 _NAMED = 50
 """Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
@@ -86,7 +87,7 @@ def _in_order(dots: DotPlot) -> Figure:
 
 def _draw_in_order(panel: Axes, each: Coefficient) -> None:
     order = np.argsort(each.learned)
-    ranks = np.unique(np.linspace(0, len(order) - 1, min(len(order), _DRAWN)).round().astype(int))
+    ranks = np.array(evenly_spaced(len(order), _DRAWN))
     values, low, high = (own[order[ranks]] for own in (each.learned, each.low, each.high))
     panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
     panel.plot(values, ranks, color=COLORS[0], linewidth=2)

@@ -11,6 +11,7 @@ from commonlaw.cluster import done_in_parts
 from commonlaw.forecast.many_objects import WITHIN, forecast_parts, law_of
 from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback, Stage, part
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.verdict.findings import Findings, find
 
@@ -82,7 +83,7 @@ def find_by_stream(law: Law, stream: TrialStream, progress: ProgressCallback) ->
     frames = forecast_parts(law, stream, part(progress, 0.0, _FORECAST))
     errors = pd.concat(frames, ignore_index=True)
     ranked = _relative(errors).index
-    rows = np.unique(np.linspace(0, len(ranked) - 1, min(_FEW, len(ranked))).round().astype(int))
+    rows = evenly_spaced(len(ranked), _FEW)
     names = {*ranked[rows].astype(str)}
     wanted = [
         (each, names & {*frame.iloc[:, 0]}) for each, frame in zip(stream.parts or (stream,), frames, strict=True)

@@ -1,0 +1,12 @@
+"""A few of many things, evenly spaced."""
+
+import numpy as np
+
+
+def evenly_spaced(count: int, most: int) -> list[int]:
+    """Return the indices of at most so many of a number of things, the first and the last among them.
+
+    >>> evenly_spaced(9, 3), evenly_spaced(2, 3)
+    ([0, 4, 8], [0, 1])
+    """
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
