@@ -93,25 +93,38 @@ def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_i
     assert Law.load(tmp_path / "law.json.parquet").to_json() == LAW.to_json()
 
 
+def parts_of_file():
+    """The columns of a law's file, and what it keeps as JSON."""
+    columns, metadata = parquet_columns("", law_bytes(LAW, ".parquet"))
+    return columns, json.loads(metadata[b"commonlaw law"])
+
+
+def loaded(tmp_path, columns, rest):
+    (tmp_path / "law.parquet").write_bytes(parquet_bytes(columns, {b"commonlaw law": json.dumps(rest).encode()}))
+    return Law.load(tmp_path / "law.parquet")
+
+
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ([1, 3], "damaged"),
-        ([100_000, 1], "has the shape"),
-        ([1, -1], "has the shape"),
-        ("x", "damaged"),
-        (7, "damaged"),
+        ([1, 3], "it lacks 'coefficients 0 2'"),
+        ([100_000, 1], "coefficients has the shape"),
+        ([1, -1], "coefficients has the shape"),
+        ("x", "not supported between"),
+        (7, "has no len"),
     ],
 )
 def test_a_damaged_law_in_parquet_is_refused(tmp_path, shape, message):
-    columns, metadata = parquet_columns("", law_bytes(LAW, ".parquet"))
-    rest = json.loads(metadata[b"commonlaw law"])
+    columns, rest = parts_of_file()
     rest["coefficients"]["shape"] = shape
-    (tmp_path / "law.parquet").write_bytes(parquet_bytes(columns, {b"commonlaw law": json.dumps(rest).encode()}))
-    with pytest.raises(
-        cl.CommonlawError, match=f"law.parquet: this is not a law or it is damaged: .*{message}|{message}"
-    ):
-        Law.load(tmp_path / "law.parquet")
+    with pytest.raises(cl.CommonlawError, match=rf"law\.parquet: this is not a law or it is damaged: .*{message}"):
+        loaded(tmp_path, columns, rest)
+
+
+def test_an_object_in_two_rows_is_refused(tmp_path):
+    columns, rest = parts_of_file()
+    with pytest.raises(cl.CommonlawError, match="an object stands in two rows"):
+        loaded(tmp_path, {name: [*own, own[0]] for name, own in columns.items()}, rest)
 
 
 def test_measurements_in_parquet_are_no_law(tmp_path):

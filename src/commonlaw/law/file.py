@@ -99,10 +99,15 @@ def _of_parquet(content: bytes) -> Decoded:
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("this Parquet file holds measurements and no law: name the file of one")
+    objects = columns[_OBJECTS]
     try:
+        if len({*objects}) < len(objects):
+            raise ValueError("an object stands in two rows")
         rest = read_json(metadata[_METADATA], dict[str, Any])
-        raw = _with_objects(rest, "", columns[_OBJECTS], columns)
-    except (CommonlawError, KeyError, TypeError, ValueError) as error:
+        raw = _with_objects(rest, "", objects, columns)
+    except KeyError as error:
+        raise not_a_law(ValueError(f"it lacks {error}")) from None
+    except (CommonlawError, TypeError, ValueError) as error:
         raise not_a_law(error) from None
     assert isinstance(raw, dict)
     return decode_document(raw)
