@@ -36,9 +36,9 @@ class ObjectRows:
     ----------
     groups
         For each of its trials (or of 32 groups of trials, if there are more), the problems of segments that follow each
-        other in time. Short trials that nobody wants apart count as one.
+        other in time. Short trials that follow each other count as one where segments are not wanted.
     count
-        How many trials there are.
+        How many trials there are, counted like that.
     extremes
         The least and the largest value of every state, shape (2, states).
     samples
@@ -51,7 +51,7 @@ class ObjectRows:
     samples: tuple[Trial, ...] = ()
 
     def __add__(self, later: "ObjectRows") -> "ObjectRows":
-        """Return what both come to: trial k is in group k modulo 32, however the trials were divided."""
+        """Return what both come to: trial k is in group k modulo 32."""
         groups = list(self.groups)
         for index, own in enumerate(later.groups, self.count):
             if index < MOST_GROUPS:
