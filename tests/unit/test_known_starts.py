@@ -1,11 +1,16 @@
 """States that nobody measured, with known starts: doses that are absorbed, compartments, the susceptible."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw.inference.known_starts import _Object
+from commonlaw.library import Variables, parse_library
+from tests.unit.trajectories import trial
 
 TIMES = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])
 ONE = "depot' = -ka depot; conc' = ka depot/V - k conc"
@@ -217,3 +222,11 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
 def test_what_cannot_be_fitted_is_refused_by_name(trials, equations, starts, settings, message):
     with pytest.raises(cl.CommonlawError, match=message):
         cl.fit(equations, trials, starts=starts, **settings)
+
+
+def test_curves_that_are_far_from_any_law_leave_much_without_a_warning():
+    terms = parse_library("terms:x").bind(Variables(("x",)))
+    model = SimpleNamespace(terms=terms)
+    one = SimpleNamespace(model=model, group=[trial(np.arange(3.0), np.ones((3, 1)))], started=np.array([False]))
+    far = [(np.full((3, 1), 1e200), np.ones((3, 1)))]
+    assert _Object._along(one, far, np.array([[1.0]]))[0] == np.inf

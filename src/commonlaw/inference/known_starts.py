@@ -270,7 +270,9 @@ class _Object:
         own = first_coefficients(self.model.terms, curves, coefficients)
         library, rates = terms_and_rates(self.model.terms, curves, own)
         left = (rates - library @ own.T)[:, ~self.started]
-        return float(np.sum(np.log(np.mean(left**2, axis=0) + np.finfo(float).tiny))), own
+        with np.errstate(over="ignore"):  # Far from any law
+            squares = np.mean(left**2, axis=0)
+        return float(np.sum(np.log(squares + np.finfo(float).tiny))), own
 
     def _fitted(self, coefficients: Floats, filled: list[Curve]) -> Estimate:
         start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
