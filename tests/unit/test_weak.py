@@ -321,6 +321,8 @@ def test_several_radii_give_the_test_functions_of_each():
 
 
 def test_what_cannot_be_is_said():
+    with pytest.raises(CommonlawError, match=r"order \(1, 2\) is not supported: give the number 1"):
+        WeakForm((1, 2))
     short = trials_of("swing", regular(20, 1.0))
     with pytest.raises(CommonlawError, match="it, trial 1: 20 samples are fewer than the 29 of a test function"):
         WeakForm().rows(short[0], bound(SWING_TERMS, WeakForm(), short))

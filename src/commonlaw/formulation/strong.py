@@ -11,7 +11,7 @@ from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractSampledForm, Segment
 from commonlaw.formulation.variables import check_order
-from commonlaw.library import Order, highest_order, split_derivatives
+from commonlaw.library import Order, highest_order, order_of_each, split_derivatives
 from commonlaw.trials import Trial
 
 _WHOLE = slice(None)
@@ -50,7 +50,8 @@ class StrongForm(AbstractSampledForm):
     trim: int = 0
 
     def __post_init__(self) -> None:
-        check_order(self.order)
+        for each in order_of_each(self.order, 1):
+            check_order(each)
         if self.library_states not in ("smoothed", "measured"):
             raise CommonlawError(
                 f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'"
