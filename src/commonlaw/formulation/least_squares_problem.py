@@ -20,11 +20,14 @@ _MANY_COLUMNS = 128
 BLOCK = 1024
 """Rows that are absorbed together."""
 
+_MERGED_AT_ONCE = 4
+"""Problems from which on merging them like rows is faster than one by one."""
+
 _FEWER = 1e-2
 """Of the largest: the least diagonal entry of a factor that comes from a preconditioned Gram matrix, whose rounding is
 then magnified ten thousand times; of targets its square."""
 
-_DRAWN_TOGETHER = 256
+_DRAWN_TOGETHER = 128
 """Rows whose products of values are held at a time, for all draws."""
 
 _SINGULAR = 1e-14
@@ -148,21 +151,25 @@ class LeastSquaresProblem:
         from scipy.linalg import lapack
 
         coefficients = np.zeros(self.terms)
-        matrix, scales = self._scaled(support)
-        right = self.factor[:, self.terms + target]
-        if not len(scales):
+        indices = np.flatnonzero(support)
+        if not len(indices):
             return coefficients
+        last = indices[-1] + 1  # Rows below are zero in all of these columns
+        matrix, right = self.factor[:last, indices], self.factor[:last, self.terms + target]
+        norms = self.norms[indices]
+        scales = np.where(norms > 0, norms, 1.0)
+        matrix /= scales
         if ridge:
             matrix = np.concatenate([matrix, np.diag(np.sqrt(ridge) / scales)])
             right = np.concatenate([right, np.zeros(len(scales))])
         reduced = np.column_stack([matrix, right])
-        if ridge or not support.all():  # Else it is triangular
+        if ridge or len(indices) < last:  # Else it is triangular
             reduced, _, _, _ = lapack.dgeqrf(reduced)
         triangle = reduced[: len(scales)]
         if lapack.dtrcon(triangle[:, :-1])[0] > _SINGULAR:
-            coefficients[support] = lapack.dtrtrs(triangle[:, :-1], triangle[:, -1])[0] / scales
+            coefficients[indices] = lapack.dtrtrs(triangle[:, :-1], triangle[:, -1])[0] / scales
         else:
-            coefficients[support] = np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0] / scales
+            coefficients[indices] = np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0] / scales
         return coefficients
 
     def condition(self, support: Bools) -> float:
@@ -216,7 +223,15 @@ def column_scales(columns: Floats) -> Floats:
 
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the problem of the rows of all of these, of which there is at least one."""
-    return reduce(add, problems)
+    listed = list(problems)
+    terms, columns = listed[0].terms, len(listed[0].factor)
+    if len(listed) < _MERGED_AT_ONCE:
+        return reduce(add, listed)
+    together = max(1, BLOCK // columns)
+    stacks = (listed[i : i + together] for i in range(0, len(listed), together))
+    blocks = (np.concatenate([each.factor.T for each in stack], axis=1).T for stack in stacks)
+    factor = LeastSquaresProblem.of_blocks(blocks, terms, columns).factor
+    return LeastSquaresProblem(factor, terms, sum(each.rows for each in listed))
 
 
 def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[LeastSquaresProblem]:
@@ -261,24 +276,24 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
     counts
         How often each row was drawn, shape (draws, n).
     """
-    from scipy.linalg import lapack
+    from scipy.linalg import blas, lapack
 
     factor, terms = LeastSquaresProblem.of(library, targets).factor, library.shape[1]
     if not can_precondition(factor):
         return [LeastSquaresProblem.of(library, targets, own) for own in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
     left, right = np.triu_indices(size)
-    sums, products = np.zeros((len(counts), len(left))), np.empty((_DRAWN_TOGETHER, len(left)))
+    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), _DRAWN_TOGETHER))
     for begin in range(0, len(library), _DRAWN_TOGETHER):
         some = slice(begin, begin + _DRAWN_TOGETHER)
-        mixed = np.concatenate([library[some], targets[some]], axis=1) @ inverse
-        own, first = products[: len(mixed)], 0
+        mixed = inverse.T @ np.concatenate([library[some].T, targets[some].T])
+        own, first = products[:, : mixed.shape[1]], 0
         for column in range(size):
-            np.multiply(mixed[:, column:], mixed[:, column : column + 1], out=own[:, first : first + size - column])
+            np.multiply(mixed[column:], mixed[column], out=own[first : first + size - column])
             first += size - column
-        sums += counts[:, some] @ own
+        sums = blas.dgemm(1.0, own.T, counts[:, some].T, 1.0, sums, trans_a=True, overwrite_c=True)
     gram, found = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
-    for each, drawn in zip(sums, counts, strict=True):
+    for each, drawn in zip(sums.T, counts, strict=True):
         gram[left, right] = each
         drawn_factor = _factor_of(gram, factor, terms)
         if drawn_factor is None:

@@ -11,6 +11,7 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
+from commonlaw.trials.trial import property_names
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
@@ -43,23 +44,19 @@ class Domain:
 
         They are those of smooth curves through the samples. States that nobody measured are not among it.
         """
-        schema, columns = trials.schema, dict[str, list[Floats]]()
-        for trial in trials:
-            states = natural(trial.states, schema)
-            own = [pair for pair in zip(schema.states, states.T, strict=True) if pair[0] not in schema.starts]
-            inputs = zip(schema.inputs, trial.inputs.T, strict=True)
-            others = [*own, *(pair for pair in inputs if pair[0] not in schema.doses)]
-            if rates:
-                found = _rates(trial)
-                others += [(rate, found[:, schema.states.index(state)]) for state, rate in rates]
-            for name, each in others:
-                columns.setdefault(name, []).append(each)
-        for values_of in trials.properties.values():
-            for name, value in values_of.items():
-                if isinstance(value, float):
-                    columns.setdefault(name, []).append(np.array([value]))
-        ranges = {name: np.concatenate(each) for name, each in columns.items()}
-        return cls({name: (float(np.nanmin(each)), float(np.nanmax(each))) for name, each in ranges.items()})
+        schema = trials.schema
+        states = natural(np.concatenate([trial.states for trial in trials]), schema)
+        inputs = np.concatenate([trial.inputs for trial in trials])
+        columns = {name: own for name, own in zip(schema.states, states.T, strict=True) if name not in schema.starts}
+        columns |= {name: own for name, own in zip(schema.inputs, inputs.T, strict=True) if name not in schema.doses}
+        if rates:
+            found = np.concatenate([_rates(trial) for trial in trials])
+            columns |= {rate: found[:, schema.states.index(state)] for state, rate in rates}
+        for name in property_names(trials.properties):
+            values = [own[name] for own in trials.properties.values() if name in own]
+            if isinstance(values[0], float):
+                columns[name] = np.array(values)
+        return cls({name: (float(np.fmin.reduce(each)), float(np.fmax.reduce(each))) for name, each in columns.items()})
 
     def with_horizon(self, horizon: float, judged: float) -> "Domain":
         """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""

@@ -3,6 +3,7 @@
 import math
 import re
 import unicodedata
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,7 +29,12 @@ def label(value: object) -> str:
         return ""
     if isinstance(value, float | np.floating) and float(value).is_integer():
         return str(int(value))
-    text = plain(str(value))
+    return _text_label(str(value))
+
+
+@lru_cache(maxsize=1024)
+def _text_label(text: str) -> str:
+    text = plain(text)
     return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
 
 
