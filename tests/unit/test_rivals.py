@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from benchmarks.families import experiment
 from benchmarks.next_experiment import first_trials
-from commonlaw.inference import search, search_state
+from commonlaw.inference import law_search, search, search_state
 from commonlaw.inference.averaging import weighted
 from commonlaw.inference.law_search import PATH
 from commonlaw.inference.search_problem import prepare
@@ -68,3 +68,19 @@ def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, 
     law = cl.discover(cl.datasets.linear_drag(noise=noise, seed=seed).select(trial=1), order=2)
     assert law.structure() == ("x'' = a + b v",)
     assert {each.kind for each in law.outcomes} <= {"not identifiable"}  # All drops begin alike
+
+
+def test_laws_that_are_the_better_ones_in_turn_are_not_fitted_without_end(monkeypatch):
+    one, other = (search_state.SearchState(np.eye(1, 2, k, dtype=bool), (), 0.0, 0.0) for k in range(2))
+    begun = law_search.LawSearch(None, None, one, law_search.PATH, (one,))
+    turns = []
+
+    def in_turn(_, state):
+        turns.append(state)
+        assert len(turns) < 9
+        return other if state is one else one
+
+    monkeypatch.setattr(law_search, "until_resolved", lambda problem, state, _: (problem, state))
+    monkeypatch.setattr(law_search, "to_scale", lambda problem, state: (problem, state))
+    monkeypatch.setattr(law_search, "beside_alternatives", in_turn)
+    assert law_search.resolved(begun, str).state in (one, other)

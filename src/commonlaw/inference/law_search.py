@@ -282,13 +282,14 @@ def resolved(found: LawSearch, progress: ProgressCallback) -> LawSearch:
         progress("choosing terms again on a finer mesh")
         return polish(problem, state.supports, state.estimates, state.model_error, found.solver).keeping(state)
 
-    problem, state = found.problem, found.state
+    problem, state, done = found.problem, found.state, set[bytes]()
     while True:
         problem, state = to_scale(*until_resolved(problem, state, again))
         if found.solver is None:
             return replace(found, problem=problem, state=state)
+        done.add(state.supports.tobytes())
         best = beside_alternatives(problem, state)
-        if np.array_equal(best.supports, state.supports):
+        if best.supports.tobytes() in done:  # Each of two may be the better one under the noise that the other leaves
             return replace(found, problem=problem, state=best)
         progress("fitting what is more plausible")
         state = best
