@@ -43,7 +43,7 @@ def without_measured_rates(
     rates = {state: rate for state, rate in found.items() if state in second and rate not in states}
     if not rates:
         return trials, ()
-    text = f"{rates_in_words(rates)}, and no state of its own in a law of second order: left out"
+    text = f"{rates_in_words(rates)}, and no state of its own beside an equation of second order: left out"
     remedy = "if it is one, and the numbers agree by chance, give the columns units that say so"
     return without_rates(trials, rates), (Outcome(OutcomeKind.RATES, "", text, remedy),)
 

@@ -60,7 +60,7 @@ class Residuals(ShownInNotebooks):
     trials
         What was measured, on the scale that the law follows states by.
     fitted
-        Each trial's states by the law (and rates, in a law of second order), shape (n, D).
+        Each trial's states by the law, and the rates of those of second order, shape (n, D).
     standardized
         Measured less fitted states over their noise, shape (n, states); NaN where nothing was measured.
     rates

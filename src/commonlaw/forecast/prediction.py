@@ -81,7 +81,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
     times
         When the states are wanted; the first is the time of the start. Shape (n,).
     start
-        The states, for a law of second order followed by their rates, shape (width,). They count as certain.
+        The states, followed by the rates of those of second order, shape (width,). They count as certain.
 
     Raises
     ------

@@ -21,7 +21,7 @@ class Trajectory:
     times
         Shape (n,).
     states
-        Shape (n, states), followed by rates for a law of second order; NaN after a divergence or a terminal event.
+        Followed by the rates of those of second order, shape (n, D); NaN after a divergence or a terminal event.
     outcome
         None when the whole span was integrated, or all of it up to a terminal event.
     ended

@@ -70,8 +70,8 @@ class AbstractDelegates(AbstractAverages):
         times
             When the states are wanted; the first is the time of the initial state. Shape (n,).
         initial
-            Initial states, for a law of second order followed by the initial rates: one vector for all objects,
-            or one by name of object; objects that are not named are left out.
+            Initial states, followed by the initial rates of those of second order: one vector for all objects, or one
+            by name of object; objects that are not named are left out.
         method, tolerance, events, dense
             How to integrate and what to look for, see `commonlaw.integration.simulate`.
         sensitivities
@@ -116,11 +116,11 @@ class AbstractDelegates(AbstractAverages):
             More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
         start
             How many of each trial's first measured samples tell where its forecast starts. 1: the first states as
-            measured, and for a law of second order the rates that its differentiation estimates there. 2 or more: the
-            law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its noise;
-            states may be missing. More samples leave less noise in the start, and make it matter more that the law is
-            right. Default: 1, but if the noise is known all that were measured where others follow, those that first
-            rates would be estimated from, or as many as tell what the first sample lacks.
+            measured, and the rates of those of second order that the law's differentiation estimates there. 2 or more:
+            the law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its
+            noise; states may be missing. More samples leave less noise in the start, and make it matter more that the
+            law is right. Default: 1, but if the noise is known all that were measured where others follow, those that
+            first rates would be estimated from, or as many as tell what the first sample lacks.
         from_time
             When the forecasts begin: what was measured before tells the initial state, all of it, or the last `start`
             samples, and everything from then on is forecast. Trials without samples on both sides are left out, which

@@ -38,9 +38,9 @@ class Law(AbstractDelegates):
     Parameters
     ----------
     terms
-        Candidate terms over the states (and, for a law of second order, their rates), inputs and time.
+        Candidate terms over the states, the rates of those of second order, inputs and time.
     schema
-        Names and units of what was measured; equation j gives the `order`-th derivative of ``schema.states[j]``.
+        Names and units of what was measured; equation j gives the highest derivative of ``schema.states[j]``.
     order
         1 or 2, or where equations differ that of each, as ``(2, 1)``; 0 for a law in discrete time, which gives the
         next sample's states.

@@ -31,7 +31,7 @@ def left_hand_sides(law: Law) -> list[str]:
 def equation_lines(law: Law) -> str:
     """Return the law as lines of mathtext: with numbers if it has one object, else with the law's letters.
 
-    A last line says what the rates of a law of second order are, and what constants inside of terms.
+    A last line says what rates are, and what constants inside of terms.
     """
     lines = []
     for j, left in enumerate(left_hand_sides(law)):

@@ -1,4 +1,4 @@
-"""Columns that hold the rate of a state, which a law of second order has no equation for."""
+"""Columns that hold the rate of a state of second order, which have no equation of their own."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -16,7 +16,7 @@ _BEFORE = 0.2
 leaves growth that has just begun to be forecast."""
 
 _RATES = 5
-"""Samples that tell the first rates of a law of second order at least: fewer leave them to the noise."""
+"""Samples that tell the first rates at least: fewer leave them to the noise."""
 
 _MOST_BEFORE = 200
 """So many samples before a forecast tell where it starts, as more take long and add little."""
