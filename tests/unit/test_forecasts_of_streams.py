@@ -85,6 +85,20 @@ def test_a_law_is_judged_by_objects_of_which_it_knows_one_or_none(explained, dro
     assert found.few.forecast.score() == pytest.approx(found.score, abs=1e-9)
 
 
+def test_files_without_samples_on_both_sides_of_a_time_are_left_out(tmp_path):
+    for name, end in (("a", 10.0), ("b", 1.0), ("c", 8.0)):
+        times = np.linspace(0, end, 20)
+        trials = cl.Trials.from_arrays([times], [np.exp(-0.3 * times)], object=[name], names=["x"])
+        trials.to_parquet(tmp_path / f"{name}.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path, **ROLES)
+    law = cl.Law.from_text("x' = -k x", {"k": dict.fromkeys("abc", 0.3)})
+    assert cl.forecast_stream(law, stream, from_time=5.0)["object"].tolist() == ["a", "c"]
+    with pytest.raises(cl.CommonlawError, match=r"no trial has a sample before from_time=20\.0 and one from then on"):
+        cl.forecast_stream(law, stream, from_time=20.0)
+    with pytest.raises(cl.CommonlawError, match=r"Trials is no stream: forecast trials in memory by law\.predict"):
+        cl.forecast_stream(law, stream.read())
+
+
 @pytest.fixture(scope="module")
 def found(law, stream):
     return find_by_stream(law, stream, lambda _: None)

@@ -54,7 +54,7 @@ def forecast_stream(
         Where each file of the stream has its forecasts written, in the columns of `Forecast.to_frame`, as
         ``forecast-000001.parquet`` and so on; on a cluster the workers write them.
     start, from_time
-        See `Law.predict`.
+        See `Law.predict`. Trials without samples on both sides of that time are left out.
     client
         A dask client, whose workers do it; else it is done here.
     progress
@@ -69,13 +69,18 @@ def forecast_stream(
     Raises
     ------
     CommonlawError
-        If the law and the trials do not go together, see `Law.predict`.
+        If the law and the trials do not go together, see `Law.predict`, or no trial can be forecast.
     """
     import pandas as pd
 
+    if not isinstance(stream, TrialStream):
+        raise CommonlawError(f"{type(stream).__name__} is no stream: forecast trials in memory by law.predict(trials)")
     with on_cluster(client):
-        found = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
-        return pd.concat(found, ignore_index=True)
+        parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
+    found = [each for each in parts if len(each)]
+    if not found:
+        raise CommonlawError(f"no trial has a sample before from_time={from_time} and one from then on")
+    return pd.concat(found, ignore_index=True)
 
 
 def forecast_parts(
@@ -85,7 +90,10 @@ def forecast_parts(
     folder: str | os.PathLike[str] | None = None,
     **how: Any,
 ) -> "list[pd.DataFrame]":
-    """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
+    """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`.
+
+    Those of a part of which no trial can be forecast have no rows.
+    """
     parts = stream.parts or (stream,)
     laws = _laws(law, parts, part(progress, 0.0, _LISTED))
     where = None if folder is None else Path(folder).absolute()
@@ -153,8 +161,12 @@ def _check_told(law: Law, trials: Trials) -> None:
 
 def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
     """Forecast the trials of a part; return their errors, and write the forecasts if they are kept."""
-    trials = piece.stream.read()
+    import pandas as pd
+
+    trials, from_time = piece.stream.read(), how.get("from_time")
     _check_told(piece.law, trials)
+    if from_time is not None and not any(each.times[0] < from_time <= each.times[-1] for each in trials):
+        return pd.DataFrame()
     with unannounced():
         forecast = predict(piece.law, trials, return_std=piece.law.has_std, **how)
     if piece.file is not None:
