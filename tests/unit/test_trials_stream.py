@@ -24,6 +24,44 @@ def test_streamed_trials_are_those_of_the_file_wherever_batches_end(tmp_path, mo
             np.testing.assert_array_equal(one.states, other.states)
 
 
+DROPS = cl.datasets.linear_drag(noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def law():
+    return cl.fit("x'' = -g - c v", DROPS)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda law, trials: law.predict(trials),
+        lambda law, trials: law.verdict(trials),
+        lambda law, trials: law.residuals(trials),
+        lambda law, trials: law.discrepancy(trials),
+        lambda law, trials: law.adapt(trials),
+        lambda law, trials: law.bounds(trials),
+        lambda law, trials: law.score(trials),
+        lambda _, trials: cl.fit("x'' = -g - c v", trials),
+        lambda law, trials: cl.refine(law, trials),
+        lambda law, trials: cl.compare({"law": law}, trials),
+        lambda _, trials: cl.plots.plot_trials(trials),
+        lambda _, trials: trials.check(),
+        lambda _, trials: trials.select(object="Ball 1"),
+    ],
+)
+def test_what_needs_trials_in_memory_refuses_a_stream_in_words(use, law):
+    with pytest.raises(cl.CommonlawError, match=r"a stream holds none: give stream.read\(\)"):
+        use(law, cl.TrialStream(law.schema, lambda: DROPS))
+
+
+def test_a_stream_has_what_it_has():
+    stream = cl.TrialStream(cl.Schema(("x",)), lambda: ())
+    assert not hasattr(stream, "objects")
+    with pytest.raises(AttributeError, match="no attribute 'object_names'"):
+        stream.object_names  # noqa: B018
+
+
 def test_rows_of_a_trial_that_do_not_follow_each_other_are_refused(tmp_path, monkeypatch):
     frame = cl.datasets.linear_drag(drag=-0.1, trials=2).to_frame()
     frame.sort_values(["t", "trial"]).to_parquet(tmp_path / "drops.parquet")

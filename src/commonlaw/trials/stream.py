@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from pathlib import Path
-from typing import Unpack, cast
+from typing import NoReturn, Unpack, cast
 from urllib.parse import unquote
 
 import numpy as np
@@ -23,6 +23,10 @@ from commonlaw.wording import counted
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
+
+
+class NotInMemoryError(CommonlawError, AttributeError):
+    """Something is asked of a stream that only trials in memory have."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,6 +53,15 @@ class TrialStream:
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.source())
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Refuse what only trials in memory have, in words: it is asked for where these are needed."""
+        if name.startswith("_") or not (hasattr(Trials, name) or name in Trials.__dataclass_fields__):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+        raise NotInMemoryError(
+            "this needs trials in memory, and a stream holds none: give stream.read(), if they fit; discover, "
+            "forecast_stream and Law.report take streams as they are"
+        )
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
