@@ -15,6 +15,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.cluster import Cluster, connected, on_cluster
+from commonlaw.selection.stability import stability
 
 pytest.importorskip("distributed")
 pytestmark = [
@@ -82,6 +83,22 @@ def test_workers_find_the_law_that_is_found_here(law, runs, told):
     np.testing.assert_array_equal(law.support, here.support)
     np.testing.assert_allclose(law.coefficients, here.coefficients, rtol=1e-9)
     assert any("12 of 12, on 2 workers" in each and "/status" in each for each in told)
+
+
+def path_elsewhere(process, problems):
+    assert os.getpid() != process
+    return cl.STLSQ(normalize=True).path(problems, 0, np.ones(3, dtype=bool))
+
+
+def test_resamples_are_drawn_by_workers_as_they_are_here(client):
+    rows = np.random.default_rng(0).normal(size=(2, 6, 50, 4))
+    groups = [[[cl.LeastSquaresProblem.of(each[:, :3], each[:, 3:]) for each in own]] for own in rows]
+    here = stability(groups, partial(path_elsewhere, 0), n_resamples=12)
+    with on_cluster(client):
+        there = stability(groups, partial(path_elsewhere, os.getpid()), n_resamples=12)
+    assert len(there.supports) == 12
+    for one, other in zip(here.supports, there.supports, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_what_is_broken_off_leaves_the_cluster_clean(client):

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.cluster import done_in_parts
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, redrawn
 from commonlaw.selection.cross_validation import ProblemGroups
@@ -13,6 +15,12 @@ from commonlaw.solvers import Candidate
 
 _HELD = 2**24
 """Numbers in the factors of resamples that are held at a time."""
+
+_SENT = 2**22
+"""Numbers in the factors of blocks that are sent to workers, with every few resamples, at most."""
+
+_TOGETHER = 5
+"""Resamples that are made together, whatever the number of workers, so that the law does not depend on it."""
 
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 """From one problem for each object to candidates, from the most terms to the fewest."""
@@ -75,13 +83,21 @@ def stability(
         raise CommonlawError("an object has one trial in one segment: cut it into more segments to draw from")
     generator = np.random.default_rng(seed)
     drawn = [[_counts(len(own), generator) for own in blocks] for _ in range(n_resamples)]
-    at_once = max(1, _HELD // sum(own[0].factor.size for own in blocks))
-    supports = list[tuple[Bools, ...]]()
-    for i in range(0, n_resamples, at_once):
-        by_object = zip(*drawn[i : i + at_once], strict=True)
-        problems = [redrawn(own, np.array(counts)) for own, counts in zip(blocks, by_object, strict=True)]
-        supports += [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]
-    return Stability(tuple(supports))
+    at_once = min(_TOGETHER, max(1, _HELD // sum(own[0].factor.size for own in blocks)))
+    parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
+    work, size = partial(_supports, blocks, path), sum(len(own) * own[0].factor.size for own in blocks)
+    done = done_in_parts(work, parts, "resampling", lambda _: None) if size <= _SENT else enumerate(map(work, parts))
+    found = dict(done)
+    return Stability(tuple(support for i in range(len(parts)) for support in found[i]))
+
+
+def _supports(
+    blocks: Sequence[Sequence[LeastSquaresProblem]], path: Path, drawn: Sequence[Sequence[Floats]]
+) -> list[tuple[Bools, ...]]:
+    """Return the supports on the path of each of some resamples, which say how often objects draw their blocks."""
+    by_object = zip(*drawn, strict=True)
+    problems = [redrawn(own, np.array(counts)) for own, counts in zip(blocks, by_object, strict=True)]
+    return [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]
 
 
 def _counts(blocks: int, generator: np.random.Generator) -> Floats:
