@@ -303,14 +303,18 @@ def _started(distributed: Any, count: str) -> Any:
     """Return workers on this machine."""
     if not count.isdecimal() or not int(count):
         raise ValueError(f"{count!r} is no number of workers")
-    return distributed.LocalCluster(
-        n_workers=int(count),
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        security=True,
-        silence_logs=logging.CRITICAL,
-    )
+    import dask.config
+
+    # Of an hour of work the profiler keeps call trees of 200 MB in each worker
+    with dask.config.set({"distributed.worker.profile.enabled": False}):
+        return distributed.LocalCluster(
+            n_workers=int(count),
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            security=True,
+            silence_logs=logging.CRITICAL,
+        )
 
 
 def done_in_parts(

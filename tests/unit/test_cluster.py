@@ -111,6 +111,12 @@ def test_what_is_broken_off_leaves_the_cluster_clean(client):
     assert tasks_left(client) == 0
 
 
+def test_workers_that_are_started_here_keep_no_profile():
+    with connected("local:1") as client:
+        (profiled,) = client.run(lambda dask_worker: "profile" in dask_worker.periodic_callbacks).values()
+    assert not profiled
+
+
 def test_other_versions_are_refused_by_name(client, monkeypatch):
     monkeypatch.setattr(cl, "__version__", "99.1")
     with (
