@@ -16,7 +16,7 @@ from commonlaw.solvers import Candidate
 _HELD = 2**24
 """Numbers in the factors of resamples that are held at a time."""
 
-_SENT = 2**22
+_SENT = 2**20
 """Numbers in the factors of blocks that are sent to workers, with every few resamples, at most."""
 
 _TOGETHER = 5
