@@ -1,10 +1,13 @@
 """Which experiment next: proposals against closed forms, forecasts, and what then happens."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
 import commonlaw as cl
 from commonlaw.experiments import suggestions
+from commonlaw.experiments.search import MOST_REPEATS, Search
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import Inputs
 from commonlaw.law.population import with_objects_of
@@ -243,3 +246,10 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
         assert len(each.design.experiments) == 2
         assert all(low <= own.experiment.start[0] <= high for own in each.design.experiments)
     assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == ()
+
+
+@pytest.mark.parametrize("enough", [1, 2, 63, 80, 100, 101])
+def test_repeats_are_as_few_as_settle_the_law(enough):
+    search = Mock(chance=lambda made: float(made[0] >= enough))
+    once = Mock(repeated=lambda times: times)
+    assert Search.repeats(search, [once]) == (enough if enough <= MOST_REPEATS else None)

@@ -245,10 +245,10 @@ class Search:
         if settled(1):
             return 1
         low, high = 1, 2
-        while high <= MOST_REPEATS and not settled(high):
-            low, high = high, 2 * high
-        if high > MOST_REPEATS:
-            return None
+        while not settled(high):
+            if high == MOST_REPEATS:
+                return None
+            low, high = high, min(2 * high, MOST_REPEATS)
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if settled(middle) else (middle, high)
