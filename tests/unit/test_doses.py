@@ -53,6 +53,21 @@ def drawn(equations, count=2):
     return values, noise, measured, trials
 
 
+def test_a_rate_is_found_from_few_samples_with_several_doses():
+    """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
+    times = np.array([0, 1, 2, 3, 5, 8, 12, 13, 15.0])
+    generator, measured, given = np.random.default_rng(0), [], []
+    for amount in (2.0, 4.0, 3.0):
+        doses = np.where(times == 1, amount, np.where(times == 12, amount / 2, 0.0))
+        left = np.where(times > times[:, np.newaxis], np.exp(-0.5 * (times - times[:, np.newaxis])), 0.0)
+        measured.append(doses @ left + 0.02 * generator.standard_normal(len(times)))
+        given.append(doses[:, np.newaxis])
+    trials = cl.Trials.from_arrays([times] * 3, measured, inputs=given, object=["a", "a", "b"], names=["c", "dose"])
+    values, errors = cl.fit("c' = -k c + dose", trials, doses="dose").letter_values()
+    assert (np.abs(values - 0.5) < 3 * errors).all()
+    assert (errors < 0.1).all()
+
+
 @pytest.mark.parametrize("equations", CASES)
 def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_dose_to_dose(equations):
     _, letters, first, options = CASES[equations]

@@ -43,7 +43,8 @@ def terms_and_rates(
 ) -> tuple[Floats, Floats]:
     """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
 
-    Constants inside of terms have the values of their coefficients, shape (equations, terms).
+    Constants inside of terms have the values of their coefficients, shape (equations, terms). Samples of which no state
+    was measured are left out: smoothed rates know nothing of the moments in which doses are given.
 
     Raises
     ------
@@ -57,8 +58,9 @@ def terms_and_rates(
             values = terms.at(values, coefficients)
         block = terms.evaluate(values)
         terms.check_finite(block, values, trial.label)
-        blocks.append(block)
-        rates.append(own)
+        seen = np.isfinite(trial.states).any(axis=1)
+        blocks.append(block[seen])
+        rates.append(own[seen])
     return np.concatenate(blocks), np.concatenate(rates)
 
 
