@@ -1,5 +1,6 @@
 """Amounts that are added to a state at once, at the times of rows."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -53,8 +54,9 @@ def drawn(equations, count=2):
     return values, noise, measured, trials
 
 
-def test_a_rate_is_found_from_few_samples_with_several_doses():
-    """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
+@pytest.fixture(scope="module")
+def cleared():
+    """Few samples of c' = -c/2 after two doses each."""
     times = np.array([0, 1, 2, 3, 5, 8, 12, 13, 15.0])
     generator, measured, given = np.random.default_rng(0), [], []
     for amount in (2.0, 4.0, 3.0):
@@ -62,10 +64,22 @@ def test_a_rate_is_found_from_few_samples_with_several_doses():
         left = np.where(times > times[:, np.newaxis], np.exp(-0.5 * (times - times[:, np.newaxis])), 0.0)
         measured.append(doses @ left + 0.02 * generator.standard_normal(len(times)))
         given.append(doses[:, np.newaxis])
-    trials = cl.Trials.from_arrays([times] * 3, measured, inputs=given, object=["a", "a", "b"], names=["c", "dose"])
-    values, errors = cl.fit("c' = -k c + dose", trials, doses="dose").letter_values()
+    return cl.Trials.from_arrays([times] * 3, measured, inputs=given, object=["a", "a", "b"], names=["c", "dose"])
+
+
+def test_a_rate_is_found_from_few_samples_with_several_doses(cleared):
+    """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
+    values, errors = cl.fit("c' = -k c + dose", cleared, doses="dose").letter_values()
     assert (np.abs(values - 0.5) < 3 * errors).all()
     assert (errors < 0.1).all()
+
+
+def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):
+    alone = [replace(each, states=np.where(each.times[:, np.newaxis] == 12, np.nan, each.states)) for each in cleared]
+    for trials in (cleared, cleared.with_trials(alone)):
+        law = cl.fit("c' = -k c + dose", trials, doses="dose", noise={"c": 0.02})
+        assert law.verdict(trials).usable
+        assert np.nanmax(np.abs(np.concatenate(law.residuals(trials).standardized))) < 4
 
 
 @pytest.mark.parametrize("equations", CASES)

@@ -20,7 +20,9 @@ def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     if law.order == 0:
         raise CommonlawError("a law in discrete time has no trajectories that are fitted: score its forecasts instead")
-    trials = matched(law, trials.with_trials([each.measured() for each in trials]))
+    if not law.schema.doses:  # Which may be given where nothing was measured
+        trials = trials.with_trials([each.measured() for each in trials])
+    trials = matched(law, trials)
     noise = _noise(trials) if law.noise is None else law.noise
     known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
     longest = max(map(len, trials))

@@ -27,13 +27,15 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     """Return what a law is good for, see `Law.verdict`."""
     trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
     judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
+    whole = {(each.object, each.name): each for each in trials}
     parts = segments(trials, learned, law.order)
     for segment in announced(parts, f"judging the law by {counted(len(parts), 'forecast')}", "take fewer trials"):
         trial = segment.trial
         if segment.first >= len(trial):
             unjudged.append(f"{trial.label}: too short, with {counted(len(trial), 'sample')}")
             continue
-        single = trials.with_trials([trial])
+        # Doses are given in moments in which nothing is measured
+        single = trials.with_trials([whole[trial.object, trial.name] if law.schema.doses else trial])
         try:
             found.append(forecast_errors(with_objects_of(law, single)[0], single, segment))
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:

@@ -132,6 +132,8 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
 def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
     """Return the errors of the forecast of a segment of the only trial, its start fitted to the samples before.
 
+    The trial may have samples in which nothing was measured, too.
+
     Raises
     ------
     CommonlawError
@@ -146,7 +148,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
         return_std=law.has_std,
         tolerance=_TOLERANCE,
     )
-    compared, measured = slice(first - len(trial), None), trial.states[first:]
+    rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
+    compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
     diverged = bool(forecast.outcomes)
     errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
