@@ -93,8 +93,9 @@ def fit(
         measured is fitted there too.
     doses
         Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
-        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A row may have a dose alone. One
-        before the first measurement is where a trial starts, see `starts`.
+        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. Tables leave out rows in which
+        no state was measured, with doses in them, and note it; a `Trial` takes such samples. A dose before the first
+        measurement is where a trial starts, see `starts`.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
         See `refine`.
 
