@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.script import Source, script
 from commonlaw.law.spread import letter_values, strangest
 from commonlaw.report.all_objects import all_objects
 from commonlaw.report.document import Picture, Table
@@ -131,6 +132,14 @@ def test_the_page_tells_of_all_objects(law, found):
     letters = tables["spread"].set_index("of 60 objects")
     assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(law.letter_values()[0][:, 1]))
     assert [each.name for each in blocks if isinstance(each, Picture)] == ["coefficients-of-all"]
+
+
+def test_the_program_on_the_page_reads_the_stream(law, tmp_path, drops):
+    drops.to_frame()[["object", "trial", "t", "x"]].to_parquet(tmp_path / "drops.parquet")
+    program = script((), law.structure(), drops.schema, Source(str(tmp_path), stream=True))
+    names: dict[str, cl.TrialStream] = {}
+    exec(program.partition("law = ")[0], names)
+    assert names["trials"].read().objects == drops.objects
 
 
 def test_letter_values_are_quantiles_and_the_strangest_is_the_farthest():

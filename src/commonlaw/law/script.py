@@ -93,8 +93,8 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
     Without calls, or where they cannot be used, it fits the equations.
     """
     roles: dict[str, Any] = {
-        "object": schema.object if schema.object != "object" else None,
-        "trial": schema.trial if schema.trial != "trial" else None,
+        "object": schema.object if source.stream or schema.object != "object" else None,
+        "trial": schema.trial if source.stream or schema.trial != "trial" else None,
         "time": schema.time,
         "states": list(schema.measured),
         "inputs": list(schema.inputs) or None,
