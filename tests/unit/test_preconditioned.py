@@ -44,6 +44,25 @@ def test_coefficients_are_those_of_all_rows(scale, terms):
     assert problem.rss(found / norms, 0) == pytest.approx(np.sum((target - library / norms @ expected) ** 2), rel=1e-10)
 
 
+def test_coefficients_are_those_of_all_rows_where_first_ones_visit_little(monkeypatch):
+    states = walk(8 * BLOCK)
+    states[: 2 * BLOCK] = 1 + 0.01 * (states[: 2 * BLOCK] - 1)
+    library = monomials(states)[:, :40]
+    target = library @ np.random.default_rng(1).normal(size=40) + np.random.default_rng(2).normal(size=len(library))
+    taken, add = list[bool](), PreconditionedGram.add
+
+    def counted(gram, block):
+        taken.append(add(gram, block))
+        return taken[-1]
+
+    monkeypatch.setattr(PreconditionedGram, "add", counted)
+    problem = LeastSquaresProblem.of(library, target[:, np.newaxis])
+    assert {*taken} == {True, False}
+    found = problem.least_squares(np.ones(40, dtype=bool), 0) * problem.norms
+    expected = solved(library, target)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
 def test_a_small_residual_is_as_accurate_as_by_orthogonal_transformations():
     library = monomials(walk(10 * BLOCK))
     truth = np.zeros(TERMS)
