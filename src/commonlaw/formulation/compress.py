@@ -14,6 +14,7 @@ from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, mer
 from commonlaw.formulation.row_accuracy import SAMPLES
 from commonlaw.library import Terms
 from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials.trial import value_range
 
 MOST_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
@@ -222,7 +223,7 @@ def refuse_vanishing_states(trials: Trials) -> None:
 def _sizes(trials: Sequence[Trial]) -> Floats:
     """Return the largest size of each state in some trials, NaN where it was never measured, shape (states,)."""
     columns = _columns(trials)
-    return np.array([max(np.fmax.reduce(each), -np.fmin.reduce(each)) for each in columns])
+    return np.array([max(high, -low) for low, high in map(value_range, columns)])
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

@@ -11,7 +11,7 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
-from commonlaw.trials.trial import property_names
+from commonlaw.trials.trial import property_names, value_range
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
@@ -56,7 +56,7 @@ class Domain:
             values = [own[name] for own in trials.properties.values() if name in own]
             if isinstance(values[0], float):
                 columns[name] = np.array(values)
-        return cls({name: (float(np.fmin.reduce(each)), float(np.fmax.reduce(each))) for name, each in columns.items()})
+        return cls({name: value_range(each) for name, each in columns.items()})
 
     def with_horizon(self, horizon: float, judged: float) -> "Domain":
         """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""

@@ -49,6 +49,8 @@ def _at_times(measured: Trial, wanted: Trial) -> Trial:
 
 def natural(states: Floats, schema: Schema) -> Floats:
     """Return states, shape (n, states), that stand by their logarithms in a schema as they are themselves."""
+    if not schema.logarithmic:
+        return states
     found, columns = states.copy(), [schema.states.index(name) for name in schema.logarithmic]
     with np.errstate(over="ignore"):
         found[:, columns] = np.exp(found[:, columns])
