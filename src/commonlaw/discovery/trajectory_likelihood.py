@@ -26,7 +26,6 @@ from commonlaw.inference import (
     LawSearch,
     as_followed,
     begin_search,
-    beyond_white_noise,
     choose_errors,
     drives,
     evidence_of_order,
@@ -219,7 +218,7 @@ class TrajectoryLikelihood(AbstractMethod):
         with threads(self.n_jobs):
             found, refused = of_best_order(begun, possible, lambda each: each.evidence)
             best = min(found, key=lambda each: each.evidence)
-            if self.errors != "auto" or beyond_white_noise(best.search.problem, best.search.state):
+            if self.errors != "auto" or best.search.beyond_white_noise:
                 found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
                 refused += failed
                 if not found:

@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
-from commonlaw.inference.law_search import LawSearch, beyond_white_noise, fit_terms, with_error_models
+from commonlaw.inference.law_search import LawSearch, fit_terms, with_error_models
 from commonlaw.inference.orders import evidence_of_order
 from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import fit_supports
@@ -93,7 +93,7 @@ def compare(
         finest = max(each.problem.points for each in fitted)
         found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
         best = min(found, key=value)
-        if errors != "auto" or beyond_white_noise(best.problem, best.state):
+        if errors != "auto" or best.beyond_white_noise:
             kinds = error_kinds(errors, trials.schema)
             found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
     of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]

@@ -5,7 +5,7 @@ Each step returns what the next one takes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -72,6 +72,14 @@ class LawSearch:
     def fitted(self) -> Law:
         """Return the law with its coefficients and their errors."""
         return fitted_law(self.template, self.problem, self.state)
+
+    @cached_property
+    def beyond_white_noise(self) -> str:
+        """What speaks against white noise with the law that was found, in words; nothing if nothing does."""
+        reason = unexplained(self.problem, self.state)
+        if not reason and runs_away(self.problem, self.state):
+            reason = "trajectories of the trials that the law was learned from diverge"
+        return reason
 
     @property
     def among_plain(self) -> "LawSearch":
@@ -158,14 +166,6 @@ def fit_terms(setup: FitSetup) -> LawSearch:
     return LawSearch(template, problem, state, None, (state,))
 
 
-def beyond_white_noise(problem: SearchProblem, state: SearchState) -> str:
-    """Return what speaks against white noise with a law that was found, in words; nothing if nothing does."""
-    reason = unexplained(problem, state)
-    if not reason and runs_away(problem, state):
-        reason = "trajectories of the trials that the law was learned from diverge"
-    return reason
-
-
 def begin_search(
     begin: Callable[[Trials, ProgressCallback], LawSearch],
     trials: Trials,
@@ -230,7 +230,7 @@ def choose_errors(
     CommonlawError
         If the likelihood cannot be computed.
     """
-    reason = beyond_white_noise(found.problem, found.state) if errors == "auto" else "as asked for"
+    reason = found.beyond_white_noise if errors == "auto" else "as asked for"
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)

@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.law_search import LawSearch, best_of, beyond_white_noise, resolved
+from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.poles import has_poles
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
@@ -48,6 +49,9 @@ _LOOSE = 0.3
 _MOST_TRIED, _MOST_FITTED = 30, 8
 """Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
 fitted in all ways."""
+
+_TOGETHER = 3
+"""Sets of each equation that are tried with those of the others."""
 
 _SHORT = (3.0, 0.3, *FINAL)
 """Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
@@ -83,12 +87,7 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:
     """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
     most = int(found.state.supports.sum(axis=1).max())
-    return most > numbers or not _explains(found)
-
-
-def _explains(found: LawSearch) -> bool:
-    """Return whether noise explains what a law leaves: it is not said better then, only in fewer numbers."""
-    return not beyond_white_noise(found.problem, found.state)
+    return most > numbers or bool(found.beyond_white_noise)
 
 
 def _with_offer(
@@ -96,7 +95,7 @@ def _with_offer(
 ) -> "tuple[_Search, LawSearch, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
     curves = _near(search.found)
-    if best is not search.found and _explains(best):  # Its solutions are as near as can be
+    if best is not search.found and not best.beyond_white_noise:  # Its solutions are as near as can be
         curves = (_without_processes(best, best.state.estimates),)
     while True:
         best, rows = _searched(search, rows, curves, progress)
@@ -119,15 +118,17 @@ def _searched(
     for number in range(_ROUNDS):
         before = best
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        explained = _explains(best)
-        most = [row.numbers + _MORE if explained else MOST_NUMBERS for row in rows]
+        most = [MOST_NUMBERS if best.beyond_white_noise else row.numbers + _MORE for row in rows]
         known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
         estimates, pairs = curves[0], zip(zip(*known, strict=True), most, strict=True)
         proposed = [[each for each in _in_turn(own) if each.numbers <= numbers] for own, numbers in pairs]
-        listed = _joint(proposed) if len(rows) > 1 else []
-        for j, own in enumerate(proposed):
-            listed += [(*rows[:j], each, *rows[j + 1 :]) for each in own[:_MOST_TRIED]]
-            done = partial(_stage, progress, (number + j / len(rows)) / _ROUNDS, 1 / len(rows) / _ROUNDS)
+        begun, listed = rows, _joint(proposed) if len(rows) > 1 else []
+        for j in range(len(rows) + 1):
+            if j < len(rows):
+                listed += [(*rows[:j], each, *rows[j + 1 :]) for each in proposed[j][:_MOST_TRIED]]
+            elif len(rows) > 1 and best.beyond_white_noise:
+                listed = search.together(begun)
+            done = partial(_stage, progress, (number + j / (len(rows) + 1)) / _ROUNDS, 1 / (len(rows) + 1) / _ROUNDS)
             likely = search.likeliest(listed, estimates, done)
             for k, each in enumerate(likely):
                 done(0.5 + 0.5 * k / len(likely))
@@ -241,6 +242,21 @@ class _Search:
             with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
                 self.fitted[rows] = self._fit(rows, estimates)
         return self.fitted[rows]
+
+    def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
+        """Return laws of what is best in each equation beside these terms of the others.
+
+        None of it may improve a law alone, as where the terms of two equations make up for each other's errors.
+        """
+        best = []
+        for j in range(len(rows)):
+            own = {
+                terms[j]: found.state.value
+                for terms, found in self.fitted.items()
+                if found is not None and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
+            }
+            best.append(sorted(own, key=lambda each: own[each])[:_TOGETHER])
+        return list(product(*best))
 
     def likeliest(
         self, listed: Sequence[tuple[TermSet, ...]], estimates: Sequence[Estimate], done: Callable[[float], None]

@@ -71,7 +71,8 @@ def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]
 
 def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
     """Return how probable each set of terms is among those compared, by its evidence (Kass and Raftery 1995)."""
-    weights = np.exp(-np.array([each.twice_log_bayes_factor for each in listed]) / 2)
+    factors = np.array([each.twice_log_bayes_factor for each in listed])
+    weights = np.exp((factors.min() - factors) / 2)
     return np.asarray(weights / weights.sum())
 
 
