@@ -50,8 +50,8 @@ _MOST_TRIED, _MOST_FITTED = 30, 8
 """Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
 fitted in all ways."""
 
-_TOGETHER = 3
-"""Sets of each equation that are tried with those of the others."""
+_TOGETHER, _MOST_TOGETHER = 3, 4
+"""Sets of each equation that are tried with those of the others, and laws of these that are fitted in all ways."""
 
 _SHORT = (3.0, 0.3, *FINAL)
 """Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
@@ -116,26 +116,20 @@ def _searched(
     best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
     best, known = best or search.found, list[list[list[TermSet]]]()
     for number in range(_ROUNDS):
-        before = best
+        before, begun = best, rows
         progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        most = [MOST_NUMBERS if best.beyond_white_noise else row.numbers + _MORE for row in rows]
+        most = _most(best, rows)
         known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
-        estimates, pairs = curves[0], zip(zip(*known, strict=True), most, strict=True)
-        proposed = [[each for each in _in_turn(own) if each.numbers <= numbers] for own, numbers in pairs]
-        begun, listed = rows, _joint(proposed) if len(rows) > 1 else []
-        for j in range(len(rows) + 1):
-            if j < len(rows):
-                listed += [(*rows[:j], each, *rows[j + 1 :]) for each in proposed[j][:_MOST_TRIED]]
-            elif len(rows) > 1 and best.beyond_white_noise:
-                listed = search.together(begun)
-            done = partial(_stage, progress, (number + j / (len(rows) + 1)) / _ROUNDS, 1 / (len(rows) + 1) / _ROUNDS)
-            likely = search.likeliest(listed, estimates, done)
-            for k, each in enumerate(likely):
-                done(0.5 + 0.5 * k / len(likely))
-                fitted = search.fit(each, estimates)
-                if fitted is not None and fitted.state.value < best.state.value:
-                    best, rows = fitted, each
-            listed = []
+        steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
+        done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
+        if len(rows) > 1:
+            best, rows = search.better(best, rows, _joint(known, most), _MOST_TOGETHER, curves[0], done[0])
+        for j, own in enumerate(zip(*known, strict=True)):
+            few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
+            listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
+            best, rows = search.better(best, rows, listed, _MOST_FITTED, curves[0], done[j + 1])
+        if len(rows) > 1 and best.beyond_white_noise:
+            best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, curves[0], done[-1])
         if best is before:
             break
         curves = (_without_processes(best, best.state.estimates),)
@@ -181,15 +175,25 @@ def _without_processes(found: LawSearch, estimates: Sequence[Estimate]) -> tuple
     return tuple(replace(each, states=tuple(own[:, :width] for own in each.states)) for each in estimates)
 
 
-def _joint(proposed: Sequence[Sequence[TermSet]]) -> list[tuple[TermSet, ...]]:
-    """Return sets for all equations together: the first of each with at most so many numbers, the largest of these."""
-    most = max((each.numbers for own in proposed for each in own), default=0)
+def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) -> list[tuple[TermSet, ...]]:
+    """Return sets for all equations together, of lists of each equation's, the most promising first.
+
+    The first of each, and those with most numbers of the first of each size, up to a size that all have.
+    """
     found = dict[tuple[TermSet, ...], None]()
-    for numbers in range(1, most + 1):
-        small = [[each for each in own if each.numbers <= numbers] for own in proposed]
+    for proposed in known:
+        found |= dict.fromkeys(product(*(own[:_TOGETHER] for own in proposed)))
+    in_turn = [_in_turn(own) for own in zip(*known, strict=True)]
+    for numbers in range(1, max(most) + 1):
+        small = [[each for each in own if each.numbers <= numbers] for own in in_turn]
         if all(small):
             found[tuple(max(own, key=lambda each: each.numbers) for own in small)] = None
-    return list(found)
+    return [rows for rows in found if all(row.numbers <= own for row, own in zip(rows, most, strict=True))]
+
+
+def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
+    """Return how many numbers are looked at in each equation: where noise explains the law, fewer or few more."""
+    return [MOST_NUMBERS if best.beyond_white_noise else row.numbers + _MORE for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +247,24 @@ class _Search:
                 self.fitted[rows] = self._fit(rows, estimates)
         return self.fitted[rows]
 
+    def better(
+        self,
+        best: LawSearch,
+        rows: tuple[TermSet, ...],
+        listed: Sequence[tuple[TermSet, ...]],
+        most: int,
+        estimates: Sequence[Estimate],
+        done: Callable[[float], None],
+    ) -> tuple[LawSearch, tuple[TermSet, ...]]:
+        """Return the law of largest evidence, and its terms: one that is known, or of those listed the likeliest."""
+        likely = self.likeliest(listed, estimates, done)[:most]
+        for k, terms in enumerate(likely):
+            done(0.5 + 0.5 * k / len(likely))
+            fitted = self.fit(terms, estimates)
+            if fitted is not None and fitted.state.value < best.state.value:
+                best, rows = fitted, terms
+        return best, rows
+
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
         """Return laws of what is best in each equation beside these terms of the others.
 
@@ -275,7 +297,7 @@ class _Search:
                 fits = [each.objective for each in best]
                 if np.isfinite(fits).all():  # A root of less than zero is not
                     ranked.append((float(np.median(fits)) + price, k))
-        return [new[k] for _, k in sorted(ranked)[:_MOST_FITTED]]
+        return [new[k] for _, k in sorted(ranked)]
 
     def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[TermsOfSets, SearchProblem, list[Floats]]":
         """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
