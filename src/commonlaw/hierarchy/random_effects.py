@@ -41,6 +41,9 @@ _INFINITE = 1e6
 JITTER = 1e-12
 """Of unit variances, for covariances that are singular to rounding."""
 
+_ROUNDING = 1e-13
+"""Share of the information on a mean that is rounding."""
+
 WORST_CONDITION = 1e10
 """Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
 
@@ -286,14 +289,15 @@ def _symmetric(matrices: Floats) -> Floats:
 
 
 def _roots_of_inverses(matrices: Floats) -> Floats:
-    """Return matrices whose squares, as A A^T, are the inverses of some information, shape (..., k, k).
+    """Return the lower Cholesky factors of the inverses of some information, shape (..., k, k).
 
-    What rounding has left of no information at all is taken as that of a last digit.
+    What is hardly more than rounding counts as that much.
     """
     sizes = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     values, vectors = np.linalg.eigh(_symmetric(matrices / (sizes[..., np.newaxis] * sizes[..., np.newaxis, :])))
-    kept = np.sqrt(np.maximum(values, np.finfo(float).eps))
-    return np.asarray(vectors / kept[..., np.newaxis, :] / sizes[..., np.newaxis])
+    scaled = (vectors * np.maximum(values, _ROUNDING)[..., np.newaxis, :]) @ vectors.swapaxes(-1, -2)
+    upper = np.linalg.cholesky(scaled[..., ::-1, ::-1])[..., ::-1, ::-1]
+    return np.asarray(np.linalg.inv(upper).swapaxes(-1, -2) / sizes[..., np.newaxis])
 
 
 def _grid(low: float, high: float) -> Floats:
