@@ -26,11 +26,11 @@ from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, one_order, parse_library
+from commonlaw.names import shown
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
-from commonlaw.trials.trial import shown
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -16,7 +16,7 @@ prefers laws whose coefficients differ from trial to trial.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import combinations, islice
 
 import numpy as np
@@ -25,6 +25,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
+from commonlaw.inference.correlated_errors import correlation_factor, log_determinant
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
@@ -269,7 +270,7 @@ class _IntegralForm:
         rest = targets - basis @ (basis.T @ targets)
         freedom = max(len(rows) - sum(each.start.shape[1] for each in own) - columns.shape[1], 1)
         information = sum(float(np.sum(np.log(np.abs(np.diag(each))))) for each in (*starts, triangle))
-        determinant = sum(_log_determinant(each.times, *errors) for each in own)
+        determinant = sum(log_determinant(each.times, *errors) for each in own)
         squares = np.maximum(np.sum(rest**2, axis=0), 1e-300)
         return np.asarray(determinant + 2 * information + freedom * np.log(squares))
 
@@ -329,29 +330,11 @@ def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[fl
     return list(zip(squares.tolist(), sizes.tolist(), strict=True))
 
 
-@lru_cache(maxsize=8)
-def _correlation(times: bytes, share: float, memory: float) -> Floats:
-    """Return the triangular factor of the errors' correlation: a share decays with a memory, the rest is white."""
-    correlated = _decaying(times, memory)
-    return np.asarray(np.linalg.cholesky((1 - share) * np.eye(len(correlated)) + share * correlated))
-
-
-@lru_cache(maxsize=8)
-def _decaying(times: bytes, memory: float) -> Floats:
-    """Return the correlation of errors that decays with a memory."""
-    samples = np.frombuffer(times)
-    return np.asarray(np.exp(-np.abs(samples[:, np.newaxis] - samples) / memory))
-
-
-def _log_determinant(times: Floats, share: float, memory: float) -> float:
-    return 2 * float(np.sum(np.log(np.diag(_correlation(times.tobytes(), share, memory)))))
-
-
 def _whitened(rows: _Rows, share: float, memory: float) -> _Rows:
     """Return rows whose errors are independent."""
     from scipy.linalg import solve_triangular
 
-    factor = _correlation(rows.times.tobytes(), share, memory)
+    factor = correlation_factor(rows.times.tobytes(), share, memory)
     values, start = (solve_triangular(factor, each, lower=True) for each in (rows.values, rows.start))
     return _Rows(rows.times, values, start)
 

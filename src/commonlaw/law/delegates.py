@@ -337,17 +337,12 @@ class AbstractDelegates(AbstractAverages):
         >>> print(law.verdict(drops, drops.select(trial=1)).sentences[0])
         This law can be used for forecasts up to 2.6 s ahead, the farthest that was judged.
         """
-        judge = resolve_name("commonlaw.verdict:judge")
-        verdict: LawVerdict = judge(self, trials, learned)
-        return verdict
+        return cast("LawVerdict", resolve_name("commonlaw.verdict:judge")(self, trials, learned))
 
     def report(
         self, trials: Trials | TrialStream, learned: Trials | None = None, client: "Client | None" = None
     ) -> Page:
-        """Return a page on the law that needs nothing else: save it, send it, print it, or look at it in a notebook.
-
-        The verdict and the law as a formula, trials beside forecasts, coefficients, what else it could be, what it
-        leaves, where it may be used, what data checks found, every choice, and how to make it again.
+        """Return the page of `commonlaw report` on the law: to be saved, or looked at in a notebook.
 
         Parameters
         ----------

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
+from commonlaw.names import shown
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
-from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured, shown
+from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 
 
 def trials_from_arrays(

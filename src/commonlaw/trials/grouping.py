@@ -8,8 +8,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.names import shown
 from commonlaw.trials.columns import Codes, Table
-from commonlaw.trials.trial import Schema, Trial, shown
+from commonlaw.trials.trial import Schema, Trial
 
 Restarts = Literal["trials", "sort"]
 """What times that go back mean: new trials, or rows of one trial that are out of order."""

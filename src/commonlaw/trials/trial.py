@@ -21,8 +21,6 @@ PropertyTable = Mapping[Any, Mapping[str, Property]]
 Start = float | str | Mapping[str, float] | None
 """A number, the name of a property, a number for each object, or None for what is to be found in each trial."""
 
-_SHOWN = 3
-"""Locations that a note lists."""
 _LEAST = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 _EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
@@ -286,11 +284,6 @@ def value_range(values: Floats) -> tuple[float, float]:
     if np.isnan(low):
         low, high = np.fmin.reduce(values), np.fmax.reduce(values)
     return float(low), float(high)
-
-
-def shown(locations: Sequence[str]) -> str:
-    """Return how many locations there are, and the first of them, for a note."""
-    return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
 
 
 def property_names(properties: ObjectProperties) -> list[str]:
