@@ -95,6 +95,14 @@ def test_values_of_constants_that_say_the_same_are_tried_once():
     assert (banks.constants[0] > 0).all()
 
 
+def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes):
+    plain = PolynomialLibrary(1).bind(Variables(("s",)))
+    problem = prepare(enzymes, plain, np.zeros((3, 1, 2)))
+    others = parse_library("saturating").parametric(plain.variables)
+    assert matching_sets(problem, problem.starts, others, [1]) == [[]]
+    assert {each.numbers for each in matching_sets(problem, problem.starts, others, [2])[0]} == {2}
+
+
 def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))

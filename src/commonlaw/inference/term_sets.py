@@ -135,6 +135,8 @@ class _Ranked:
         for key, squares in sums.items():
             groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
         coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= at_most]
+        if not coarse:
+            return []
         most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
             (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(sorted(listed)))))
