@@ -59,7 +59,7 @@ def trials_from_arrays(
 def _empty(times: Any, states: Any) -> NDArray[np.int64]:
     """Return the indices of samples without a measured state before one; none where `Trial` refuses the arrays."""
     try:
-        values = states if isinstance(states, np.ndarray) and states.dtype == np.float64 else as_numbers(states)
+        values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
     except CommonlawError:
         return np.empty(0, dtype=np.int64)
     is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
