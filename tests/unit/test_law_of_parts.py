@@ -69,7 +69,7 @@ def test_groups_propose_and_all_objects_judge(folder):
     def gravity(law):
         return np.array([[name == "1" for name in law.terms.names]])
 
-    law = law_of_parts(stream, find, Fitting(None, "white", 4.0), gravity, True, lambda _: None)
+    law = law_of_parts(stream, find, Fitting(None, "white", 4.0, "likelihood", 0), gravity, True, lambda _: None)
     assert law.structure() == ("x'' = a + b v",)
     universal, own = law.coefficients[:, law.support].T
     assert np.ptp(universal) < 1e-9 < np.ptp(own)
@@ -84,6 +84,15 @@ def test_what_is_known_stays_so_in_every_file(folder):
     assert (known.standard_errors[:, 0, 0] == 0).all()
 
 
+def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole):
+    settings = {"covariance": "bootstrap", "noise": {"x": 0.01}, "errors": "white", "partial_pooling": False, "seed": 3}
+    stream, method = cl.TrialStream.from_parquet(folder, **ROLES), cl.TrajectoryLikelihood(**settings)
+    law = cl.discover(stream, order=2, library="poly:1", method=method)
+    together = cl.refine(law, whole, **settings)
+    np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
+    np.testing.assert_allclose(law.covariance, together.covariance, rtol=1e-6)
+
+
 def test_an_object_in_two_files_is_refused(tmp_path, whole):
     for trial in ("1", "2"):
         whole.select(object=["Ball 1", "Ball 2"], trial=trial).to_parquet(tmp_path / f"{trial}.parquet")
@@ -93,9 +102,6 @@ def test_an_object_in_two_files_is_refused(tmp_path, whole):
 
 def test_what_does_not_go_with_files_is_refused(folder):
     stream = cl.TrialStream.from_parquet(folder, **ROLES)
-    method = cl.TrajectoryLikelihood(covariance="bootstrap")
-    with pytest.raises(cl.CommonlawError, match="covariance='bootstrap' does not go with a stream"):
-        cl.discover(stream, order=2, method=method)
     for library in ("saturating", "ratio(poly:1, poly:1)"):
         with pytest.raises(cl.CommonlawError, match="a term with constants inside does not go with a stream"):
             cl.discover(stream, order=2, library=library, method=METHOD)

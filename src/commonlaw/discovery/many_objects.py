@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.cluster import done_in_parts
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import ErrorKind, compare, refine, written_alike
+from commonlaw.inference import CovarianceKind, ErrorKind, compare, refine, written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.domain import Domain
 from commonlaw.progress import ProgressCallback, part
@@ -29,11 +29,13 @@ _PROPOSED, _JUDGED = 0.2, 0.4
 
 @dataclass(frozen=True)
 class Fitting:
-    """How parts are fitted: keyword arguments of `refine` and `compare`."""
+    """How parts are fitted: keyword arguments of `refine`, the first three of `compare`, too."""
 
     noise: Mapping[str, float] | None
     errors: ErrorKind
     huber_threshold: float
+    covariance: CovarianceKind
+    seed: int
 
 
 def law_of_parts(
@@ -144,6 +146,8 @@ def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> _Part:
             noise=fitting.noise,
             errors=fitting.errors,
             huber_threshold=fitting.huber_threshold,
+            covariance=fitting.covariance,
+            seed=fitting.seed,
             partial_pooling=False,
             progress=lambda _: None,
         )

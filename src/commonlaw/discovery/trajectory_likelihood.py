@@ -166,15 +166,14 @@ class TrajectoryLikelihood(AbstractMethod):
     def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of objects that are fitted part by part, under white noise if nothing else is named."""
         inside = structure.parametric(trials.schema) or structure.ratios(trials.schema)
-        if self.covariance != "likelihood" or inside or self.unmeasured:
-            what = "covariance='bootstrap'" if self.covariance != "likelihood" else "a term with constants inside"
-            what = "unmeasured=1" if self.unmeasured else what
+        if inside or self.unmeasured:
+            what = "unmeasured=1" if self.unmeasured else "a term with constants inside"
             raise CommonlawError(f"{what} does not go with a stream: leave it out, or read the trials into memory")
         errors = "white" if self.errors == "auto" else self.errors
         return law_of_parts(
             trials,
-            partial(_found_in, replace(self, errors=errors, partial_pooling=False), structure),
-            Fitting(self.noise, errors, self.huber_threshold),
+            partial(_found_in, replace(self, errors=errors, covariance="likelihood", partial_pooling=False), structure),
+            Fitting(self.noise, errors, self.huber_threshold, self.covariance, self.seed),
             lambda law: universal_in(law, structure),
             self.partial_pooling,
             progress,
