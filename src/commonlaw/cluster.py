@@ -318,28 +318,29 @@ def _started(distributed: Any, count: str) -> Any:
 
 
 def done_in_parts(
-    function: Callable[[T], R], items: Sequence[T], what: str, progress: ProgressCallback
-) -> Iterator[tuple[int, R]]:
-    """Yield the index of each item and what a function gives, as they are done: by workers, or here one by one.
+    function: Callable[[T], R], items: Sequence[T], what: str, progress: ProgressCallback = lambda _: None
+) -> list[R]:
+    """Return what a function gives for each item, in their order: by workers, or here one by one.
 
     Raises
     ------
     Exception
         What the function raises; all else is cancelled.
     """
-    cluster = current_cluster()
+    cluster, found = current_cluster(), dict[int, R]()
     if cluster is None:
         for index, item in enumerate(items):
             progress(Stage(f"{what}, {index} of {len(items)}", index / len(items)))
-            yield index, function(item)
-        return
+            found[index] = function(item)
+        return list(found.values())
     done = counting(progress, what, len(items), cluster)
     with closing(cluster.each(function, items)) as results:
         for count, (index, result, failure) in enumerate(results, start=1):
             if failure is not None:
                 raise failure
+            found[index] = cast(R, result)
             done(count)
-            yield index, cast(R, result)
+    return [found[i] for i in range(len(items))]
 
 
 def counting(progress: ProgressCallback, what: str, total: int, cluster: Cluster) -> Callable[[int], None]:

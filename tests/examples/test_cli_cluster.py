@@ -79,7 +79,7 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.parquet", "--where", "trial=1", "--clip"], "--where, --clip with a stream of files"),
+        (["a.parquet", "--where", "trial=1", "--clip"], "--clip with a stream of files"),
         (["a.parquet", "--dataset", "lorenz"], "--dataset with a stream of files"),
         (["a.csv", "--each", "--workers", "2"], "--workers is for this machine"),
     ],

@@ -48,14 +48,38 @@ def test_a_law_of_many_objects_without_coefficients_is_shown(run, tmp_path):
 def test_a_page_on_a_pattern(run, tmp_path):
     code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--out", "page.html")
     assert code == 0, err
-    assert "6 trials of 2 objects in 2 files were forecast" in (tmp_path / "page.html").read_text()
+    assert "6 trials of 2 objects were forecast" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "trials"),
+    [
+        (["--hold-out", "trial=3"], "2 held-out trials of 2 objects"),
+        (["--where", "trial=1,2", "--hold-out", "trial=2"], "4 held-out trials of 2 objects"),
+        (["--exclude", "trial=2", "--hold-out", "object=Ball 2"], "2 held-out trials of 1 object"),
+        (["--learn-until", "1"], "6 trials of 2 objects"),
+    ],
+)
+def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path):
+    asked = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--method", "trajectory-likelihood", *words]
+    code, out, err = run("discover", *asked, "--save", "found.json")
+    assert code == 0, err
+    if "Ball 2" in words[-1]:  # Nothing says what coefficients it has
+        assert "the law was not checked: unknown object of this law 'Ball 2'" in " ".join(err.split())
+        return
+    assert f"Forecasts of {trials}: R^2 = " in out
+    assert "This law can be used for forecasts" in out
+    code, out, err = run("report", *asked, "--law", "found.json", "--out", "page.html")
+    assert code == 0, err
+    assert f"{trials} were forecast" in (tmp_path / "page.html").read_text()
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["law.parquet", "Ball *.parquet", "--save", "f.csv", "--step", "1"], "--save, --step with a stream of files"),
-        (["law.parquet", "Ball *.parquet", "--where", "trial=1"], "--where with a stream of files"),
+        (["law.parquet", "Ball *.parquet", "--clip"], "--clip with a stream of files"),
+        (["law.parquet", "Ball *.parquet", "--where", "mass=1"], "say which trials by object or trial"),
         (["law.parquet", "Ball 1.parquet", "--folder", "f"], "--folder and --out are for a folder or a pattern"),
     ],
 )

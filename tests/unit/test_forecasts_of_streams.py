@@ -9,7 +9,7 @@ from commonlaw.law.script import Source, script
 from commonlaw.law.spread import letter_values, strangest
 from commonlaw.report.all_objects import all_objects
 from commonlaw.report.document import Picture, Table
-from commonlaw.verdict import find_by_stream
+from commonlaw.verdict import find, find_by_stream
 
 ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
 
@@ -100,6 +100,31 @@ def test_files_without_samples_on_both_sides_of_a_time_are_left_out(tmp_path):
         cl.forecast_stream(law, stream.read())
 
 
+@pytest.mark.parametrize(
+    "part",
+    [
+        lambda trials: trials.split(trial="2"),
+        lambda trials: (trials, trials.until(1.0)),
+        lambda trials: trials.split(object=["Ball 1", "Ball 50"], trial=1),
+    ],
+)
+def test_what_was_held_out_of_a_stream_judges_the_law_as_in_memory(part, stream, drops):
+    held_out, learned = part(stream)
+    trials, training = part(drops)
+    method = cl.DerivativeRegression(differentiation="savgol:15:3", solver="group-stlsq:1.5")
+    law = cl.discover(learned, order=2, library="poly:1", method=method)
+    together = cl.discover(training, order=2, library="poly:1", method=method)
+    np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
+    found = find_by_stream(law, held_out, str, learned)
+    expected = together.predict(trials)
+    assert found.score == pytest.approx(expected.score(), abs=1e-8)
+    assert found.trials == len(trials)
+    some = [*found.few.law.objects]
+    judged = find(law.select(some), drops.select(object=some), training.select(object=some))
+    assert found.few.sentences == judged.sentences
+    assert found.few.is_held_out == judged.is_held_out
+
+
 @pytest.fixture(scope="module")
 def found(law, stream):
     return find_by_stream(law, stream, lambda _: None)
@@ -108,7 +133,7 @@ def found(law, stream):
 def test_few_objects_stand_for_all_and_all_are_counted(found, law, drops):
     whole = law.predict(drops, return_std=True)
     assert found.score == pytest.approx(whole.score(), abs=1e-12)
-    assert (found.trials, found.diverged, found.files) == (120, 0, 3)
+    assert (found.trials, found.diverged) == (120, 0)
     assert 0.9 < found.coverage < 1
     few = found.few.trials.objects
     assert len(few) == 24
@@ -118,15 +143,17 @@ def test_few_objects_stand_for_all_and_all_are_counted(found, law, drops):
 
 
 def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
-    with pytest.raises(cl.CommonlawError, match=r"learned=\.\.\. goes with trials in memory"):
+    with pytest.raises(cl.CommonlawError, match=r"learned=\.\.\. goes with a stream as a stream"):
         law.report(stream, drops)
+    with pytest.raises(cl.CommonlawError, match=r"learned=\.\.\. is a stream, and what was measured is in memory"):
+        law.report(drops, stream)
     with pytest.raises(cl.CommonlawError, match=r"client=\.\.\. is for files"):
         law.report(drops, client=object())
 
 
 def test_the_page_tells_of_all_objects(law, found):
     first, *blocks = all_objects(found).blocks
-    assert "120 trials of 60 objects in 3 files were forecast" in first.text
+    assert "120 trials of 60 objects were forecast" in first.text
     tables = {each.name: each.frame for each in blocks if isinstance(each, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
     letters = tables["spread"].set_index("of 60 objects")

@@ -48,7 +48,7 @@ def law():
         lambda law, trials: cl.compare({"law": law}, trials),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),
-        lambda _, trials: trials.select(object="Ball 1"),
+        lambda _, trials: trials.clip_irregular(),
     ],
 )
 def test_what_needs_trials_in_memory_refuses_a_stream_in_words(use, law):
@@ -129,3 +129,46 @@ def test_rows_of_an_object_are_the_same_however_its_trials_are_divided(cuts):
         for mine, theirs in zip(one, other, strict=True):
             assert mine.rows == theirs.rows
             np.testing.assert_allclose(mine.factor.T @ mine.factor, theirs.factor.T @ theirs.factor, rtol=1e-12)
+
+
+@pytest.fixture
+def balls(tmp_path):
+    """Two balls in a file each, with masses, and both."""
+    made = cl.datasets.linear_drag(drag=(-0.2, -0.6), trials=3)
+    whole = cl.Trials(made.trials, made.schema, {"Ball 1": {"mass": 1.0}, "Ball 2": {"mass": 2.0}})
+    for name in whole.objects:
+        whole.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
+    return cl.TrialStream.from_parquet(tmp_path), whole
+
+
+def same(stream, trials):
+    read = stream.read()
+    assert [each.label for each in stream] == [each.label for each in read] == [each.label for each in trials]
+    assert all(np.array_equal(own.states, each.states) for own, each in zip(read, trials, strict=True))
+    assert read.properties == trials.properties
+    assert len(stream.parts) == len(trials.objects)
+
+
+@pytest.mark.parametrize("conditions", [{"trial": 2}, {"object": "Ball 2"}, {"object": "Ball 1", "trial": [1, "3"]}])
+def test_a_stream_is_divided_as_trials_in_memory_are(conditions, balls):
+    stream, whole = balls
+    same(stream, whole)
+    for own, expected in zip(stream.split(**conditions), whole.split(**conditions), strict=True):
+        same(own, expected)
+    same(stream.select(**conditions).until(0.5), whole.select(**conditions).until(0.5))
+    chosen, rest = stream.split(**conditions)
+    assert len([*chosen.joined(rest)]) == len(whole)
+    assert [each.label for each in pickle.loads(pickle.dumps(rest.parts[0]))] == [each.label for each in rest.parts[0]]
+
+
+def test_a_division_of_a_stream_that_says_nothing_is_refused(balls):
+    stream, whole = balls
+    for use, said in [
+        (lambda: stream.split(trial=7), r"no file of the stream has the trial '7': name others"),
+        (lambda: stream.split(trial=[1, 2, 3]), "the split leaves nothing on the other side"),
+        (lambda: stream.until(-1.0), "every trial begins after t = -1: take a later time"),
+        (lambda: stream.select(object="Ball 1").select(object="Ball 2"), "no file of the stream has the object"),
+        (lambda: cl.TrialStream(whole.schema, lambda: whole).split(trial="x"), "has the trial 'x'"),
+    ]:
+        with pytest.raises(cl.CommonlawError, match=said):
+            use()

@@ -65,14 +65,20 @@ def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCa
 def _by_stream(
     source: Source, question: Question, outputs: Outputs, show: ProgressCallback
 ) -> tuple[Learned, LaterSteps]:
-    """Find a law in files that are gone through one by one; it is checked by forecasts of a few trials."""
+    """Find a law in files that are gone through one by one.
+
+    It is checked by forecasts of all that is held out, or else of a few trials.
+    """
     show("listing the files")
     stream, later = stream_of(source), LaterSteps()
-    law = question.answer(stream, part(show, 0.05, 0.9))
+    training = source.select(stream)
+    law = question.answer(training, part(show, 0.05, 0.9))
     outputs.keep(law, later)
     law = question.explained(law, show, later)
+    few = few_trials(training)
+    if source.holds_out:
+        return Learned.check_by_stream(law, source.held_out(stream), training, few, show, later), later
     show("checking the law by forecasts of a few trials")
-    few = few_trials(stream)
     return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later
 
 

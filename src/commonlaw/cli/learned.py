@@ -1,7 +1,7 @@
 """What commands say of a law that they learned: on the terminal, in files, as JSON."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from commonlaw.cli.output import print_frame, print_history, print_json, print_t
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
+from commonlaw.progress import ProgressCallback
 from commonlaw.wording import counted
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials, TrialStream
-    from commonlaw.verdict import Findings
+    from commonlaw.verdict import Findings, ManyFindings
 
 _output = partial(option, "Output")
 
@@ -80,13 +81,32 @@ with_outputs = as_one("outputs", Outputs, _OPTIONS)
 class Learned:
     """What was found out about a law, the true law if it is known, and laws compared, see `commonlaw.compare`.
 
-    Of a law that was learned from a stream, the findings are about a few of its trials.
+    Of a law that was learned from a stream, the findings are about a few of its trials; what was held out of a stream
+    is forecast as a whole.
     """
 
     findings: "Findings"
     truth: "Law | None"
     compared: "pd.DataFrame | None" = None
     stream: "TrialStream | None" = None
+    everything: "ManyFindings | None" = None
+
+    @classmethod
+    def check_by_stream(
+        cls,
+        law: "Law",
+        held_out: "TrialStream",
+        training: "TrialStream",
+        few: "Trials",
+        show: ProgressCallback,
+        later: LaterSteps,
+    ) -> "Learned":
+        """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
+        from commonlaw.verdict import Findings, find_by_stream
+
+        found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
+        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
+        return cls(findings, None, stream=training, everything=found)
 
     @classmethod
     def check(
@@ -155,7 +175,11 @@ class Learned:
             later = ", later samples included" if found.has_later_samples else ""
             kind, learned = "trial", f" it was learned from{later}"
         begin = "its own initial state" if found.start is None else f"a start fitted to its first {found.start} samples"
-        if found.forecast:
+        if every := self.everything:
+            bands = "" if np.isnan(every.coverage) else f"; 95 % bands hold {100 * every.coverage:.3g} %"
+            say(f"\nForecasts of {every.forecast_of}: R^2 = {every.score:.5g}{bands}")
+            say(f"By {counted(len(found.trials.objects), 'object')} that stand for all:")
+        elif found.forecast:
             of = counted(len(found.forecast.trials), kind)
             say(f"\nForecasts of {of}{learned}, each from {begin}: R^2 = {found.forecast.score():.5g}")
         if found.verdict:

@@ -167,7 +167,7 @@ def _forecast_stream(
 
     later = LaterSteps()
     with working("Forecasting ...") as show, on_cluster_at(cluster, show):
-        errors = forecast_stream(law, stream_of(source, law.schema), folder=folder, progress=show, **how)
+        errors = forecast_stream(law, source.select(stream_of(source, law.schema)), folder=folder, progress=show, **how)
         later.write(out, lambda: table_bytes(errors, str(out)))
     finite = errors.replace([np.inf, -np.inf], np.nan)
     if as_json:

@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from functools import partial
 
 import click
 
@@ -53,7 +54,8 @@ def report(
     from commonlaw.law import Law
     from commonlaw.law.script import Source as Table
     from commonlaw.report import check_packages, law_report, to_page
-    from commonlaw.trials import TrialStream
+    from commonlaw.report.document import Report
+    from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import find, find_by_stream
 
     if save and law_path:
@@ -63,30 +65,45 @@ def report(
     if streams:
         source.check_streams()
     with working("Reporting ...") as show, on_cluster_at(cluster, show):
-        law = Law.load(law_path) if law_path else None
-        known = law.schema if law else None
-        trials = stream_of(source, known) if streams else source.load(known)
-        training = None if isinstance(trials, TrialStream) else source.select(trials)
-        later = LaterSteps()
-        if law is None:
-            law = question.answer(trials if training is None else training, part(show, 0.0, 0.5))
+        given, later = Law.load(law_path) if law_path else None, LaterSteps()
+        command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
+
+        def learned_from(training: Trials | TrialStream) -> Law:
+            if given is not None:
+                return given
+            law = question.answer(training, part(show, 0.0, 0.5))
             later.write_law(save, law)
             law = question.explained(law, show, later)
             later.write_law(save, law)
-        command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
+            return law
+
+        def of_stream(law: Law, stream: TrialStream, training: TrialStream) -> Report:
+            learned = training if source.holds_out else None
+            found = find_by_stream(law, source.held_out(stream), part(show, 0.5, 1.0), learned)
+            table = Table(source.path or "", properties=source.properties, stream=True)
+            return law_report(found.few, command, table, in_options, show, everything=found)
+
+        def of_table(law: Law, trials: Trials, training: Trials) -> Report:
+            return law_report(find(law, trials, training), command, source.path or "", in_options, show)
+
+        known = given.schema if given else None
+        if streams:
+            stream = stream_of(source, known)
+            some = source.select(stream)
+            law = learned_from(some)
+            made = partial(of_stream, law, stream, some)
+        else:
+            trials = source.load(known)
+            training = source.select(trials)
+            law = learned_from(training)
+            made = partial(of_table, law, trials, training)
 
         def page() -> bytes:
             show("judging the law")
-            if isinstance(trials, TrialStream):
-                found = find_by_stream(law, trials, part(show, 0.5, 1.0))
-                table = Table(source.path or "", properties=source.properties, stream=True)
-                made = law_report(found.few, command, table, in_options, show, everything=found)
-            else:
-                made = law_report(find(law, trials, training), command, source.path or "", in_options, show)
-            return to_page(made, lambda name: show(f"drawing {name}"))
+            return to_page(made(), lambda name: show(f"drawing {name}"))
 
         later.write(out, page)
-    made = out in later.written
-    if not made:
+    written = out in later.written
+    if not written:
         say(str(law))
-    later.end(reasons=() if made else later.failures)
+    later.end(reasons=() if written else later.failures)

@@ -4,9 +4,9 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial, wraps
+from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
@@ -16,6 +16,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.sources import read_table
+from commonlaw.trials.trial import property_names
+
+S = TypeVar("S", Trials, TrialStream)
 
 _table = partial(option, "Table")
 _columns = partial(_table, metavar="COLUMN", multiple=True)
@@ -125,9 +128,7 @@ class Source:
 
     def load(self, schema: Schema | None = None) -> Trials:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
-        trials = self._from_dataset() if self.dataset else self._from_file(schema)
-        if self.exclude:
-            trials = trials.split(**_conditions("--exclude", self.exclude, trials))[1]
+        trials = self._without_excluded(self._from_dataset() if self.dataset else self._from_file(schema))
         return trials.clip_irregular() if self.clip else trials
 
     @property
@@ -143,11 +144,10 @@ class Source:
         """Refuse what does not go with files that are streamed."""
         given = {
             "--dataset": self.dataset, "--object-name": self.object_name, "--wide": self.wide,
-            "--restarts": self.restarts, "--sheet": self.sheet, "--where": self.where, "--exclude": self.exclude,
-            "--clip": self.clip, "--hold-out": self.hold_out, "--learn-until": self.learn_until,
+            "--restarts": self.restarts, "--sheet": self.sheet, "--clip": self.clip,
         }  # fmt: skip
         if refused := [name for name, value in given.items() if value]:
-            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, files are taken whole")
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
@@ -158,15 +158,34 @@ class Source:
             "inputs": self.inputs, "noise_columns": by_name("--noise-column", self.noise_columns),
             "units": by_name("--unit", self.units), "properties": list(self.properties),
         }  # fmt: skip
-        return TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
+        stream = TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
+        return self._without_excluded(stream)
 
-    def select(self, trials: Trials) -> Trials:
+    @property
+    def holds_out(self) -> bool:
+        """Whether something is left for checking the law."""
+        return bool(self.where or self.hold_out) or self.learn_until is not None
+
+    def held_out(self, stream: TrialStream) -> TrialStream:
+        """Return the trials that ``--where`` leaves out or ``--hold-out`` names, all if there is neither."""
+        left_out = list[TrialStream]()
+        if self.where:
+            stream, others = stream.split(**_conditions("--where", self.where, stream))
+            left_out.append(others)
+        if self.hold_out:
+            left_out.append(stream.split(**_conditions("--hold-out", self.hold_out, stream))[0])
+        return reduce(TrialStream.joined, left_out) if left_out else stream
+
+    def select(self, trials: S) -> S:
         """Return the trials that fit ``--where`` and not ``--hold-out``, up to the time of ``--learn-until``."""
         if self.where:
             trials = trials.select(**_conditions("--where", self.where, trials))
         if self.hold_out:
             trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
+
+    def _without_excluded(self, trials: S) -> S:
+        return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
 
     def _from_dataset(self) -> Trials:
         from commonlaw.datasets import DATASETS
@@ -225,20 +244,32 @@ with_training_source = as_one("source", Source, (*_OPTIONS, *_HELD_OUT, _in_its_
 """Adds what tells trials to learn from from those to check the law on, too."""
 
 
-def _conditions(name: str, texts: Sequence[str], trials: Trials) -> dict[str, list[float | str]]:
-    """Return what an option asks of trials, in the words of `Trials.select`; of one name, all values count."""
-    conditions: dict[str, list[float | str]] = {}
-    columns = {trials.schema.object: "object", trials.schema.trial: "trial"}
-    known: dict[str, Collection[object]] = {
-        "object": {each.object for each in trials},
-        "trial": {each.name for each in trials},
-    }
+def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -> dict[str, list[float | str]]:
+    """Return what an option asks of trials, in the words of `Trials.select`; of one name, all values count.
+
+    A stream does not tell its names beforehand, so that commas always stand between several.
+    """
+    schema, names, conditions = trials.schema, ("object", "trial"), dict[str, list[float | str]]()
+    roles = {schema.object: "object", schema.trial: "trial"}
+    known = _known(trials) if isinstance(trials, Trials) else {}
     for key, text in pairs(name, texts):
-        role = columns.get(key, key)
-        present = known.get(role) or {own[role] for own in trials.properties.values() if role in own}
-        parts = _parts(text, present)
-        conditions.setdefault(role, []).extend(parts if role in known else map(number_or_text, parts))
+        role = roles.get(key, key)
+        if isinstance(trials, TrialStream) and role not in names:
+            raise click.UsageError(
+                f"{name} {key}=... with a stream of files: say which trials by {schema.object} or {schema.trial}"
+            )
+        parts = _parts(text, known.get(role, ()))
+        conditions.setdefault(role, []).extend(parts if role in names else map(number_or_text, parts))
     return conditions
+
+
+def _known(trials: Trials) -> dict[str, set[object]]:
+    """Return the names of objects and trials, and the values of properties, by role and property."""
+    found: dict[str, set[object]] = {
+        name: {own[name] for own in trials.properties.values() if name in own}
+        for name in property_names(trials.properties)
+    }
+    return found | {"object": {each.object for each in trials}, "trial": {each.name for each in trials}}
 
 
 def _parts(text: str, present: Collection[object]) -> list[str]:

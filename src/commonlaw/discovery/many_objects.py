@@ -73,18 +73,16 @@ def law_of_parts(
     parts = trials.parts or (trials,)
     some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
     tell = part(progress, 0.0, _PROPOSED)
-    laws = dict(done_in_parts(partial(_proposed, find), some, "seeking laws of groups of objects", tell))
-    proposed = {law.structure(): law for _, law in sorted(laws.items(), reverse=True)}
+    laws = done_in_parts(partial(_proposed, find), some, "seeking laws of groups of objects", tell)
+    proposed = {law.structure(): law for law in reversed(laws)}
     what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
     steps = [Step("proposals", what, "a search among few objects shows the terms that all have")]
     best = next(iter(proposed.values()))
     if len(proposed) > 1:
         best, step = _judged(parts, proposed, fitting, part(progress, _PROPOSED, _JUDGED))
         steps.append(step)
-    fitted = dict(
-        done_in_parts(partial(_fitted, best, fitting), parts, "fitting objects", part(progress, _JUDGED, 1.0))
-    )
-    law = _joined([fitted[i] for i in range(len(parts))], best)
+    fitted = done_in_parts(partial(_fitted, best, fitting), parts, "fitting objects", part(progress, _JUDGED, 1.0))
+    law = _joined(fitted, best)
     law = replace(law, provenance=replace(law.provenance, history=(*best.history, *steps)))
     return law.partial_pooling(universal(law), pooling)
 
@@ -104,7 +102,7 @@ def _judged(
     names = {"; ".join(structure): law for structure, law in proposed.items()}
     judge = partial(_evidences, names, fitting)
     total = dict.fromkeys(names, 0.0)
-    for _, own in done_in_parts(judge, parts, f"weighing {len(names)} laws", progress):
+    for own in done_in_parts(judge, parts, f"weighing {len(names)} laws", progress):
         for name, value in own.items():
             total[name] += value
     (first, least), (second, other), *_ = sorted(total.items(), key=lambda each: each[1])

@@ -99,8 +99,7 @@ def forecast_parts(
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
     pieces = [_Piece(*each) for each in zip(laws, parts, files, strict=True)]
-    found = dict(done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0)))
-    return [found[i] for i in range(len(parts))]
+    return done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0))
 
 
 @dataclass(frozen=True)
@@ -116,9 +115,8 @@ def _laws(law: Law, parts: Sequence[TrialStream], progress: ProgressCallback) ->
     """Return what forecasts of each part take of a law, which is small: its objects, nothing of all together."""
     if len(law.objects) == 1:
         return [law] * len(parts)
-    names = dict(done_in_parts(_objects, parts, "listing objects", progress))
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
-    return [law_of(light, names[i]) for i in range(len(parts))]
+    return [law_of(light, names) for names in done_in_parts(_objects, parts, "listing objects", progress)]
 
 
 def _objects(stream: TrialStream) -> tuple[str, ...]:

@@ -340,7 +340,7 @@ class AbstractDelegates(AbstractAverages):
         return cast("LawVerdict", resolve_name("commonlaw.verdict:judge")(self, trials, learned))
 
     def report(
-        self, trials: Trials | TrialStream, learned: Trials | None = None, client: "Client | None" = None
+        self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
     ) -> Page:
         """Return the page of `commonlaw report` on the law: to be saved, or looked at in a notebook.
 
@@ -349,7 +349,7 @@ class AbstractDelegates(AbstractAverages):
         trials
             What was measured. All of a stream is forecast, and the page shows few objects that stand for all.
         learned
-            What of it the law was learned from, see `verdict`; all by default, and of a stream always.
+            What of it, or of others, the law was learned from, see `verdict`: ``law.report(*stream.split(trial=3))``.
         client
             A dask client, whose workers go through a stream.
 

@@ -36,9 +36,8 @@ def _intro(found: ManyFindings) -> str:
     )
     diverged = f" {found.diverged} of the forecasts run away." if found.diverged else ""
     return (
-        f"{counted(found.trials, 'trial')} of {counted(len(found.relative), 'object')} in "
-        f"{counted(found.files, 'file')} were forecast, each from its own initial state: $R^2 = {found.score:.5g}$."
-        f"{bands}{diverged} The verdict and the other parts of this page are about {shown} that stand for all, evenly "
+        f"{found.forecast_of} were forecast, each from its own initial state: $R^2 = {found.score:.5g}$.{bands}"
+        f"{diverged} The verdict and the other parts of this page are about {shown} that stand for all, evenly "
         "by rank of how well they are forecast, the best and the worst among them."
     )
 

@@ -26,17 +26,19 @@ if TYPE_CHECKING:
 
 
 def law_page(
-    law: Law, trials: Trials | TrialStream, learned: Trials | None = None, client: "Client | None" = None
+    law: Law, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
 ) -> Page:
     """Return the report of a law as a page, see `Law.report`."""
     check_packages()
     if isinstance(trials, Trials):
         refuse_client(client)
+        if isinstance(learned, TrialStream):
+            raise CommonlawError("learned=... is a stream, and what was measured is in memory: give learned.read()")
         return Page(to_page(law_report(find(law, trials, learned))).decode())
-    if learned is not None:
-        raise CommonlawError("learned=... goes with trials in memory, and all of a stream is forecast: leave it out")
+    if isinstance(learned, Trials):
+        raise CommonlawError("learned=... goes with a stream as a stream: stream.split(trial=...)")
     with on_cluster(client):
-        found = find_by_stream(law, trials, on_terminal())
+        found = find_by_stream(law, trials, on_terminal(), learned)
     made = law_report(found.few, table=Source("runs/*.parquet", stream=True), everything=found)
     return Page(to_page(made).decode())
 

@@ -86,9 +86,8 @@ def stability(
     at_once = min(_TOGETHER, max(1, _HELD // sum(own[0].factor.size for own in blocks)))
     parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
     work, size = partial(_supports, blocks, path), sum(len(own) * own[0].factor.size for own in blocks)
-    done = done_in_parts(work, parts, "resampling", lambda _: None) if size <= _SENT else enumerate(map(work, parts))
-    found = dict(done)
-    return Stability(tuple(support for i in range(len(parts)) for support in found[i]))
+    found = done_in_parts(work, parts, "resampling") if size <= _SENT else map(work, parts)
+    return Stability(tuple(support for each in found for support in each))
 
 
 def _supports(

@@ -3,15 +3,19 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from functools import partial
+from itertools import chain, compress, groupby
 from pathlib import Path
-from typing import NoReturn, Unpack, cast
+from typing import NamedTuple, NoReturn, Unpack, cast
 from urllib.parse import unquote
 
 import numpy as np
 
+from commonlaw.cluster import done_in_parts
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import MOST_CELLS
+from commonlaw.progress import on_terminal
+from commonlaw.trials.choosing import Named, Until, all_begin_later, all_fit, labels, name_of
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
@@ -65,10 +69,83 @@ class TrialStream:
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
-        if isinstance(self.source, _TrialsOfFile):
+        if isinstance(self.source, _TrialsOfFile | _Kept):
             return self.source.read()
+        if self.parts:
+            return as_one([each.read() for each in self.parts])
         found = self.source()
         return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
+
+    def select(self, /, object: object = None, trial: object = None) -> "TrialStream":
+        """Return the stream of the trials that fit both conditions, see `Trials.select`.
+
+        The stream is gone through once, to see which files have such trials; the others are left out.
+
+        Parameters
+        ----------
+        object, trial
+            A name or a list of names.
+
+        Raises
+        ------
+        CommonlawError
+            If a name is not there, or nothing fits.
+        """
+        return self._divided(object, trial)[0]
+
+    def split(self, /, object: object = None, trial: object = None) -> tuple["TrialStream", "TrialStream"]:
+        """Return the streams of the trials that `select` keeps, and of all others.
+
+        Raises
+        ------
+        CommonlawError
+            If a name is not there, nothing fits, or everything does.
+        """
+        chosen, rest = self._divided(object, trial)
+        if not rest.parts:
+            raise all_fit()
+        return chosen, rest
+
+    def until(self, time: float) -> "TrialStream":
+        """Return the stream of the samples up to a time; trials that begin later are left out.
+
+        Raises
+        ------
+        CommonlawError
+            If no trial begins by then.
+        """
+        parts = self.parts or (self,)
+        begun = done_in_parts(partial(_begins, time), parts, "looking for trials", on_terminal())
+        if not any(begun):
+            raise all_begin_later(self.schema, time)
+        return self._of([TrialStream(self.schema, _Kept(each, Until(time))) for each in compress(parts, begun)])
+
+    def joined(self, other: "TrialStream") -> "TrialStream":
+        """Return the stream of the trials of this one and then of another with the same variables."""
+        return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
+
+    def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
+        """Return the streams of the trials that have these names, and of the others."""
+        asked = {"object": name, "trial": trial}
+        wanted = {role: frozenset(labels(own)) for role, own in asked.items() if own is not None}
+        parts, chosen = self.parts or (self,), Named(wanted)
+        looked = done_in_parts(partial(_looked_for, chosen), parts, "looking for trials", on_terminal())
+        for role, own in wanted.items():
+            if missing := sorted(own.difference(*(each.names[role] for each in looked))):
+                raise CommonlawError(f"no file of the stream has the {role} {missing[0]!r}: name others")
+        if not any(each.chosen for each in looked):
+            raise CommonlawError(f"no trial fits {', '.join(f'{role}={asked[role]}' for role in wanted)} together")
+        kept, rest = (
+            [TrialStream(self.schema, _Kept(part, own)) for part, has in zip(parts, found, strict=True) if has]
+            for own, found in (
+                (chosen, [each.chosen for each in looked]),
+                (replace(chosen, others=True), [each.others for each in looked]),
+            )
+        )
+        return self._of(kept), self._of(rest)
+
+    def _of(self, parts: Sequence["TrialStream"]) -> "TrialStream":
+        return TrialStream(self.schema, _OneAfterTheOther(parts), parts)
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
@@ -109,6 +186,52 @@ class TrialStream:
         schema = read_rows(begin, "object", known).data.schema
         parts = [cls(schema, _TrialsOfFile(each, known)) for each in files]
         return cls(schema, _OneAfterTheOther(parts), parts)
+
+
+class _Looked(NamedTuple):
+    """The wanted names that a part of a stream has, by role, and whether it has trials that are chosen, and others."""
+
+    names: dict[str, set[str]]
+    chosen: bool
+    others: bool
+
+
+def _looked_for(wanted: Named, part: TrialStream) -> _Looked:
+    seen: dict[str, set[str]] = {role: set() for role in wanted.names}
+    fit = set[bool]()
+    for trial in part:
+        for role, own in wanted.names.items():
+            seen[role] |= own & {name_of(trial, role)}
+        fit.add(wanted.fits(trial))
+    return _Looked(seen, True in fit, False in fit)
+
+
+def _begins(time: float, part: TrialStream) -> bool:
+    """Return whether a part has a trial that begins by a time."""
+    return any(each.times[0] <= time for each in part)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Yields what is kept of the trials of a stream; it can be sent to another process."""
+
+    stream: TrialStream
+    keep: Callable[[Trial], Trial | None]
+
+    def __call__(self) -> Iterator[Trial]:
+        return (kept for each in self.stream if (kept := self.keep(each)) is not None)
+
+    def read(self) -> Trials:
+        """Return the trials in memory, with the properties of their objects."""
+        trials = self.stream.read()
+        return trials.with_trials([kept for each in trials if (kept := self.keep(each)) is not None])
+
+
+def as_one(parts: Sequence[Trials]) -> Trials:
+    """Return the trials of several collections in one, with the properties of their objects."""
+    properties = {name: own for each in parts for name, own in each.properties.items()}
+    notes = tuple(note for each in parts for note in each.notes)
+    return Trials(tuple(chain.from_iterable(parts)), parts[0].schema, properties, notes)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
 """The collection of trials that everything downstream takes."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import attrgetter
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
@@ -15,8 +14,8 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, clipped
+from commonlaw.trials.choosing import Until, all_begin_later, all_fit, labels, listed, name_of
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
-from commonlaw.trials.identifiers import label
 from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import read_trials, trials_from_frame
 from commonlaw.trials.trial import (
@@ -250,10 +249,10 @@ class Trials(ShownInNotebooks):
         CommonlawError
             If no trial begins by then.
         """
-        cuts = [(each, int(np.searchsorted(each.times, time, side="right"))) for each in self.trials]
-        if not any(stop for _, stop in cuts):
-            raise CommonlawError(f"every trial begins after {self.schema.time} = {time:g}: take a later time")
-        return self.with_trials([each.cut(stop) for each, stop in cuts if stop])
+        kept = [each for each in map(Until(time), self.trials) if each is not None]
+        if not kept:
+            raise all_begin_later(self.schema, time)
+        return self.with_trials(kept)
 
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.
@@ -373,27 +372,22 @@ class Trials(ShownInNotebooks):
         inside = {id(each) for each in chosen}
         rest = [each for each in self.trials if id(each) not in inside]
         if not rest:
-            raise CommonlawError("the split leaves nothing on the other side: every trial fits the conditions")
+            raise all_fit()
         return chosen, self.with_trials(rest)
 
     def _test(self, name: str, wanted: object) -> Callable[[Trial], bool]:
         """Return the function that says whether a trial fits one condition."""
         if name in ("object", "trial"):
-            labels = [label(each) for each in _listed(wanted)]
-            name_of = attrgetter("object" if name == "object" else "name")
-            present = [name_of(trial) for trial in self.trials]
-            for each in labels:
+            names = labels(wanted)
+            present = dict.fromkeys(name_of(trial, name) for trial in self.trials)
+            for each in names:
                 if each not in present:
-                    raise unknown(name, each, dict.fromkeys(present))
-            return lambda trial: name_of(trial) in labels
+                    raise unknown(name, each, present)
+            return lambda trial: name_of(trial, name) in names
         known = property_names(self.properties)
         if name not in known:
             raise unknown("property", name, known)
-        fits = wanted if callable(wanted) else _listed(wanted).__contains__
+        fits = wanted if callable(wanted) else listed(wanted).__contains__
         return lambda trial: bool(
             name in self.properties.get(trial.object, {}) and fits(self.properties[trial.object][name])
         )
-
-
-def _listed(value: object) -> list[Any]:
-    return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]

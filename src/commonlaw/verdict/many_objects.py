@@ -1,8 +1,8 @@
 """What is found out about a law by the objects of a stream: errors of all, findings about few that stand for all."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,9 @@ from commonlaw.law import Law
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.stream import as_one
 from commonlaw.verdict.findings import Findings, find
+from commonlaw.wording import counted
 
 _FEW = 24
 """Objects that stand for all, evenly by rank of their errors: figures and tables of so many can be read."""
@@ -32,15 +34,12 @@ class ManyFindings:
         Of all objects.
     errors
         A row for each trial and state, see `commonlaw.forecast_stream`.
-    files
-        How many parts the stream has.
     few
         Findings about objects that stand for all.
     """
 
     law: Law
     errors: pd.DataFrame
-    files: int
     few: Findings
 
     @cached_property
@@ -67,13 +66,32 @@ class ManyFindings:
         return len(self.errors) // self.errors["state"].nunique()
 
     @property
+    def forecast_of(self) -> str:
+        """What was forecast, in words."""
+        kind = "held-out trial" if self.few.forecast and self.few.is_held_out else "trial"
+        return f"{counted(self.trials, kind)} of {counted(len(self.relative), 'object')}"
+
+    @property
     def diverged(self) -> int:
         """How many forecasts run away."""
         return int(np.isinf(self.errors.groupby(self.errors.columns[:2].tolist())["rms error"].max()).sum())
 
 
-def find_by_stream(law: Law, stream: TrialStream, progress: ProgressCallback) -> ManyFindings:
+def find_by_stream(
+    law: Law, stream: TrialStream, progress: ProgressCallback, learned: TrialStream | None = None
+) -> ManyFindings:
     """Forecast all trials of a stream, part by part, and judge the law by few objects that stand for all.
+
+    Parameters
+    ----------
+    law
+        The law.
+    stream
+        What is forecast.
+    progress
+        Takes the text of each step.
+    learned
+        What the law was learned from: other trials, or the first samples of these; the same by default.
 
     Raises
     ------
@@ -85,30 +103,31 @@ def find_by_stream(law: Law, stream: TrialStream, progress: ProgressCallback) ->
     ranked = _relative(errors).index
     rows = evenly_spaced(len(ranked), _FEW)
     names = {*ranked[rows].astype(str)}
-    wanted = [
-        (each, names & {*frame.iloc[:, 0]}) for each, frame in zip(stream.parts or (stream,), frames, strict=True)
-    ]
-    few = _joined(_read(wanted, part(progress, _FORECAST, 1.0)))
+    pieces = zip(stream.parts or (stream,), frames, strict=True)
+    parts = [each for each, frame in pieces if names & {*frame.iloc[:, 0]}]
+    few, training = as_one(_read(names, parts, part(progress, _FORECAST, 1.0))), None
+    if learned is not None:
+        own = _read(names, learned.parts or (learned,), part(progress, _FORECAST, 1.0))
+        training = as_one(own) if own else Trials((next(iter(learned)),), learned.schema)
+        there = {(each.object, each.name) for each in few}
+        others = [each for each in training if (each.object, each.name) not in there]
+        few = as_one([few, training.with_trials(others)]) if others else few
     progress(Stage(f"judging the law by {len(rows)} objects", 1.0))
-    return ManyFindings(law, errors, len(frames), find(law_of(law, few.objects), few))
+    found = find(law_of(law, few.objects), few, training)
+    law = replace(law, provenance=found.law.provenance)
+    return ManyFindings(law, errors, found)
 
 
-def _read(wanted: Sequence[tuple[TrialStream, set[str]]], progress: ProgressCallback) -> Iterator[Trials]:
-    """Yield the trials of some objects of each part, in order of the parts."""
-    pieces = [each for each in wanted if each[1]]
-    found = dict(done_in_parts(_some, pieces, "reading objects that stand for all", progress))
-    return (found[i] for i in range(len(pieces)))
+def _read(names: set[str], parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Trials]:
+    """Return the trials of some objects in parts that have some."""
+    found = done_in_parts(partial(_some, names), parts, "reading objects that stand for all", progress)
+    return [each for each in found if each is not None]
 
 
-def _some(piece: tuple[TrialStream, set[str]]) -> Trials:
-    stream, names = piece
-    return stream.read().select(object=sorted(names))
-
-
-def _joined(parts: Iterator[Trials]) -> Trials:
-    first, *others = parts
-    properties = {name: own for each in (first, *others) for name, own in each.properties.items()}
-    return Trials(tuple(trial for each in (first, *others) for trial in each), first.schema, properties)
+def _some(names: set[str], part: TrialStream) -> Trials | None:
+    trials = part.read()
+    chosen = [each for each in trials if each.object in names]
+    return trials.with_trials(chosen) if chosen else None
 
 
 def _relative(errors: pd.DataFrame) -> pd.Series:
