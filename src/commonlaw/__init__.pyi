@@ -24,6 +24,7 @@ from .discovery import (
     discover as discover,
     fit as fit,
 )
+from .discrepancy import StreamResiduals as StreamResiduals, check_stream as check_stream
 from .effort import LongWorkWarning as LongWorkWarning
 from .errors import CommonlawError as CommonlawError
 from .experiments import Design as Design, design as design

@@ -1,5 +1,7 @@
 """Folders and patterns of Parquet files in commands, gone through here file by file."""
 
+import json
+
 import pandas as pd
 import pytest
 
@@ -49,6 +51,21 @@ def test_a_page_on_a_pattern(run, tmp_path):
     code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--out", "page.html")
     assert code == 0, err
     assert "6 trials of 2 objects were forecast" in (tmp_path / "page.html").read_text()
+
+
+def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
+    code, out, err = run("check", "law.parquet", "Ball *.parquet", "--save", "objects.csv")
+    assert code == 0, err
+    assert "trend with v" in out
+    assert "of 2 objects" in out
+    found = pd.read_csv(tmp_path / "objects.csv")
+    assert found["object"].tolist() == ["Ball 1", "Ball 2"]
+    code, out, err = run("check", "law.parquet", "Ball *.parquet", "--where", "object=Ball 2", "--json")
+    assert code == 0, err
+    (own,) = json.loads(out)["objects"]
+    assert own["size over noise"] == pytest.approx(found["size over noise"][1])
+    code, _, err = run("check", "law.parquet", "Ball *.parquet", "--plot", "residuals.png")
+    assert (code, "--plot with a stream of files" in err) == (2, True)
 
 
 @pytest.mark.parametrize(

@@ -51,8 +51,34 @@ class Pattern:
         return self.adjusted < FALSE_DISCOVERY_RATE
 
 
+class AbstractPatterns(ShownInNotebooks):
+    """What tests say of residuals; it prints as sentences."""
+
+    patterns: tuple[Pattern, ...]
+
+    @property
+    def significant(self) -> tuple[Pattern, ...]:
+        """The patterns that are significant."""
+        return tuple(each for each in self.patterns if each.significant)
+
+    def tests(self) -> "pd.DataFrame":
+        """Return a table of all patterns that were looked for: statistic, p-values, what the significant ones mean."""
+        import pandas as pd
+
+        columns = ["state", "pattern", "statistic", "p-value", "adjusted", "meaning"]
+        rows = [(p.state, p.pattern, p.statistic, p.p_value, p.adjusted, p.meaning) for p in self.patterns]
+        return pd.DataFrame(rows, columns=columns)
+
+    def __str__(self) -> str:
+        if not self.patterns:
+            return "There are too few residuals to test."
+        if not self.significant:
+            return "The residuals look like white noise: no pattern is significant."
+        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.significant)
+
+
 @dataclass(frozen=True, eq=False)
-class Residuals(ShownInNotebooks):
+class Residuals(AbstractPatterns):
     """Measured less fitted states of trials, in standard deviations of the noise; it prints as sentences.
 
     Parameters
@@ -85,11 +111,6 @@ class Residuals(ShownInNotebooks):
         names = (*schema.states, *self.rates, *schema.inputs)
         return {schema.time: since, **dict(zip(names, (*states, *inputs), strict=True))}
 
-    @property
-    def significant(self) -> tuple[Pattern, ...]:
-        """The patterns that are significant."""
-        return tuple(each for each in self.patterns if each.significant)
-
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and of each state the fitted value and the residual over noise."""
         import pandas as pd
@@ -103,24 +124,9 @@ class Residuals(ShownInNotebooks):
             parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
-    def tests(self) -> "pd.DataFrame":
-        """Return a table of all patterns that were looked for: statistic, p-values, what the significant ones mean."""
-        import pandas as pd
-
-        columns = ["state", "pattern", "statistic", "p-value", "adjusted", "meaning"]
-        rows = [(p.state, p.pattern, p.statistic, p.p_value, p.adjusted, p.meaning) for p in self.patterns]
-        return pd.DataFrame(rows, columns=columns)
-
     def __repr__(self) -> str:
         among = f"{len(self.significant)} of {len(self.patterns)} patterns are significant"
         return f"<Residuals of {len(self.trials)} trials: {among}>"
-
-    def __str__(self) -> str:
-        if not self.patterns:
-            return "There are too few residuals to test."
-        if not self.significant:
-            return "The residuals look like white noise: no pattern is significant."
-        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.significant)
 
     def correlations(self, state: int, lags: int = 20) -> Floats:
         """Return the correlation of a state's residuals with those so many samples later, shape (lags,), in trials."""

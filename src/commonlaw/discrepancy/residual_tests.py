@@ -6,19 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.discrepancy.patterns import FALSE_DISCOVERY_RATE, Pattern, correlations
-
-_POWERS = 3
-"""Residuals are held against polynomials of this degree."""
+from commonlaw.discrepancy.patterns import FALSE_DISCOVERY_RATE, Pattern
+from commonlaw.discrepancy.residual_sums import StateSums, Trend, ranks
 
 _MOST_SPENT = 0.9
 """Share of the residuals that fits take, at most."""
 
 _LEAST = 20
 """Fewer residuals are not tested."""
-
-_MOST = 5000
-"""Residuals for which Shapiro and Wilk's test has p-values."""
 
 
 class Tested(NamedTuple):
@@ -31,7 +26,7 @@ class Tested(NamedTuple):
 
 
 def patterns(
-    names: Sequence[str], residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: Sequence[int]
+    names: Sequence[str], residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: Sequence[float]
 ) -> tuple[Pattern, ...]:
     """Return what tests say of residuals over noise.
 
@@ -49,13 +44,21 @@ def patterns(
         How many numbers of each state's residuals initial states and coefficients have taken, if the law was learned
         from these trials.
     """
+    sums = [StateSums.of(j, residuals, against, name) for j, name in enumerate(names)]
+    return patterns_of(names, sums, time, spent)
+
+
+def patterns_of(
+    names: Sequence[str], sums: Sequence[StateSums | None], time: str, spent: Sequence[float]
+) -> tuple[Pattern, ...]:
+    """Return what tests say of residuals over noise, of which sums are known for each state that has some."""
     from scipy.stats import false_discovery_control
 
     found = [
         (name, each)
-        for j, name in enumerate(names)
-        if np.isfinite(np.concatenate([own[:, j] for own in residuals])).sum() >= _LEAST
-        for each in _of_state(names, j, residuals, against, time, spent[j])
+        for name, own, taken in zip(names, sums, spent, strict=True)
+        if own is not None and own.count >= _LEAST
+        for each in _of_state(names, name, own, time, taken)
     ]
     if not found:
         return ()
@@ -66,45 +69,40 @@ def patterns(
     )
 
 
-def _of_state(
-    names: Sequence[str], j: int, residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: int
-) -> Iterator[Tested]:
-    whole = np.concatenate(residuals)
-    seen = np.isfinite(whole[:, j])
-    own = whole[seen, j]
-    yield _level(own, spent)
-    for name, values in against.items():
-        yield _trend(own, values[seen], name, time)
-    for other in range(j):
-        yield _together(own, whole[seen, other], names[other])
-    yield _memory([each[:, j] for each in residuals], spent / len(own))
-    yield _growth(own, against[names[j]][seen], names[j])
-    yield _normal(own)
-
-
-def _level(own: Floats, spent: int) -> Tested:
-    """Compare the residuals with the noise, which was estimated from as many measurements (F test)."""
+def size_over_noise(count: int, squares: float, spent: float) -> tuple[float, float]:
+    """Return the ratio of residuals to the noise, which was estimated from as many, and its p-value (F test)."""
     from scipy.stats import f
 
-    free = max(len(own) - spent, 1)
-    ratio = float(np.sum(own**2)) / free
-    p_value = 2 * min(f.sf(ratio, free, len(own)), f.cdf(ratio, free, len(own)))
+    free = max(count - spent, 1)
+    ratio = squares / free
+    p_value = 2 * min(f.sf(ratio, free, count), f.cdf(ratio, free, count))
+    return float(np.sqrt(ratio)), float(min(p_value, 1.0))
+
+
+def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent: float) -> Iterator[Tested]:
+    yield _level(sums, spent)
+    for variable, trend in sums.trends.items():
+        yield _trend(trend, sums.count, variable, time)
+    for other, (count, factor) in zip(names, sums.together, strict=False):
+        yield _together(count, factor, other)
+    yield _memory(sums, spent / sums.count)
+    yield _growth(sums, name)
+    yield _normal(sums)
+
+
+def _level(sums: StateSums, spent: float) -> Tested:
+    ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
     larger = "the law lacks something, or the noise is larger than it says"
     smaller = "the noise is smaller than the law says"
-    return Tested("size over noise", float(np.sqrt(ratio)), float(min(p_value, 1.0)), larger if ratio > 1 else smaller)
+    return Tested("size over noise", ratio, p_value, larger if ratio > 1 else smaller)
 
 
-def _trend(own: Floats, values: Floats, name: str, time: str) -> Tested:
+def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
     """Compare with a polynomial (F test); the statistic is the share of the variance that it explains."""
     from scipy.stats import f
 
-    span = np.ptp(values)
-    scaled = 2 * (values - values.min()) / span - 1 if span > 0 else np.zeros_like(values)
-    design = np.polynomial.legendre.legvander(scaled, min(_POWERS, len(np.unique(scaled)) - 1))
-    fitted = design @ np.linalg.lstsq(design, own, rcond=None)[0]
-    powers, left = design.shape[1] - 1, float(np.sum((own - fitted) ** 2))
-    total = float(np.sum((own - own.mean()) ** 2))
-    free = len(own) - powers - 1
+    powers, left, total = trend.explained()
+    free = count - powers - 1
     share = 1 - left / total if total > 0 else 0.0
     p_value = float(f.sf((total - left) / powers / (left / free), powers, free)) if powers and left > 0 else 1.0
     if name == time:
@@ -114,18 +112,21 @@ def _trend(own: Floats, values: Floats, name: str, time: str) -> Tested:
     return Tested(f"trend with {name}", share, p_value, meaning)
 
 
-def _together(own: Floats, other: Floats, name: str) -> Tested:
-    from scipy.stats import pearsonr
+def _together(count: int, factor: Floats, name: str) -> Tested:
+    """Correlate with the residuals of another state (Pearson)."""
+    from scipy.stats import beta
 
-    both = np.isfinite(other)
-    if both.sum() < _LEAST or not (np.ptp(own[both]) and np.ptp(other[both])):
+    across, rest = factor[1:, 2].tolist()
+    total = np.hypot(across, rest)
+    if count < _LEAST or not (factor[1, 1] and total):
         return Tested(f"correlation with residuals of {name}", 0.0, 1.0, "")
-    found = pearsonr(own[both], other[both])
+    found = float(np.sign(factor[1, 1]) * across / total)
+    p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
     meaning = "both are disturbed, or measured, by the same thing"
-    return Tested(f"correlation with residuals of {name}", float(found.statistic), float(found.pvalue), meaning)
+    return Tested(f"correlation with residuals of {name}", found, p_value, meaning)
 
 
-def _memory(series: Sequence[Floats], spent: float) -> Tested:
+def _memory(sums: StateSums, spent: float) -> Tested:
     """Test the correlation of neighbours (Ljung and Box 1978).
 
     What was fitted takes the slowest courses out of white noise, about that share of all frequencies, and so leaves
@@ -133,10 +134,10 @@ def _memory(series: Sequence[Floats], spent: float) -> Tested:
     """
     from scipy.stats import chi2
 
-    (found,), (pairs,) = correlations(series, 1)
+    pairs, *_, trials = sums.pairs.tolist()
     share = min(spent, _MOST_SPENT)
-    found += share / (1 - share) * np.sinc(share)
-    size = float(pairs + len(series))
+    found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
+    size = pairs + trials
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
     alike = (
         "neighbours err alike: a force that the law lacks, or errors of measurement with a memory (errors='correlated')"
@@ -145,24 +146,40 @@ def _memory(series: Sequence[Floats], spent: float) -> Tested:
     return Tested("correlation of neighbours", float(found), float(chi2.sf(total, 1)), alike if found > 0 else unlike)
 
 
-def _growth(own: Floats, states: Floats, name: str) -> Tested:
-    """Rank the sizes of residuals by those of the states (Spearman)."""
-    from scipy.stats import spearmanr
+def _growth(sums: StateSums, name: str) -> Tested:
+    """Rank the sizes of residuals by those of the states (Spearman); very many by cells of sizes."""
+    from scipy.stats import t
 
-    sizes = np.abs(states)
-    if not (np.ptp(sizes) and np.ptp(np.abs(own))):
+    if sums.kept is None:
+        cells, counts = sums.cells, sums.counts
+    else:
+        cells, counts = np.abs(sums.kept), np.ones(sums.count)
+    first, second = (ranks(each, counts) - (sums.count + 1) / 2 for each in cells.T)
+    scale = np.sqrt((counts @ first**2) * (counts @ second**2))
+    if not scale:
         return Tested("scatter with size", 0.0, 1.0, "")
-    found = spearmanr(np.abs(own), sizes)
+    found = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
+    free = sums.count - 2
+    odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
     meaning = f"noise changes with {name}: errors='proportional', or a logarithmic scale if it is above zero"
-    return Tested("scatter with size", float(found.statistic), float(found.pvalue), meaning)
+    return Tested("scatter with size", found, float(2 * t.sf(abs(found) * np.sqrt(odds), free)), meaning)
 
 
-def _normal(own: Floats) -> Tested:
-    """Test by Shapiro and Wilk, or for many by skewness and kurtosis; the statistic is the excess kurtosis."""
-    from scipy.stats import kurtosis, normaltest, shapiro, skew
+def _normal(sums: StateSums) -> Tested:
+    """Test by Shapiro and Wilk, or very many by skewness and kurtosis; the statistic is the excess kurtosis."""
+    from scipy.stats import chi2, shapiro
 
-    tails, lean = float(kurtosis(own)), float(skew(own))
-    p_value = 1.0 if not np.ptp(own) else float((shapiro if len(own) <= _MOST else normaltest)(own).pvalue)
+    mean, *powers = sums.powers / sums.count
+    second, third, fourth = powers
+    variance = max(second - mean**2, 0.0)
+    lean = (third - 3 * mean * second + 2 * mean**3) / variance**1.5 if variance else 0.0
+    tails = (fourth - 4 * mean * third + 6 * mean**2 * second - 3 * mean**4) / variance**2 - 3 if variance else 0.0
+    if not variance or (sums.kept is not None and not np.ptp(sums.kept[:, 0])):
+        p_value = 1.0
+    elif sums.kept is None:
+        p_value = float(chi2.sf(sums.count * (lean**2 / 6 + tails**2 / 24), 2))
+    else:
+        p_value = float(shapiro(sums.kept[:, 0]).pvalue)
     if tails > 2 * abs(lean):
         meaning = "tails are heavy: there are outliers, or noise differs between trials"
     elif abs(lean) > 0.5:

@@ -1,5 +1,6 @@
 """From a law and trials to what the measurements are off its trajectories."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +19,27 @@ from commonlaw.trials.trial import with_typical
 
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
+    refuse_discrete_time(law)
+    found, spent = untested(law, trials, law.noise)
+    tested = patterns(law.states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist())
+    return replace(found, patterns=tested)
+
+
+def refuse_discrete_time(law: Law) -> None:
+    """Refuse a law that has no trajectories."""
     if law.order == 0:
         raise CommonlawError("a law in discrete time has no trajectories that are fitted: score its forecasts instead")
+
+
+def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
+    """Return residuals without patterns, and how many of their numbers fits of each object took, (objects, states).
+
+    The noise of each state is taken from the samples if it is not known.
+    """
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([each.measured() for each in trials])
     trials = matched(law, trials)
-    noise = _noise(trials) if law.noise is None else law.noise
+    noise = noise_of([noise_squares(trials)]) if noise is None else noise
     known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
     longest = max(map(len, trials))
     forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
@@ -35,18 +51,20 @@ def residuals(law: Law, trials: Trials) -> Residuals:
         std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
         standardized.append((trial.states - own[:, :states]) / std)
     found = Residuals(forecast.trials, fitted, tuple(standardized), law.rates, ())
-    spent = np.array(law.order) * len(trials) + _spent(law, trials)
-    return replace(found, patterns=patterns(law.states, standardized, found.columns, law.schema.time, spent.tolist()))
+    counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
+    return found, counts * np.array(law.order) + _spent(law, trials)
 
 
 def _spent(law: Law, trials: Trials) -> Floats:
-    """Return how many coefficients of each equation were fitted to these trials, shape (states,).
+    """Return how many coefficients of each equation were fitted to each object's trials, shape (objects, states).
 
     Those that learned from other objects count as far as they follow the object's own trials: by the trace of their
     covariance times the information that these alone hold.
     """
-    there = [law.objects.index(name) for name in trials.objects if name in law.objects]
-    found, known, unpooled = np.zeros(law.support.shape), law.uncertainty.covariance, law.uncertainty.unpooled
+    there = np.array([name in law.objects for name in trials.objects])
+    indices = [law.index(name) for name in trials.objects if name in law.objects]
+    known, unpooled = law.uncertainty.covariance, law.uncertainty.unpooled
+    found = np.zeros((len(trials.objects), *law.support.shape))
     shares = np.ones((len(law.objects), int(law.support.sum())))
     if known is not None:
         own = known if unpooled is None else unpooled.covariance
@@ -55,13 +73,21 @@ def _spent(law: Law, trials: Trials) -> Floats:
         alike = scales * scales.transpose(0, 2, 1)
         information = np.linalg.pinv(own / alike, hermitian=True)
         shares = np.clip(np.einsum("nij,nji->ni", known / alike, information), 0.0, 1.0)
-    found[law.support] = shares[there].sum(axis=0)
-    return np.asarray(found.sum(axis=1))
+    own_shares = np.zeros((len(indices), *law.support.shape))
+    own_shares[:, law.support] = shares[indices]
+    found[there] = own_shares
+    return np.asarray(found.sum(axis=2))
 
 
-def _noise(trials: Trials) -> Floats:
-    """Return the noise of each state from differences of neighbouring samples, shape (states,)."""
+def noise_squares(trials: Trials) -> tuple[int, Floats]:
+    """Return how many trials are complete, and the sum of their squared noise, from differences of neighbours."""
     squares = [noise_level(each.times, each.states) ** 2 for each in trials if each.complete]
-    if not squares:
+    return len(squares), np.sum(squares, axis=0)
+
+
+def noise_of(parts: Sequence[tuple[int, Floats]]) -> Floats:
+    """Return the noise of each state, shape (states,), from what `noise_squares` says of parts."""
+    count = sum(each for each, _ in parts)
+    if not count:
         raise CommonlawError("this law does not know its noise, and no trial is complete to tell it: refine the law")
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    return np.asarray(np.sqrt(sum(own for each, own in parts if each) / count))

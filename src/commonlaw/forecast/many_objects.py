@@ -95,7 +95,7 @@ def forecast_parts(
     Those of a part of which no trial can be forecast have no rows.
     """
     parts = stream.parts or (stream,)
-    laws = _laws(law, parts, part(progress, 0.0, _LISTED))
+    laws = laws_of_parts(law, parts, part(progress, 0.0, _LISTED))
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
     pieces = [_Piece(*each) for each in zip(laws, parts, files, strict=True)]
@@ -111,11 +111,11 @@ class _Piece:
     file: Path | None
 
 
-def _laws(law: Law, parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Law]:
-    """Return what forecasts of each part take of a law, which is small: its objects, nothing of all together."""
+def laws_of_parts(law: Law, parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Law]:
+    """Return what each part takes of a law, which is small: its objects, nothing of all together."""
     if len(law.objects) == 1:
         return [law] * len(parts)
-    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
+    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None))
     return [law_of(light, names) for names in done_in_parts(_objects, parts, "listing objects", progress)]
 
 
