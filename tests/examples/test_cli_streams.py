@@ -69,6 +69,25 @@ def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["data", "check", "Ball *.parquet"], "6 trials of 2 objects"),
+        (["data", "check", "Ball*", "--where", "object=Ball 2"], "3 trials of 1 object"),
+        (
+            ["discrepancy", "law.parquet", "Ball *.parquet", "--where", "object=Ball 2", "--of", "v"],
+            "No discrepancy is sure",
+        ),
+        (["refine", "law.parquet", "Ball *.parquet", "--where", "trial=1"], "Ball 2  9.7997 ± 0.0028"),
+        (["fit", "x'' = -g - c v", "Ball *.parquet", "--hold-out", "trial=1"], "Forecasts of 2 held-out trials"),
+    ],
+)
+def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(run, words, said):
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert said in out
+
+
+@pytest.mark.parametrize(
     ("words", "trials"),
     [
         (["--hold-out", "trial=3"], "2 held-out trials of 2 objects"),

@@ -161,6 +161,12 @@ def test_a_stream_is_divided_as_trials_in_memory_are(conditions, balls):
     assert [each.label for each in pickle.loads(pickle.dumps(rest.parts[0]))] == [each.label for each in rest.parts[0]]
 
 
+def test_more_than_memory_is_to_hold_is_refused(balls, monkeypatch):
+    monkeypatch.setattr("commonlaw.effort.MOST_MEMORY", 3000)
+    with pytest.raises(cl.CommonlawError, match=r"2 files would take .* take some of them, or stream\.select\(object="):
+        balls[0].read()
+
+
 def test_a_division_of_a_stream_that_says_nothing_is_refused(balls):
     stream, whole = balls
     for use, said in [

@@ -35,7 +35,7 @@ def bounds(
 
     law = Law.load(law_path)
     with working("Fitting ...") as show:
-        trials = source.select(source.load(law.schema))
+        trials = source.chosen(law.schema)
         found = found_by(law, trials, terms or None, level=level, progress=show)
         frame = found.to_frame()
         later = LaterSteps()

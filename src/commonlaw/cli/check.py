@@ -59,7 +59,7 @@ def check(
         _check_stream(law, source, save, plot, as_json, cluster)
         return
     with working("Checking ..."):
-        trials = source.select(source.load(law.schema))
+        trials = source.chosen(law.schema)
         found = law.residuals(trials)
         later = LaterSteps()
         later.write(save, lambda: found.to_frame().to_csv(index=False).encode())

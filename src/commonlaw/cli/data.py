@@ -36,7 +36,7 @@ def check(source: Source, order: int | None, library: str | None, as_json: bool)
     Example:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height
     """
-    trials = source.select(source.load())
+    trials = source.chosen()
     report = trials.check(order=order, library=library)
     if as_json:
         print_json(report.to_dict())
@@ -75,7 +75,7 @@ def export(source: Source, save: str) -> None:
     Example:
       commonlaw data export --dataset linear-drag:noise=0.05 --save drops.csv
     """
-    trials = source.select(source.load())
+    trials = source.chosen()
     write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
     write(save)
     say(f"Wrote {save}")

@@ -103,7 +103,7 @@ def design(
     laws = [cl.Law.load(path) for path in (law_path, *against)]
     with working("Looking for experiments ...") as show:
         given = source.path or source.dataset
-        trials = source.select(source.load(laws[0].schema)) if given else None
+        trials = source.chosen(laws[0].schema) if given else None
         found = cl.design(
             laws,
             by_name("--vary", vary),

@@ -82,7 +82,7 @@ def discrepancy(
 
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
-        trials = source.select(source.load(law.schema))
+        trials = source.chosen(law.schema)
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
         later = LaterSteps()

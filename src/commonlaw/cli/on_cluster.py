@@ -46,15 +46,7 @@ def stream_of(source: Source, schema: Schema | None = None) -> TrialStream:
 
     Names that no option gives are taken from `schema`.
     """
-    if schema is not None:
-        source = replace(
-            source,
-            object=source.object or schema.object,
-            trial=source.trial or schema.trial,
-            time=source.time or schema.time,
-            states=source.states or schema.measured,
-            inputs=source.inputs or schema.inputs,
-        )
+    source = source.named_like(schema)
     return _by_a_worker(Source.stream, replace(source, path=str(Path(str(source.path)).absolute())))
 
 

@@ -34,7 +34,7 @@ def refine(law_path: str, source: Source, settings: dict[str, Any], save: str | 
 
     law = cl.Law.load(law_path)
     with working("Refining ...") as show:
-        trials = source.select(source.load(law.schema))
+        trials = source.chosen(law.schema)
         law = cl.refine(law, trials, **settings, progress=show)
         later = LaterSteps()
         later.write_law(save, law)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial, reduce, wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -128,8 +128,16 @@ class Source:
 
     def load(self, schema: Schema | None = None) -> Trials:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
+        if self.is_stream:
+            return self.named_like(schema).stream().read()
         trials = self._without_excluded(self._from_dataset() if self.dataset else self._from_file(schema))
         return trials.clip_irregular() if self.clip else trials
+
+    def chosen(self, schema: Schema | None = None) -> Trials:
+        """Return what `select` does of the trials that `load` does; of a folder or a pattern no others are held."""
+        if self.is_stream:
+            return self.select(self.named_like(schema).stream()).read()
+        return self.select(self.load(schema))
 
     @property
     def is_stream(self) -> bool:
@@ -153,6 +161,7 @@ class Source:
 
     def stream(self) -> TrialStream:
         """Return the trials of Parquet files as a stream."""
+        self.check_streams()
         roles: dict[str, Any] = {
             "object": self.object, "trial": self.trial, "time": self.time, "states": self.states,
             "inputs": self.inputs, "noise_columns": by_name("--noise-column", self.noise_columns),
@@ -160,6 +169,19 @@ class Source:
         }  # fmt: skip
         stream = TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
         return self._without_excluded(stream)
+
+    def named_like(self, schema: Schema | None) -> "Source":
+        """Return the same with the names of a schema for those that no option gives."""
+        if schema is None:
+            return self
+        return replace(
+            self,
+            object=self.object or schema.object,
+            trial=self.trial or schema.trial,
+            time=self.time or schema.time,
+            states=self.states or schema.measured,
+            inputs=self.inputs or schema.inputs,
+        )
 
     @property
     def holds_out(self) -> bool:

@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from commonlaw.cluster import done_in_parts
+from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import MOST_CELLS
 from commonlaw.progress import on_terminal
@@ -68,11 +69,17 @@ class TrialStream:
         )
 
     def read(self) -> Trials:
-        """Return the trials in memory, with the properties of their objects."""
+        """Return the trials in memory, with the properties of their objects.
+
+        Raises
+        ------
+        CommonlawError
+            If they are too many.
+        """
         if isinstance(self.source, _TrialsOfFile | _Kept):
             return self.source.read()
         if self.parts:
-            return as_one([each.read() for each in self.parts])
+            return as_one(list(self._read_parts()))
         found = self.source()
         return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
 
@@ -123,6 +130,14 @@ class TrialStream:
     def joined(self, other: "TrialStream") -> "TrialStream":
         """Return the stream of the trials of this one and then of another with the same variables."""
         return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
+
+    def _read_parts(self) -> Iterator[Trials]:
+        size = 0
+        for each in self.parts:
+            trials = each.read()
+            size += sum(own.times.nbytes + own.states.nbytes + own.inputs.nbytes + own.noise.nbytes for own in trials)
+            check_memory(counted(len(self.parts), "file"), size, "take some of them, or stream.select(object=...)")
+            yield trials
 
     def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
         """Return the streams of the trials that have these names, and of the others."""
