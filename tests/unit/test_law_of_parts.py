@@ -1,5 +1,7 @@
 """Laws of the objects of many files: proposed by groups, judged by all, fitted file by file."""
 
+import operator
+
 import numpy as np
 import pytest
 
@@ -91,6 +93,23 @@ def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole)
     together = cl.refine(law, whole, **settings)
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
     np.testing.assert_allclose(law.covariance, together.covariance, rtol=1e-6)
+
+
+def test_other_errors_than_white_noise_are_those_of_all_files(tmp_path, whole):
+    rng, trials = np.random.default_rng(5), []
+    for each in whole:
+        trials.append(cl.Trial(each.object, each.name, each.times, each.states * (1 + 0.02 * rng.normal(size=(49, 1)))))
+    noisy = cl.Trials(tuple(trials), whole.schema)
+    for i in range(3):
+        noisy.select(object=list(whole.objects[5 * i : 5 * i + 5])).to_parquet(tmp_path / f"{i}.parquet")
+    stream, method = cl.TrialStream.from_parquet(tmp_path), cl.TrajectoryLikelihood(errors="proportional")
+    law = cl.discover(stream, order=2, library="poly:1", method=method)
+    together = cl.refine(law, noisy, errors="proportional")
+    assert law.uncertainty.error_model.proportional == pytest.approx(0.02, rel=0.1)
+    for name in ("error_model.proportional", "degrees_of_freedom"):
+        found, expected = (operator.attrgetter(name)(each.uncertainty) for each in (law, together))
+        np.testing.assert_allclose(found, expected, rtol=0.05)
+    assert 0.93 < cl.forecast_stream(law, stream)["within 95 % band"].mean() < 0.98
 
 
 def test_an_object_in_two_files_is_refused(tmp_path, whole):

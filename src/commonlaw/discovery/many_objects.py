@@ -1,23 +1,19 @@
 """Laws of more objects than one fit holds: proposed by groups of objects, judged by all, fitted part by part."""
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.cluster import done_in_parts
 from commonlaw.effort import unannounced
-from commonlaw.errors import CommonlawError
-from commonlaw.inference import CovarianceKind, ErrorKind, compare, refine, written_alike
+from commonlaw.inference import CovarianceKind, ErrorKind, LawOfPart, compare, law_of_all, refine, written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.domain import Domain
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.trial import ObjectProperties
 from commonlaw.wording import counted
 
 _GROUPS, _OBJECTS = 4, 10
@@ -82,7 +78,7 @@ def law_of_parts(
         best, step = _judged(parts, proposed, fitting, part(progress, _PROPOSED, _JUDGED))
         steps.append(step)
     fitted = done_in_parts(partial(_fitted, best, fitting), parts, "fitting objects", part(progress, _JUDGED, 1.0))
-    law = _joined(fitted, best)
+    law = law_of_all(fitted, best)
     law = replace(law, provenance=replace(law.provenance, history=(*best.history, *steps)))
     return law.partial_pooling(universal(law), pooling)
 
@@ -121,20 +117,7 @@ def _evidences(laws: Mapping[str, Law], fitting: Fitting, part: TrialStream) -> 
     return dict(zip(frame["law"], frame["2 log B"], strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What a part comes to: of each object coefficients and their covariance, of all noise, samples and domain."""
-
-    objects: tuple[str, ...]
-    coefficients: Floats
-    covariance: Floats
-    noise: Floats
-    samples: int
-    domain: Domain
-    properties: ObjectProperties
-
-
-def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> _Part:
+def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> LawOfPart:
     """Return what a law's coefficients are for the objects of a part."""
     trials = part.read()
     with unannounced():
@@ -149,10 +132,7 @@ def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> _Part:
             partial_pooling=False,
             progress=lambda _: None,
         )
-    known, noise = found.uncertainty.known_covariance(), found.uncertainty.noise
-    levels = np.full(len(found.states), np.nan) if noise is None else noise
-    samples = sum(map(len, trials))
-    return _Part(found.objects, found.coefficients, known, levels, samples, found.provenance.domain, trials.properties)
+    return LawOfPart.of(found, trials)
 
 
 def _typical(law: Law, objects: tuple[str, ...]) -> Law:
@@ -165,29 +145,4 @@ def _typical(law: Law, objects: tuple[str, ...]) -> Law:
         coefficients=np.repeat(mean.coefficients, count, axis=0),
         uncertainty=Uncertainty(np.repeat(covariance, count, axis=0)),
         provenance=Provenance(),
-    )
-
-
-def _joined(parts: Sequence[_Part], law: Law) -> Law:
-    """Return the law of the objects of all parts."""
-    objects = tuple(name for each in parts for name in each.objects)
-    twice = [name for name, count in Counter(objects).items() if count > 1]
-    if twice:
-        raise CommonlawError(
-            f"{twice[0]} has trials in two files: put all trials of an object into one file, or take "
-            "method=DerivativeRegression(), which needs no such order"
-        )
-    weights = np.array([each.samples for each in parts], dtype=np.float64)
-    noise = np.sqrt(weights @ np.array([each.noise**2 for each in parts]) / weights.sum())
-    ranges = [each.domain.visited for each in parts]
-    visited = {
-        name: (min(each[name][0] for each in ranges), max(each[name][1] for each in ranges)) for name in ranges[0]
-    }
-    return replace(
-        law,
-        objects=objects,
-        coefficients=np.concatenate([each.coefficients for each in parts]),
-        uncertainty=Uncertainty(np.concatenate([each.covariance for each in parts]), noise=noise),
-        provenance=replace(law.provenance, domain=Domain(visited), outcomes=(), alternatives=()),
-        properties={name: own for each in parts for name, own in each.properties.items()},
     )

@@ -22,6 +22,7 @@ from commonlaw.inference.law_search import (
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order
 from commonlaw.inference.parametric_search import may_be_simpler, with_parametric_terms
+from commonlaw.inference.parts import LawOfPart, law_of_all
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
@@ -41,6 +42,7 @@ __all__ = [
     "CandidateLaw",
     "CovarianceKind",
     "ErrorKind",
+    "LawOfPart",
     "LawSearch",
     "adapt",
     "as_followed",
@@ -57,6 +59,7 @@ __all__ = [
     "finish",
     "fit_supports",
     "known_noise",
+    "law_of_all",
     "levels_in_words",
     "may_be_simpler",
     "missed_terms",
