@@ -36,6 +36,25 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
 
 
+def test_a_law_in_mind_is_fitted_by_workers(run, tmp_path):
+    drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.01, trials=3)
+    for name in drops.objects:
+        drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
+    words = ["Ball *.parquet", "--noise", "x=0.01", "--errors", "white", "--cluster", "local:2"]
+    code, out, err = run("fit", "x'' = -g - c v", *words, "--hold-out", "trial=3", "--save", "law.json")
+    assert code == 0, err
+    assert "Forecasts of 2 held-out trials of 2 objects" in out
+    law = cl.Law.load(tmp_path / "law.json")
+    expected = cl.fit("x'' = -g - c v", drops.select(trial=["1", "2"]), noise={"x": 0.01}, errors="white")
+    np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-7)
+    code, out, err = run("refine", "law.json", *words, "--save", "refined.json")
+    assert code == 0, err
+    refined, expected = cl.Law.load(tmp_path / "refined.json"), cl.refine(law, drops, noise={"x": 0.01}, errors="white")
+    np.testing.assert_allclose(refined.coefficients, expected.coefficients, rtol=1e-7)
+    code, _, err = run("fit", "x'' = -g - c v", *words, "--start", "x=1")
+    assert (code, "--start with --cluster: leave it out" in err) == (2, True)
+
+
 def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(run, tmp_path):
     drops = cl.datasets.linear_drag(drag=(*np.linspace(-0.2, -0.3, 59), -0.6), trials=1, noise=0.001)
     properties = {name: {"mass": float(i + 1)} for i, name in enumerate(drops.objects)}

@@ -126,3 +126,47 @@ def test_what_does_not_go_with_files_is_refused(folder):
             cl.discover(stream, order=2, library=library, method=METHOD)
     with pytest.raises(cl.CommonlawError, match="properties are columns of the files"):
         cl.TrialStream.from_parquet(folder, **ROLES, properties={"Ball 1": {"mass": 1.0}})
+
+
+SETTINGS = {"noise": {"x": 0.01}, "errors": "white"}
+
+
+@pytest.mark.parametrize("pooling", [True, False])
+def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(folder, whole, pooling):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+    law = cl.fit("x'' = -g - c v", stream, **SETTINGS, partial_pooling=pooling)
+    together = cl.fit("x'' = -g - c v", whole, **SETTINGS, partial_pooling=pooling)
+    assert law.objects == whole.objects
+    assert law.properties == together.properties
+    np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-7)
+    np.testing.assert_allclose(law.standard_errors, together.standard_errors, rtol=1e-5)
+    assert law.provenance.calls == together.provenance.calls
+    assert law.explain().explanation.relations[1].factors[0] == pytest.approx(-0.3, rel=0.05)
+    assert cl.Law.from_json(law.to_json()).structure() == together.structure()
+    known = [cl.fit("x'' = -9.8 - mass v", each, **SETTINGS).coefficients for each in (stream, whole)]
+    np.testing.assert_allclose(*known)
+
+
+def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    few = cl.fit("x'' = -9.8 - c v", whole.select(object=["Ball 1", "Ball 2"]))
+    law = cl.refine(few, stream, **SETTINGS)
+    together = cl.fit("x'' = -9.8 - c v", whole, **SETTINGS)
+    np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-7)
+    again = cl.refine(law, stream, **SETTINGS)
+    np.testing.assert_allclose(again.coefficients, cl.refine(together, whole, **SETTINGS).coefficients, rtol=1e-7)
+    assert "each object is fitted to its trials, file by file" in [each.reason for each in law.history]
+
+
+def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    for use, said in [
+        (lambda: cl.fit("x'' = -k abs(v)^p sign(v)", stream), "constants inside of terms are not fitted file by file"),
+        (lambda: cl.fit("x[k+1] = a x", stream), "a law in discrete time is not fitted file by file"),
+        (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, starts={"d": 1.0}), "do not go with a stream"),
+        (lambda: cl.fit("x'' = -g", whole, client=object()), r"client=\.\.\. is for files"),
+        (lambda: cl.refine(cl.fit("x'' = -g", whole), whole, client=object()), r"client=\.\.\. is for files"),
+        (lambda: cl.refine(cl.fit("x'' = -g", whole), stream, covariance="x"), "unknown covariance"),
+    ]:
+        with pytest.raises(cl.CommonlawError, match=said):
+            use()

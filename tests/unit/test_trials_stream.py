@@ -43,8 +43,6 @@ def law():
         lambda law, trials: law.adapt(trials),
         lambda law, trials: law.bounds(trials),
         lambda law, trials: law.score(trials),
-        lambda _, trials: cl.fit("x'' = -g - c v", trials),
-        lambda law, trials: cl.refine(law, trials),
         lambda law, trials: cl.compare({"law": law}, trials),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),

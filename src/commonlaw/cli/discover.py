@@ -1,10 +1,11 @@
 """`commonlaw discover`: from a table to a law."""
 
 from commonlaw.cli.batch import Batch, table_bytes, with_batch
+from commonlaw.cli.by_stream import learned_by_stream
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
-from commonlaw.cli.on_cluster import few_trials, on_cluster_at, stream_of, with_cluster
+from commonlaw.cli.on_cluster import on_cluster_at, with_cluster
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
@@ -65,21 +66,10 @@ def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCa
 def _by_stream(
     source: Source, question: Question, outputs: Outputs, show: ProgressCallback
 ) -> tuple[Learned, LaterSteps]:
-    """Find a law in files that are gone through one by one.
-
-    It is checked by forecasts of all that is held out, or else of a few trials.
-    """
-    show("listing the files")
-    stream, later = stream_of(source), LaterSteps()
-    training = source.select(stream)
-    law = question.answer(training, part(show, 0.05, 0.9))
-    outputs.keep(law, later)
-    law = question.explained(law, show, later)
-    few = few_trials(training)
-    if source.holds_out:
-        return Learned.check_by_stream(law, source.held_out(stream), training, few, show, later), later
-    show("checking the law by forecasts of a few trials")
-    return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later
+    """Find a law in files that are gone through one by one."""
+    return learned_by_stream(
+        source, outputs, show, question.answer, lambda law, later: question.explained(law, show, later)
+    )
 
 
 def _coefficients(learned: Learned, path: str) -> bytes:

@@ -5,11 +5,13 @@ from typing import Any
 
 import click
 
+from commonlaw.cli.by_stream import learned_by_stream
 from commonlaw.cli.command import command
 from commonlaw.cli.comparing import compared, load
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
+from commonlaw.cli.on_cluster import on_cluster_at, with_cluster
 from commonlaw.cli.options import by_name, number_or_text, option
 from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
@@ -53,6 +55,7 @@ from commonlaw.cli.working import working
     help="Say how the fitted law stands in evidence beside another.",
 )
 @with_outputs
+@with_cluster
 def fit(
     equations: str,
     source: Source,
@@ -62,13 +65,14 @@ def fit(
     settings: dict[str, Any],
     against: str | None,
     outputs: Outputs,
+    cluster: str | None,
 ) -> None:
     """Fit a law that you have in mind to the trials in FILE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
     dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
     v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
-    inputs. The law is checked like one of `commonlaw discover`.
+    inputs. The law is checked like one of `commonlaw discover`. With --cluster Parquet files are fitted one by one.
 
     \b
     Examples:
@@ -80,6 +84,17 @@ def fit(
     """
     import commonlaw as cl
 
+    if cluster:
+        source.check_streams()
+        alone = {"--start": starts, "--starts-at": starts_at, "--dose": doses, "--against": against}
+        if given := [name for name, value in alone.items() if value]:
+            raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
+        with working("Fitting ...") as show, on_cluster_at(cluster, show):
+            found = learned_by_stream(
+                source, outputs, show, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
+            )
+        outputs.give(*found)
+        return
     with working("Fitting ...") as show:
         other = cl.Law.load(against) if against else None
         later = LaterSteps()

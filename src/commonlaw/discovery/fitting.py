@@ -3,18 +3,21 @@
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
+from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import outcomes_of_constants, refine, with_constants_found
+from commonlaw.inference import LawOfPart, law_of_all, outcomes_of_constants, refine, with_constants_found
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.law.numbers import with_error
@@ -24,12 +27,15 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
 from commonlaw.outcomes import OutcomeKind
-from commonlaw.progress import on_terminal
+from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.solvers import STLSQ
-from commonlaw.trials import Trials
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.doses import with_doses
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import Start, property_names
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 _UNMEASURED = "as given: it was not measured"
 """Why a state starts where it does."""
@@ -52,7 +58,7 @@ def _with_settings_of(refinement: Callable[..., Law]) -> Callable[[F], F]:
 @_with_settings_of(refine)
 def fit(
     equations: str | Sequence[str],
-    trials: Trials,
+    trials: Trials | TrialStream,
     *,
     starts: Mapping[str, Start] | None = None,
     starts_at: float | None = None,
@@ -81,7 +87,8 @@ def fit(
         beside, and keeps to bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``; where the best
         values are outside of these, the law is refused.
     trials
-        What was measured. Each object has its own coefficients.
+        What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
+        law has no constants inside of terms, and no states that nobody measured.
     starts
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
@@ -96,7 +103,7 @@ def fit(
         zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. Tables leave out rows in which
         no state was measured, with doses in them, and note it; a `Trial` takes such samples. A dose before the first
         measurement is where a trial starts, see `starts`.
-    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress
+    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress, client
         See `refine`.
 
     Raises
@@ -117,6 +124,13 @@ def fit(
     """
     for name in settings:
         check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
+    if isinstance(trials, TrialStream):
+        if starts or doses:
+            raise CommonlawError(
+                "starts=... and doses=... do not go with a stream: give stream.read(), if the trials fit"
+            )
+        return _of_stream(equations, trials, **settings)
+    refuse_client(settings.pop("client", None))
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
@@ -167,6 +181,38 @@ def fit(
     outcomes = (*law.outcomes, *outcomes_of_constants(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _of_stream(
+    equations: str | Sequence[str],
+    stream: TrialStream,
+    *,
+    partial_pooling: bool = True,
+    progress: ProgressCallback | None = None,
+    client: "Client | None" = None,
+    **settings: Any,
+) -> Law:
+    """Return the law of the objects of a stream, fitted part by part."""
+    given = read_equations(equations, stream.schema)
+    if given.terms.constants or given.order == 0:
+        what = "a law in discrete time is" if given.order == 0 else "constants inside of terms are"
+        raise CommonlawError(f"{what} not fitted file by file: give stream.read(), if the trials fit")
+    one = partial(_of_part, equations, {"errors": "white", **settings})
+    with on_cluster(client):
+        fitted = done_in_parts(one, stream.parts or (stream,), "fitting objects", progress or on_terminal())
+    law = law_of_all(fitted)
+    values = {"partial_pooling": partial_pooling, **settings}
+    made = (call(fit, values, "cl.fit", repr(equations), "trials"),)
+    provenance = replace(law.provenance, calls=made)
+    return replace(law, provenance=provenance).partial_pooling(None, partial_pooling)
+
+
+def _of_part(equations: str | Sequence[str], settings: dict[str, Any], part: TrialStream) -> LawOfPart:
+    """Return what a law's coefficients are for the objects of a part."""
+    trials = part.read()
+    with unannounced():
+        law = fit(equations, trials, partial_pooling=False, progress=lambda _: None, **settings)
+    return LawOfPart.of(law, trials)
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:

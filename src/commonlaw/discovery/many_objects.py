@@ -4,13 +4,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from commonlaw.array_types import Bools
 from commonlaw.cluster import done_in_parts
 from commonlaw.effort import unannounced
-from commonlaw.inference import CovarianceKind, ErrorKind, LawOfPart, compare, law_of_all, refine, written_alike
-from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.inference import (
+    CovarianceKind,
+    ErrorKind,
+    LawOfPart,
+    compare,
+    law_of_all,
+    refine,
+    typical,
+    written_alike,
+)
+from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
@@ -78,8 +85,11 @@ def law_of_parts(
         best, step = _judged(parts, proposed, fitting, part(progress, _PROPOSED, _JUDGED))
         steps.append(step)
     fitted = done_in_parts(partial(_fitted, best, fitting), parts, "fitting objects", part(progress, _JUDGED, 1.0))
-    law = law_of_all(fitted, best)
-    law = replace(law, provenance=replace(law.provenance, history=(*best.history, *steps)))
+    law = law_of_all(fitted)
+    provenance = replace(
+        best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
+    )
+    law = replace(law, provenance=provenance)
     return law.partial_pooling(universal(law), pooling)
 
 
@@ -109,7 +119,7 @@ def _judged(
 def _evidences(laws: Mapping[str, Law], fitting: Fitting, part: TrialStream) -> dict[str, float]:
     """Return minus twice the log-evidence of each law in a part, up to a constant that they share."""
     trials = part.read()
-    given = {name: _typical(law, trials.objects) for name, law in laws.items()}
+    given = {name: typical(law, trials.objects) for name, law in laws.items()}
     with unannounced():
         frame = compare(
             given, trials, noise=fitting.noise, errors=fitting.errors, huber_threshold=fitting.huber_threshold
@@ -122,7 +132,7 @@ def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> LawOfPart:
     trials = part.read()
     with unannounced():
         found = refine(
-            _typical(law, trials.objects),
+            typical(law, trials.objects),
             trials,
             noise=fitting.noise,
             errors=fitting.errors,
@@ -133,16 +143,3 @@ def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> LawOfPart:
             progress=lambda _: None,
         )
     return LawOfPart.of(found, trials)
-
-
-def _typical(law: Law, objects: tuple[str, ...]) -> Law:
-    """Return the law in which each of these objects is the typical one; what is known of all stays known."""
-    mean, count = law.average(), len(objects)
-    covariance = mean.uncertainty.known_covariance()
-    return replace(
-        mean,
-        objects=objects,
-        coefficients=np.repeat(mean.coefficients, count, axis=0),
-        uncertainty=Uncertainty(np.repeat(covariance, count, axis=0)),
-        provenance=Provenance(),
-    )

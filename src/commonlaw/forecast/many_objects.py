@@ -116,7 +116,12 @@ def laws_of_parts(law: Law, parts: Sequence[TrialStream], progress: ProgressCall
     if len(law.objects) == 1:
         return [law] * len(parts)
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None))
-    return [law_of(light, names) for names in done_in_parts(_objects, parts, "listing objects", progress)]
+    return [law_of(light, names) for names in objects_of_parts(parts, progress)]
+
+
+def objects_of_parts(parts: Sequence[TrialStream], progress: ProgressCallback) -> list[tuple[str, ...]]:
+    """Return the names of the objects of each part."""
+    return done_in_parts(_objects, parts, "listing objects", progress)
 
 
 def _objects(stream: TrialStream) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from commonlaw.inference.law_search import (
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order
 from commonlaw.inference.parametric_search import may_be_simpler, with_parametric_terms
-from commonlaw.inference.parts import LawOfPart, law_of_all
+from commonlaw.inference.parts import LawOfPart, law_of_all, typical
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.screening import missed_terms, promising_terms
@@ -69,6 +69,7 @@ __all__ = [
     "refine",
     "resolved",
     "search_supports",
+    "typical",
     "with_constants_found",
     "with_drive_said",
     "with_parametric_terms",

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, Uncertainty
+from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.domain import Domain
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Trials
@@ -17,8 +17,12 @@ from commonlaw.trials.trial import ObjectProperties
 
 @dataclass(frozen=True, eq=False)
 class LawOfPart:
-    """What a part comes to: of each object coefficients and their covariance, of all errors, samples and domain."""
+    """What a part comes to: of each object coefficients and their covariance, of all errors, samples and domain.
 
+    `form` is the law of its first object.
+    """
+
+    form: Law
     objects: tuple[str, ...]
     coefficients: Floats
     covariance: Floats
@@ -34,6 +38,7 @@ class LawOfPart:
         """Return what a law says that was fitted to the trials of a part."""
         known = law.uncertainty
         return cls(
+            law.select(law.objects[:1]),
             law.objects,
             law.coefficients,
             known.known_covariance(),
@@ -46,8 +51,21 @@ class LawOfPart:
         )
 
 
-def law_of_all(parts: Sequence[LawOfPart], law: Law) -> Law:
-    """Return the law of the objects of all parts, in the form of a law of some.
+def typical(law: Law, objects: tuple[str, ...]) -> Law:
+    """Return the law in which each of these objects is the typical one; what is known of all stays known."""
+    mean, count = law.average(), len(objects)
+    covariance = mean.uncertainty.known_covariance()
+    return replace(
+        mean,
+        objects=objects,
+        coefficients=np.repeat(mean.coefficients, count, axis=0),
+        uncertainty=Uncertainty(np.repeat(covariance, count, axis=0)),
+        provenance=Provenance(),
+    )
+
+
+def law_of_all(parts: Sequence[LawOfPart]) -> Law:
+    """Return the law of the objects of all parts, which have the same terms.
 
     Noise and other errors are root mean squares over parts, weighted by their samples.
 
@@ -69,6 +87,7 @@ def law_of_all(parts: Sequence[LawOfPart], law: Law) -> Law:
     visited = {
         name: (min(each[name][0] for each in ranges), max(each[name][1] for each in ranges)) for name in ranges[0]
     }
+    law = parts[0].form
     return replace(
         law,
         objects=objects,

@@ -2,13 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from commonlaw.errors import check_choice
+from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import begin_search, choose_errors, fit_terms
+from commonlaw.inference.parts import LawOfPart, law_of_all, typical
 from commonlaw.inference.provenance import (
     fit_steps,
     noise_step,
@@ -20,19 +25,26 @@ from commonlaw.inference.provenance import (
 from commonlaw.inference.search import to_scale
 from commonlaw.inference.unmeasured import visited_besides
 from commonlaw.integration import BETWEEN
-from commonlaw.law import Law
+from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.parallel import threads
-from commonlaw.progress import ProgressCallback, on_terminal
-from commonlaw.trials import Trials
+from commonlaw.progress import ProgressCallback, on_terminal, part
+from commonlaw.trials import Trials, TrialStream
+from commonlaw.wording import counted
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_LISTED = 0.1
+"""Share of the time after which objects of a stream are listed. It is only shown."""
 
 
 def refine(
     law: Law,
-    trials: Trials,
+    trials: Trials | TrialStream,
     *,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
@@ -44,6 +56,7 @@ def refine(
     seed: int = 0,
     n_jobs: int = -1,
     progress: ProgressCallback | None = None,
+    client: "Client | None" = None,
 ) -> Law:
     """Fit a law's coefficients, and the states of each trial, to what was measured: maximum likelihood.
 
@@ -55,7 +68,8 @@ def refine(
     law
         Of order 1 or 2. Coefficients whose standard error is zero are known and stay.
     trials
-        Of objects of the law.
+        Of objects of the law. A stream is fitted file by file, under white noise if nothing else is named, each file
+        with noise of its own level; objects that are not in the law begin as its typical one.
     positive
         States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
         the law.
@@ -79,6 +93,8 @@ def refine(
         Threads that share the objects, see `TrajectoryLikelihood`.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
+    client
+        A dask client, whose workers fit the files of a stream.
 
     Returns
     -------
@@ -106,6 +122,17 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
+    if isinstance(trials, TrialStream):
+        own = {
+            "positive": positive, "input_between": input_between, "noise": noise, "huber_threshold": huber_threshold,
+            "errors": "white" if errors == "auto" else errors, "covariance": covariance, "seed": seed,
+        }  # fmt: skip
+        with on_cluster(client):
+            refined = _by_parts(law, trials, own, progress or on_terminal())
+        domain = refined.provenance.domain
+        provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
+        return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+    refuse_client(client)
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
@@ -136,3 +163,27 @@ def refine(
         domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
     )
     return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+
+
+def _by_parts(law: Law, stream: TrialStream, settings: dict[str, Any], progress: ProgressCallback) -> Law:
+    """Return the law of the objects of a stream, fitted part by part."""
+    if law.terms.constants or law.schema.starts:
+        what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
+        raise CommonlawError(f"a law with {what} is not fitted file by file: give stream.read(), if the trials fit")
+    parts, known = stream.parts or (stream,), {*law.objects}
+    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
+    names = objects_of_parts(parts, part(progress, 0.0, _LISTED))
+    laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
+    pieces = list(zip(laws, parts, strict=True))
+    fitted = done_in_parts(partial(_fitted, settings), pieces, "fitting objects", part(progress, _LISTED, 1.0))
+    found = law_of_all(fitted)
+    step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
+    return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
+
+
+def _fitted(settings: dict[str, Any], piece: tuple[Law, TrialStream]) -> LawOfPart:
+    """Return what a law's coefficients are for the objects of a part."""
+    law, trials = piece[0], piece[1].read()
+    with unannounced():
+        found = refine(law, trials, partial_pooling=False, progress=lambda _: None, **settings)
+    return LawOfPart.of(found, trials)
