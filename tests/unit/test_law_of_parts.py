@@ -170,3 +170,14 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
     ]:
         with pytest.raises(cl.CommonlawError, match=said):
             use()
+
+
+def test_evidences_of_files_add_up_to_nearly_those_of_all_trials(folder, whole):
+    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    laws = {text: cl.fit(text, whole, **SETTINGS) for text in ("x'' = a + b v", "x'' = a + b v^2", "x'' = a")}
+    found, together = (cl.compare(laws, each, **SETTINGS) for each in (stream, whole))
+    assert found["law"].tolist() == together["law"].tolist()
+    assert found["coefficients"].tolist() == together["coefficients"].tolist()
+    # What objects have in common beforehand is found in each file by itself
+    np.testing.assert_allclose(found["2 log B"], together["2 log B"], rtol=2e-3)
+    assert found["probability"].sum() == pytest.approx(1.0)

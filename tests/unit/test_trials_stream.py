@@ -43,7 +43,6 @@ def law():
         lambda law, trials: law.adapt(trials),
         lambda law, trials: law.bounds(trials),
         lambda law, trials: law.score(trials),
-        lambda law, trials: cl.compare({"law": law}, trials),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),
         lambda _, trials: trials.clip_irregular(),

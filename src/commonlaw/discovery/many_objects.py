@@ -11,7 +11,7 @@ from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
     LawOfPart,
-    compare,
+    compare_by_parts,
     law_of_all,
     refine,
     typical,
@@ -106,25 +106,11 @@ def _judged(
 ) -> tuple[Law, Step]:
     """Return the law of largest evidence over all parts, and what is said of that."""
     names = {"; ".join(structure): law for structure, law in proposed.items()}
-    judge = partial(_evidences, names, fitting)
-    total = dict.fromkeys(names, 0.0)
-    for own in done_in_parts(judge, parts, f"weighing {len(names)} laws", progress):
-        for name, value in own.items():
-            total[name] += value
-    (first, least), (second, other), *_ = sorted(total.items(), key=lambda each: each[1])
-    reason = f"2 log B = {other - least:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
+    settings = {"noise": fitting.noise, "errors": fitting.errors, "huber_threshold": fitting.huber_threshold}
+    frame = compare_by_parts(names, parts, settings, progress)
+    (first, second), evidence = frame["law"][:2], frame["2 log B"][1]
+    reason = f"2 log B = {evidence:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
     return names[first], Step("support", first, reason)
-
-
-def _evidences(laws: Mapping[str, Law], fitting: Fitting, part: TrialStream) -> dict[str, float]:
-    """Return minus twice the log-evidence of each law in a part, up to a constant that they share."""
-    trials = part.read()
-    given = {name: typical(law, trials.objects) for name, law in laws.items()}
-    with unannounced():
-        frame = compare(
-            given, trials, noise=fitting.noise, errors=fitting.errors, huber_threshold=fitting.huber_threshold
-        )
-    return dict(zip(frame["law"], frame["2 log B"], strict=True))
 
 
 def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> LawOfPart:

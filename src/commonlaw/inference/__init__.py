@@ -2,7 +2,7 @@
 
 from commonlaw.inference.adaptation import adapt
 from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
-from commonlaw.inference.comparison import compare, written_alike
+from commonlaw.inference.comparison import compare, compare_by_parts, written_alike
 from commonlaw.inference.constants import outcomes_of_constants, with_constants_found
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.drives import drives, with_drive_said
@@ -54,6 +54,7 @@ __all__ = [
     "candidates_in_turn",
     "choose_errors",
     "compare",
+    "compare_by_parts",
     "drives",
     "evidence_of_order",
     "finish",

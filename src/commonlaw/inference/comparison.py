@@ -2,16 +2,20 @@
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
 from commonlaw.inference.law_search import LawSearch, fit_terms, with_error_models
 from commonlaw.inference.orders import evidence_of_order
+from commonlaw.inference.parts import typical
 from commonlaw.inference.scales import check_one_scale, error_kinds
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_state import ANY_ERROR
@@ -20,20 +24,23 @@ from commonlaw.law.meeting import matched
 from commonlaw.library import Order, parse_terms
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.parallel import in_parallel, threads
-from commonlaw.trials import Schema, Trials
+from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.trials import Schema, Trials, TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
+    from distributed import Client
 
 
 def compare(
     laws: Mapping[str, Law] | Sequence[Law],
-    trials: Trials,
+    trials: Trials | TrialStream,
     *,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
     n_jobs: int = -1,
+    client: "Client | None" = None,
 ) -> "pd.DataFrame":
     """Return how probable the measurements make each of several laws, whatever found them.
 
@@ -47,8 +54,9 @@ def compare(
         By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of order 1 or 2, and of the
         trials' objects. They need not use all inputs of the trials.
     trials
-        What was measured.
-    noise, errors, huber_threshold, n_jobs
+        What was measured. Of a stream evidences are added over files, under white noise if nothing else is named; each
+        file has its own level of noise and scales of coefficients, and its objects need not be in the laws.
+    noise, errors, huber_threshold, n_jobs, client
         See `refine`.
 
     Returns
@@ -84,6 +92,12 @@ def compare(
         raise CommonlawError(
             f"laws of {' and of '.join(states)} explain different measurements: compare laws of the same"
         )
+    if isinstance(trials, TrialStream):
+        kind = "white" if errors == "auto" else errors
+        settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
+        with on_cluster(client):
+            return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
+    refuse_client(client)
     value = _value_of({law.order for law in laws.values()})
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
@@ -112,6 +126,39 @@ def compare(
         }
     )
     return frame.sort_values("2 log B", ignore_index=True)
+
+
+def compare_by_parts(
+    laws: Mapping[str, Law], parts: Sequence[TrialStream], settings: Mapping[str, Any], progress: ProgressCallback
+) -> "pd.DataFrame":
+    """Return what `compare` says of laws and the parts of a stream; `settings` are its arguments."""
+    import pandas as pd
+
+    light = {name: law.average() for name, law in laws.items()}
+    frames = done_in_parts(partial(_of_part, light, settings), parts, f"weighing {len(laws)} laws", progress)
+    said = pd.concat(frames).groupby("law", sort=False)
+    frame = said.agg(
+        {
+            "equations": "first",
+            "coefficients": "first",
+            "errors": _listed,
+            "model error": "any",
+            "2 log B": "sum",
+        }
+    ).reset_index()
+    frame["2 log B"] -= frame["2 log B"].min()
+    weights = np.exp(-frame["2 log B"] / 2)
+    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
+
+
+def _listed(errors: "pd.Series[str]") -> str:
+    return ", ".join(dict.fromkeys(errors))
+
+
+def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialStream) -> "pd.DataFrame":
+    trials = part.read()
+    with unannounced():
+        return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
 
 
 def _value_of(orders: Set[Order]) -> Callable[[LawSearch], float]:

@@ -65,7 +65,7 @@ class TrialStream:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
         raise NotInMemoryError(
             "this needs trials in memory, and a stream holds none: give stream.read(), if they fit; discover, "
-            "fit, refine, forecast_stream, check_stream and Law.report take streams as they are"
+            "fit, refine, compare, forecast_stream, check_stream and Law.report take streams as they are"
         )
 
     def read(self) -> Trials:
