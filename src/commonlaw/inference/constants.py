@@ -5,7 +5,7 @@ values of K are compared by what they leave of the rates of smooth curves throug
 them, that of all objects together and that of each, trajectories are fitted.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,17 +17,20 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
+from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way
 from commonlaw.inference.constant_values import divisors, values_to_try
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.law_search import fit_terms
-from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.integral_matching import Integrals
+from commonlaw.inference.poles import has_pole, values_along
+from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.smooth_rates import smooth_curves, values_and_rates
+from commonlaw.inference.told_constants import SURE
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound
 from commonlaw.library.grammar import NUMPY, compiled
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -37,8 +40,12 @@ from commonlaw.trials import Trials
 _MOST_POINTS = 300
 """Points of an object's curves that values are compared at."""
 
-_BEST = 5
-"""Combinations of values that least squares makes better, of those in the bank."""
+_BEST, _FACTOR = 5, 2.0
+"""Combinations of values that least squares makes better, the best of those in the bank, and as many that differ: by
+their signs or at least this factor in one of them."""
+
+_TOGETHER = 3
+"""Those of all objects together that trajectories are fitted from."""
 
 _DEPENDENT = 1e-7
 """Columns of unit norm whose directions are smaller than this are told by nothing but rounding."""
@@ -58,16 +65,18 @@ _SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """What a law leaves of the rates of an object, as a function of those constants that are to be found.
+    """What a law leaves of what was measured of an object, as a function of those constants that are to be found.
 
-    Variables along its curves, without constants, have the shape (n, variables), rates (n, equations), known
-    coefficients (equations, terms), NaN where they are to be found.
+    Variables along its curves, without constants, have the shape (n, variables), known coefficients (equations, terms),
+    NaN where they are to be found. For each equation there is what is compared, rates or measurements, shape (m,), and
+    what terms, shape (n, terms), say of it.
     """
 
     terms: Terms
     known: Floats
     values: Floats
-    rates: Floats
+    targets: Sequence[Floats]
+    said: Sequence[Callable[[Floats], Floats]]
 
     @cached_property
     def inside(self) -> Bools:
@@ -78,20 +87,29 @@ class _Profile:
         """Return the coefficients, of which factors are found by least squares, shape (equations, terms)."""
         return self._fitted(constants)[0]
 
-    def left(self, constants: Floats) -> Floats:
-        """Return what is left of the rates, shape (n, equations), infinite where a term is not finite."""
+    def left(self, constants: Floats) -> list[Floats]:
+        """Return what is left in each equation, infinite where a term is not finite."""
         return self._fitted(constants)[1]
 
     def deviance(self, constants: Floats) -> float:
-        """Return minus twice the log-likelihood of rates whose errors have any size; infinite where a term has a pole.
+        """Return minus twice the log-likelihood where errors have any size; infinite where a term has a pole.
 
         A pole between points shows by a divisor that changes its sign.
         """
         left = self.left(constants)
-        if not np.isfinite(left).all() or any(np.ptp(np.sign(each)) for each in self._divisors(constants)):
+        if not all(np.isfinite(own).all() for own in left) or self.has_pole(constants):
             return np.inf
-        floor = np.finfo(float).eps * np.std(self.rates, axis=0) + np.finfo(float).tiny
-        return 2 * len(left) * float(np.sum(np.log(np.maximum(_size(left), floor))))
+        floors = [np.finfo(float).eps * np.std(own) + np.finfo(float).tiny for own in self.targets]
+        pairs = zip(left, floors, strict=True)
+        return float(sum(2 * len(own) * np.log(max(_size(own), floor)) for own, floor in pairs))
+
+    def has_pole(self, constants: Floats) -> bool:
+        """Return whether something that terms are divided by vanishes along the curves or between their points."""
+        found = np.nan_to_num(self.known)
+        found[self.inside] = constants
+        columns = self.terms.at(self.values, found).T
+        with np.errstate(all="ignore"):
+            return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) for code in self._divisors)
 
     def derivatives(self, constants: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
@@ -101,31 +119,24 @@ class _Profile:
         columns = found.reshape(-1, found.shape[2])
         return np.asarray(columns / column_scales(columns))
 
-    def _fitted(self, constants: Floats) -> tuple[Floats, Floats]:
+    def _fitted(self, constants: Floats) -> tuple[Floats, list[Floats]]:
         found = np.nan_to_num(self.known)
         found[self.inside] = constants
         library = self.terms.evaluate(self.terms.at(self.values, found))
         if not np.isfinite(library).all():
-            return found, np.full(self.rates.shape, np.inf)
-        left, factors = np.empty(self.rates.shape), self.terms.is_factor
-        for j, free in enumerate(np.isnan(self.known) & factors):
-            rest = self.rates[:, j] - library[:, factors] @ found[j, factors]
-            columns = library[:, free]
+            return found, [np.full_like(own, np.inf) for own in self.targets]
+        left, factors = list[Floats](), self.terms.is_factor
+        for j, (target, said) in enumerate(zip(self.targets, self.said, strict=True)):
+            free = np.isnan(self.known[j]) & factors
+            own = said(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
+            rest, columns = target - own[:, 0], own[:, 1:]
             scale = column_scales(columns)
-            own = np.linalg.lstsq(columns / scale, rest)[0] / scale
-            found[j, free] = own
-            left[:, j] = rest - columns @ own
+            found[j, free] = np.linalg.lstsq(columns / scale, rest)[0] / scale
+            left.append(rest - columns @ found[j, free])
         return found, left
 
-    def _divisors(self, constants: Floats) -> list[Floats]:
-        found = np.nan_to_num(self.known)
-        found[self.inside] = constants
-        columns = self.terms.at(self.values, found).T
-        with np.errstate(all="ignore"):
-            return [compiled(code)(columns, NUMPY) for code in self._divisor_codes]
-
     @cached_property
-    def _divisor_codes(self) -> list[str]:
+    def _divisors(self) -> list[str]:
         return divisors(self.terms)
 
 
@@ -165,34 +176,39 @@ def with_constants_found(
         return law
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
     with threads(n_jobs):
-        profiles = _profiles(setup)
-        starts = _starts(setup.law, profiles, bounds)
-        _check_identifiable(setup.law, profiles, starts[-1])
-        found = in_parallel(lambda start: _fitted(setup, profiles[0].inside, start), starts)
-    states = [each for each in found if each is not None and _is_finite(each, profiles)]
-    if not states:
+        rates = _of_rates(setup)
+        bank, deviances = _banked(setup.law, rates)
+        least = bank[deviances.argmin(axis=1)]
+        _check_identifiable(setup.law, rates, least)
+        coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
+        problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
+        starts = _starts(setup.law, _of_integrals(problem), bounds, bank, deviances)
+        found = _best_of_each(problem, starts)
+    if found is None:
         names = ", ".join(law.terms.variables.constants)
         raise CommonlawError(
             f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried, without a "
             "pole where trials have been: give some of them as numbers"
         )
-    best = min(states, key=lambda each: each.value)
-    return replace(law, coefficients=np.array([each.coefficients for each in best.estimates]))
+    return replace(law, coefficients=found)
 
 
-def _fitted(setup: FitSetup, inside: Bools, constants: Floats) -> SearchState | None:
-    """Return the fit of trajectories from values of the constants, shape (objects, constants), if it succeeds."""
-    coefficients = setup.law.coefficients.copy()
-    coefficients[:, inside] = constants
-    with suppress(CommonlawError):
-        return fit_terms(replace(setup, law=replace(setup.law, coefficients=coefficients))).state
-    return None
+def _best_of_each(problem: SearchProblem, starts: Sequence[Floats]) -> Floats | None:
+    """Return the coefficients of the best fit of trajectories of each object, from any start, without a pole.
 
-
-def _is_finite(state: SearchState, profiles: Sequence[_Profile]) -> bool:
-    """Return whether no term of a fit has a pole where trials have been, or between."""
-    pairs = zip(state.estimates, profiles, strict=True)
-    return all(np.isfinite(profile.deviance(each.coefficients[profile.inside])) for each, profile in pairs)
+    All have the shape (objects, equations, terms); there are none if an object has no such fit.
+    """
+    best: list[Estimate | None] = [None] * len(problem.models)
+    for start in starts:
+        with suppress(CommonlawError, NotPositiveError):
+            for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
+                before = best[o]
+                if (before is None or each.objective < before.objective) and not has_pole(problem, o, each):
+                    best[o] = each
+    free = [each for each in best if each is not None]
+    if len(free) < len(best):
+        return None
+    return np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
 
 
 def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
@@ -207,7 +223,7 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
         lost = [
             letter
             for letter, there, value, error in zip(law.letters, bent, own, known, strict=True)
-            if there and error > abs(value)
+            if there and SURE * error > abs(value)
         ]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
             found.setdefault(" and ".join(lost), []).append(name)
@@ -215,15 +231,15 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
         Outcome(
             OutcomeKind.NOT_IDENTIFIABLE,
             ", ".join(objects),
-            f"the trials tell a combination of {letters} alone, whose standard errors are larger than themselves",
+            f"the trials tell a combination of {letters} alone, which are within {SURE:g} standard errors of zero",
             "give one of them as a number, or measure where the term bends",
         )
         for letters, objects in found.items()
     )
 
 
-def _profiles(setup: FitSetup) -> list[_Profile]:
-    """Return the profile of each object, along the trials in which all states were measured."""
+def _of_rates(setup: FitSetup) -> list[_Profile]:
+    """Return what each object's rates say, of smooth curves along the trials in which all states were measured."""
     law, found = setup.law, list[_Profile]()
     for name, known in zip(law.objects, setup.known, strict=True):
         curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
@@ -233,28 +249,54 @@ def _profiles(setup: FitSetup) -> list[_Profile]:
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
         few = evenly_spaced(len(values), _MOST_POINTS)
-        found.append(_Profile(law.terms, known, values[few], rates[few]))
+        found.append(
+            _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
+        )
     return found
 
 
-def _starts(law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound]) -> list[Floats]:
-    """Return values of constants to begin with, each of shape (objects, constants).
+def _of_integrals(problem: SearchProblem) -> list[_Profile]:
+    """Return what each object's measurements say of integrals along smoothed states: more than rates of curves say."""
+    found = list[_Profile]()
+    for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
+        values = values_along(problem, o, start)
+        matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
+        said, targets = zip(*((each.of, target) for each, target in matched), strict=True)
+        found.append(_Profile(model.terms, known, values, targets, said))
+    return found
 
-    First those that are best for all objects together, then those that are best for each.
-    """
-    terms = law.terms
-    bank = values_to_try(terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
+
+def _banked(law: Law, profiles: Sequence[_Profile]) -> tuple[Floats, Floats]:
+    """Return values of constants that are tried, shape (values, constants), and their deviances for each object."""
+    bank = values_to_try(law.terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
     deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in bank], profiles))
-    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0))
-    alone = in_parallel(lambda each, own: _best(law, [each], bounds, bank, own), profiles, deviances)
-    if any(each is None for each in alone):
-        raise CommonlawError(
-            f"no values of {', '.join(terms.variables.constants)} were found at which all terms are finite along the "
-            "trials: check the equations for roots, logarithms and powers of negative numbers, widen bounds, or give "
-            "numbers"
-        )
-    found = [] if together is None or len(profiles) == 1 else [np.tile(together, (len(profiles), 1))]
-    return [*found, np.array(alone)]
+    if not np.isfinite(deviances).any(axis=1).all():
+        raise _without_values(law)
+    return bank, deviances
+
+
+def _without_values(law: Law) -> CommonlawError:
+    return CommonlawError(
+        f"no values of {', '.join(law.terms.variables.constants)} were found at which all terms are finite along the "
+        "trials: check the equations for roots, logarithms and powers of negative numbers, widen bounds, or give "
+        "numbers"
+    )
+
+
+def _starts(
+    law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], bank: Floats, deviances: Floats
+) -> list[Floats]:
+    """Return coefficients to begin with, each of shape (objects, equations, terms).
+
+    First with constants that are best for all objects together, then with others for all of them that differ, then with
+    those that are best for each.
+    """
+    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0))[:_TOGETHER]
+    alone = in_parallel(lambda each, own: _best(law, [each], bounds, bank, own)[:1], profiles, deviances)
+    if not all(alone):
+        raise _without_values(law)
+    starts = [*([each] * len(profiles) for each in together), [own for (own,) in alone]]
+    return [np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts]
 
 
 def _columns(profile: _Profile) -> list[int]:
@@ -265,8 +307,8 @@ def _columns(profile: _Profile) -> list[int]:
 
 def _best(
     law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], bank: Floats, deviances: Floats
-) -> Floats | None:
-    """Return the constants that leave least of the rates of some objects, from the best ones of a bank.
+) -> list[Floats]:
+    """Return the constants that leave least of the rates of some objects, from ones of a bank that differ.
 
     Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has a
     name is above zero, and then the smaller ones.
@@ -274,31 +316,48 @@ def _best(
     letters = {each.name: each for each in law.named_coefficients}
 
     def holds(constants: Floats) -> bool:
-        coefficients = [each.coefficients(constants) for each in profiles]
+        coefficients = [each.coefficients(constants) for each in profiles] if bounds else []
         return all(bound.holds(letters[bound.name].of(own)) for bound in bounds for own in coefficients)
 
-    listed = (bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i]))
-    best = list(islice(filter(holds, listed), _BEST))
-    found = [*best, *filter(holds, (_refined(profiles, each) for each in best))]
+    listed = [bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
+    begun = [*islice(filter(holds, listed), _BEST), *_different(listed, holds)]
+    found = [*begun, *filter(holds, (_refined(profiles, each) for each in begun))]
     values = [sum(each.deviance(own) for each in profiles) for own in found]
-    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + _ALIKE]
 
     def unusual(constants: Floats) -> tuple[int, float]:
         named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
         return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
 
-    return min(alike, key=unusual, default=None)
+    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + _ALIKE]
+    ordered = [found[k] for k in np.argsort(values, kind="stable")]
+    return _different([*sorted(alike, key=unusual), *ordered])
+
+
+def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
+    """Return the first few of some constants that differ, by their signs or a factor."""
+    found = list[Floats]()
+    for each in listed:
+        if len(found) < _BEST and not any(_is_near(each, other) for other in found) and holds(each):
+            found.append(each)
+    return found
+
+
+def _is_near(one: Floats, other: Floats) -> bool:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return bool((np.abs(np.log(one / other)) < np.log(_FACTOR)).all())
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
     """Return the constants that leave least of the rates near some values."""
     from scipy.optimize import least_squares
 
-    units = [np.maximum(_size(each.left(begin)), np.finfo(float).tiny) for each in profiles]
+    tiny = np.finfo(float).tiny
+    units = [[max(_size(own), tiny) for own in each.left(begin)] for each in profiles]
 
     def left(relative: Floats) -> Floats:
-        pairs = zip(profiles, units, strict=True)
-        whole = np.concatenate([(each.left(begin * relative) / unit).ravel() for each, unit in pairs])
+        listed = [each.left(begin * relative) for each in profiles]
+        pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
+        whole = np.concatenate([own / size for own, size in pairs])
         return np.where(np.isfinite(whole), whole, _FAR)
 
     return np.asarray(begin * least_squares(left, np.ones_like(begin), max_nfev=_STEPS).x)
@@ -323,7 +382,7 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Float
     )
 
 
-def _size(left: Floats) -> Floats:
-    """Return the root mean square of each column."""
+def _size(left: Floats) -> float:
+    """Return the root mean square."""
     with np.errstate(over="ignore"):
-        return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
+        return float(np.sqrt(np.mean(left**2)))

@@ -16,7 +16,7 @@ from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched, matched_noise
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, Prior
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms
 
@@ -46,6 +46,8 @@ class FitSetup:
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
     input_between
         The interpolation of inputs between samples, or ``"auto"``, which begins with straight lines.
+    priors
+        What the coefficients of each object are beforehand, where the others say it; none of any if it is empty.
     """
 
     law: Law
@@ -53,6 +55,7 @@ class FitSetup:
     noise: Floats | None
     huber_threshold: float
     input_between: str
+    priors: Sequence[Prior | None] = ()
 
     @classmethod
     def of(
@@ -105,7 +108,8 @@ class FitSetup:
         """Return what was measured, ready to be fitted by the terms of the law."""
         noise, huber, law = self.noise, self.huber_threshold, self.law
         begin = law.coefficients
-        return prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        return problem.with_priors(self.priors) if self.priors else problem
 
 
 def _of_objects(law: Law, trials: Trials) -> Law:

@@ -14,6 +14,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.constant_banks import Banks, along
+from commonlaw.inference.poles import values_along
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
@@ -56,25 +57,14 @@ class Course:
     @classmethod
     def of(cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]) -> "Course":
         """Return the curves of an object along its estimated states."""
-        model = problem.models[index]
-        variables = model.terms.variables
-        states = np.concatenate([each[:, : model.width] for each in estimate.states])
-        inputs, times = (np.concatenate([getattr(mesh, name) for mesh in model.meshes]) for name in ("inputs", "times"))
-        values = variables.natural(np.column_stack([states, inputs, times]))
-        return cls(problem, index, model.terms.evaluate(values), Banks.along(variables, values, others))
+        terms, values = problem.models[index].terms, values_along(problem, index, estimate)
+        return cls(problem, index, terms.evaluate(values), Banks.along(terms.variables, values, others))
 
     def match(self, equation: int) -> "Match":
         """Return the measurements of the state of an equation against integrals along these curves."""
-        model, known = self.problem.models[self.index], self.problem.known[self.index, equation]
-        variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
-        windows = _Window.of(self.problem, model.meshes, equation)
-        operators = [each.integrals(order) for each in windows]
-        if variables.states[equation] in variables.logarithmic:
-            state = self.banks.values[:, equation]
-            operators = [own / state[each.points] for own, each in zip(operators, windows, strict=True)]
-        integrals = _Integrals([each.points for each in windows], operators)
+        known = self.problem.known[self.index, equation]
+        integrals, target = Integrals.and_target(self.problem, self.index, equation, self.banks.values)
         plain, norms = unit(integrals.of(self.plain))
-        target = np.concatenate([each.target(order) for each in windows])
         target = target - plain @ (norms * np.nan_to_num(known))
         return Match(target, plain, norms, unit(integrals.of(self.banks.columns))[0], self.banks, integrals)
 
@@ -102,7 +92,7 @@ class Match:
     norms: Floats
     others: Floats
     banks: Banks
-    integrals: "_Integrals"
+    integrals: "Integrals"
     slopes: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
     @cached_property
@@ -226,7 +216,7 @@ class Match:
 
 
 @dataclass(frozen=True, eq=False)
-class _Integrals:
+class Integrals:
     """Windows along curves, by the indices of their points, and what integrals are as they show in measurements.
 
     An operator has the integrals of rates that are one at a single point, shape (measurements, points).
@@ -234,6 +224,25 @@ class _Integrals:
 
     points: Sequence[Indices]
     operators: Sequence[Floats]
+
+    @classmethod
+    def and_target(
+        cls, problem: SearchProblem, index: int, equation: int, values: Floats
+    ) -> "tuple[Integrals, Floats]":
+        """Return how an object's rates of a state are integrated, and what was measured of it, shape (n,).
+
+        Relative to its noise, without what free starts explain. Values of all variables along the curves have the shape
+        (points, variables).
+        """
+        model = problem.models[index]
+        variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
+        windows = _Window.of(problem, model.meshes, equation)
+        operators = [each.integrals(order) for each in windows]
+        if variables.states[equation] in variables.logarithmic:
+            state = values[:, equation]
+            operators = [own / state[each.points] for own, each in zip(operators, windows, strict=True)]
+        target = np.concatenate([each.target(order) for each in windows])
+        return cls([each.points for each in windows], operators), target
 
     def of(self, rates: Floats) -> Floats:
         """Return integrals of rates along the curves, shape (n, k), as they show in the measurements."""

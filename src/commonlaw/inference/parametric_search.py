@@ -16,32 +16,23 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way, short_way
 from commonlaw.inference.law_search import LawSearch, best_of, resolved
 from commonlaw.inference.poles import has_poles
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import ANY_ERROR, FINAL, NO_ERROR, is_settled
+from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, is_settled
 from commonlaw.inference.term_sets import MOST_NUMBERS, Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
 from commonlaw.library import Offer
-from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError, Prior, fit_each
+from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError
 from commonlaw.progress import ProgressCallback, Stage
 
 _ROUNDS = 3
 """How often sets are proposed along the curves of the best law, and fitted."""
-
-_FEWEST = 3
-"""Objects from which on scatter between them holds what one of them does not tell."""
-
-_WIDER, _NORMAL, _LEAST_SCATTER = 3.0, 1.4826, 0.1
-"""By how much it is taken wider than it is, standard deviations in a median absolute deviation, and the least scatter,
-as a share of what is typical."""
-
-_INDIFFERENT = 2.0
-"""Twice the log-likelihood that an object's trials may lose by what is typical of others: so little says nothing."""
 
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
@@ -52,10 +43,6 @@ fitted in all ways."""
 
 _TOGETHER, _MOST_TOGETHER = 3, 4
 """Sets of each equation that are tried with those of the others, and laws of these that are fitted in all ways."""
-
-_SHORT = (3.0, 0.3, *FINAL)
-"""Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
-
 
 _FEWEST, _MORE = 2, 1
 """Coefficients and constants that a ratio has at least; and by how many more than those of an equation that explains
@@ -292,7 +279,7 @@ class _Search:
             done(0.5 * k / len(new))
             with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
                 _, problem, begun = self._posed(rows)
-                best = _best_fits(problem, estimates, begun, _short_way)
+                best = best_fits(problem, estimates, begun, short_way)
                 price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
                 fits = [each.objective for each in best]
                 if np.isfinite(fits).all():  # A root of less than zero is not
@@ -311,9 +298,7 @@ class _Search:
 
     def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
         (built, problem, begun), template = self._posed(rows), self.found.template
-        best = _best_fits(problem, estimates, begun, _every_way)
-        if prior := _prior(problem, best):
-            problem, best = _held(problem, best, prior)
+        problem, best = drawn_together(problem, best_fits(problem, estimates, begun, every_way))
         state = fit_with(problem, problem.allowed, NO_ERROR, best)
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
         if not (is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
@@ -343,58 +328,3 @@ class _Search:
 
 def _stage(progress: ProgressCallback, begun: float, share: float, done: float) -> None:
     progress(Stage("fitting laws with constants inside of terms", begun + share * done))
-
-
-def _every_way(problem: SearchProblem) -> Sequence[Estimate]:
-    return fit_with(problem, problem.allowed, NO_ERROR).estimates
-
-
-def _short_way(problem: SearchProblem) -> Sequence[Estimate]:
-    return fit_each(problem.models, problem.starts, problem.allowed, _SHORT)
-
-
-def _best_fits(
-    problem: SearchProblem,
-    estimates: Sequence[Estimate],
-    begun: Sequence[Floats],
-    way: Callable[[SearchProblem], Sequence[Estimate]],
-) -> list[Estimate]:
-    """Return the fit of largest likelihood of each object, from any of some coefficients.
-
-    Each of these has the shape (objects, equations, terms).
-    """
-    found = []
-    for coefficients in begun:
-        starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
-        with suppress(CommonlawError, NotPositiveError):
-            found.append(way(replace(problem, starts=starts)))
-    if not found:
-        raise NotPositiveError
-    return [min(own, key=lambda each: each.objective) for own in zip(*found, strict=True)]
-
-
-def _held(problem: SearchProblem, free: Sequence[Estimate], prior: Prior) -> tuple[SearchProblem, list[Estimate]]:
-    """Return estimates drawn to a prior where measurements bear it as well as those that are free; these elsewhere."""
-    drawn = replace(problem, models=tuple(replace(each, prior=prior) for each in problem.models))
-    own = np.array([each.coefficients for each in free])
-    held = _best_fits(drawn, free, [own, np.broadcast_to(prior.typical, own.shape)], _short_way)
-    models, best = list(problem.models), list(free)
-    for o, (one, other) in enumerate(zip(held, free, strict=True)):
-        if one.deviance < other.deviance + _INDIFFERENT:
-            models[o], best[o] = drawn.models[o], one
-    return replace(problem, models=tuple(models)), best
-
-
-def _prior(problem: SearchProblem, estimates: Sequence[Estimate]) -> Prior | None:
-    """Return how coefficients scatter over objects, much wider: it holds those that an object's trials do not tell.
-
-    An object in whose trials a term does not bend tells no constant inside of it, which would leave for infinity.
-    """
-    found = np.array([each.coefficients for each in estimates])
-    if len(found) < _FEWEST or not problem.models[0].terms.constants:
-        return None
-    typical = np.median(found, axis=0)
-    scatter = np.maximum(_NORMAL * np.median(np.abs(found - typical), axis=0), _LEAST_SCATTER * np.abs(typical))
-    free = problem.allowed & (scatter > 0)
-    precision = np.divide(1.0, _WIDER * scatter, out=np.zeros_like(scatter), where=free) ** 2
-    return Prior(typical, precision)

@@ -1,7 +1,5 @@
 """Whether a law has a pole where trials have been, or between."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from commonlaw.array_types import Floats
@@ -17,11 +15,13 @@ _BETWEEN = 400
 
 def has_poles(problem: SearchProblem, state: SearchState) -> bool:
     """Return whether something that terms are divided by, with constants in it, vanishes at states or between them."""
-    codes = divisors(problem.models[0].terms)
-    return bool(codes) and any(_changes_sign(problem, i, each, codes) for i, each in enumerate(state.estimates))
+    return any(has_pole(problem, i, each) for i, each in enumerate(state.estimates))
 
 
-def _changes_sign(problem: SearchProblem, index: int, estimate: Estimate, codes: Sequence[str]) -> bool:
+def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
+    """Return whether something vanishes that terms are divided by, at states of an object or between them."""
+    if not (codes := divisors(problem.models[index].terms)):
+        return False
     values = with_points_between(values_along(problem, index, estimate))
     columns = problem.models[index].terms.at(values, estimate.coefficients).T
     with np.errstate(all="ignore"):

@@ -9,6 +9,7 @@ from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
+from commonlaw.inference.alike_objects import priors_from
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.fit_setup import FitSetup
@@ -137,6 +138,8 @@ def refine(
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
     with threads(n_jobs):
+        if partial_pooling and setup.law.terms.constants:
+            setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
         found, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,

@@ -29,6 +29,7 @@ from commonlaw.likelihood import (
     Estimate,
     Mesh,
     ObservationModel,
+    Prior,
     TrajectoryModel,
     interpolate,
     meshes,
@@ -111,6 +112,11 @@ class SearchProblem:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
         pairs = zip(self.starts, estimates, strict=True)
         return tuple(replace(start, coefficients=own.coefficients) for start, own in pairs)
+
+    def with_priors(self, priors: Sequence[Prior | None]) -> "SearchProblem":
+        """Return the problem with what the coefficients of each object are beforehand, if anything is known."""
+        pairs = zip(self.models, priors, strict=True)
+        return replace(self, models=tuple(replace(model, prior=prior) for model, prior in pairs))
 
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
         """Return the problem of some of the objects alone, with the same errors."""

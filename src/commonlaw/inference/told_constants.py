@@ -5,7 +5,7 @@ import numpy as np
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, evidence_about
 
-_SURE = 2.0
+SURE = 2.0
 """Standard errors from zero from which on a coefficient of a term that bends is told: of the typical object, or where
 signs differ, as on both sides of infinity, of all objects."""
 
@@ -31,7 +31,7 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
         squares.append(found**2 / np.sum(inverse**2, axis=1))
     signs = np.sign([each.coefficients[state.supports] for each in state.estimates])
     least = np.where(np.ptp(signs, axis=0) == 0, np.median(squares, axis=0), np.min(squares, axis=0))
-    lost = bent & ~(least >= _SURE**2)
+    lost = bent & ~(least >= SURE**2)
     return not any(
         lost[own].sum() > 1 and (lost & constant)[own].any() for own in equations == equations[:, np.newaxis]
     )

@@ -1,0 +1,53 @@
+"""What one object's trials do not tell of constants inside of terms is taken from objects that are alike."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+
+SWITCH = "p' = b - d p + a p^2/(K^2 + p^2)"
+LETTERS = ("b", "d", "a", "K")
+OWN = {
+    "A": (0.10, 0.60, 1.2, 0.65),
+    "B": (0.14, 0.65, 1.3, 0.70),
+    "C": (0.12, 0.55, 1.0, 0.60),
+    "D": (0.08, 0.50, 1.3, 0.55),
+    "E": (0.10, 0.50, 1.2, 0.60),
+}
+STARTS = dict.fromkeys("ABCD", (0.05, 1.5)) | {"E": (1.9, 3.0)}  # Where E has been its switch is on
+
+
+@pytest.fixture(scope="module")
+def switches():
+    times, generator, parts = np.linspace(0, 12, 80), np.random.default_rng(3), []
+    for name, (b, d, a, half) in OWN.items():
+        for k, start in enumerate(STARTS[name]):
+
+            def rate(_, p, b=b, d=d, a=a, half=half):
+                return b - d * p + a * p**2 / (half**2 + p**2)
+
+            exact = solve_ivp(rate, (0, 12), [start], t_eval=times, rtol=1e-9).y[0]
+            measured = exact + 0.005 * generator.standard_normal(len(times))
+            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times, "p": measured}))
+    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["p"])
+
+
+def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):
+    law = cl.fit(SWITCH, switches)
+    values = law.letter_values()[0][:, [law.letters.index(name) for name in LETTERS]]
+    truth = np.array(list(OWN.values()))
+    alone = cl.fit(SWITCH, switches, partial_pooling=False)
+    errors = alone.letter_values()[1][:, [alone.letters.index(name) for name in LETTERS]]
+    values[:, 3] = np.abs(values[:, 3])
+    assert (np.abs(values - truth)[:4] < 4 * errors[:4]).all()
+    assert values[4, 3] == pytest.approx(0.6, abs=0.2)
+    again = cl.refine(law, switches)
+    np.testing.assert_allclose(again.coefficients, law.coefficients, rtol=0.1)
+
+
+def test_alone_such_an_object_says_so(switches):
+    law = cl.fit(SWITCH, switches, partial_pooling=False)
+    (outcome,) = (each for each in law.outcomes if each.kind == "not identifiable")
+    assert outcome.where == "E"
