@@ -22,7 +22,7 @@ from commonlaw.inference.poles import has_poles
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, is_settled
+from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, PLAUSIBLE, evidence_about, is_settled
 from commonlaw.inference.term_sets import MOST_NUMBERS, Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
@@ -121,6 +121,17 @@ def _searched(
             break
         curves = (_without_processes(best, best.state.estimates),)
         rows = search.with_coefficients(rows, best)
+    return _with_fewer(search, best, rows, progress)
+
+
+def _with_fewer(
+    search: "_Search", best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[LawSearch, tuple[TermSet, ...]]":
+    """Return the law of largest evidence when terms are left out, one after the other, that it may do without."""
+    done, before = partial(_stage, progress, 1.0, 0.0), None
+    while best is not before and best is not search.found:
+        before, near = best, _without_processes(best, best.state.estimates)
+        best, rows = search.better(best, rows, list(search.with_one_less(best, rows)), _MOST_TOGETHER, near, done)
     return best, rows
 
 
@@ -251,6 +262,16 @@ class _Search:
             if fitted is not None and fitted.state.value < best.state.value:
                 best, rows = fitted, terms
         return best, rows
+
+    def with_one_less(self, best: LawSearch, rows: tuple[TermSet, ...]) -> Iterator[tuple[TermSet, ...]]:
+        """Yield the terms of a law but for one that it may do without, by the likelihood linearised about its fit."""
+        evidence, built = evidence_about(best.problem, best.state), terms_of_sets(self.base, rows)
+        for j, row in enumerate(self.with_coefficients(rows, best)):
+            for k, place in enumerate(built.places[j][: len(row.plain)] if row.numbers > 1 else ()):
+                supports = best.state.supports.copy()
+                supports[j, place] = False
+                if evidence.value(supports) < best.state.value + PLAUSIBLE:
+                    yield (*rows[:j], row.without(k), *rows[j + 1 :])
 
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
         """Return laws of what is best in each equation beside these terms of the others.

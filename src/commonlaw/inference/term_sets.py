@@ -7,7 +7,7 @@ trajectories have to judge the best of each size.
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, groupby
 
@@ -80,6 +80,11 @@ class TermSet:
     def numbers(self) -> int:
         """How many numbers each object has in it."""
         return len(self.plain) + sum(each.size + len(each.constants) for each in self.others)
+
+    def without(self, k: int) -> "TermSet":
+        """Return the set without one of its plain terms, by its place among these."""
+        starts = tuple(replace(each, coefficients=np.delete(each.coefficients, k, axis=1)) for each in self.starts)
+        return replace(self, plain=(*self.plain[:k], *self.plain[k + 1 :]), starts=starts)
 
 
 def matching_sets(
