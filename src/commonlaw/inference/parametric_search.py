@@ -101,12 +101,13 @@ def _searched(
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
     departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
     best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
-    best, known = best or search.found, list[list[list[TermSet]]]()
+    best, known, exact = best or search.found, list[list[list[TermSet]]](), False
     for number in range(_ROUNDS):
-        before, begun = best, rows
-        progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-        most = _most(best, rows)
-        known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
+        before, begun, most = best, rows, _most(best, rows)
+        if not exact:  # From curves that are as near as can be others propose the same
+            progress(Stage("proposing terms with constants inside", number / _ROUNDS))
+            known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
+            exact = number > 0 and not best.beyond_white_noise
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
@@ -202,6 +203,7 @@ class _Search:
     base: SearchProblem
     offer: Offer
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
+    near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
 
     def proposed(self, estimates: Sequence[Estimate], most: Sequence[int]) -> Iterator[list[list[TermSet]]]:
         """Yield sets of terms of each equation, of at most so many numbers, the most promising first.
@@ -300,7 +302,7 @@ class _Search:
             done(0.5 * k / len(new))
             with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
                 _, problem, begun = self._posed(rows)
-                best = best_fits(problem, estimates, begun, short_way)
+                self.near[rows] = best = best_fits(problem, estimates, begun, short_way)
                 price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
                 fits = [each.objective for each in best]
                 if np.isfinite(fits).all():  # A root of less than zero is not
@@ -319,8 +321,13 @@ class _Search:
 
     def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
         (built, problem, begun), template = self._posed(rows), self.found.template
-        problem, best = drawn_together(problem, best_fits(problem, estimates, begun, every_way))
-        state = fit_with(problem, problem.allowed, NO_ERROR, best)
+        alone = problem
+        for way in (short_way, every_way):
+            known = self.near.get(rows) if way is short_way else None
+            problem, best = drawn_together(alone, known or best_fits(alone, estimates, begun, way))
+            state = fit_with(problem, problem.allowed, NO_ERROR, best)
+            if is_settled(problem, state):
+                break
         problem, state = to_scale(replace(problem, starts=state.estimates), state)
         if not (is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
             raise NotPositiveError
@@ -340,7 +347,7 @@ class _Search:
         if not state.has_model_error:
             problem, state = to_scale(problem, state)
         plain = replace(plain, problem=problem, state=state, found=(state,))
-        return replace(self, found=plain, base=base, fitted={}), base.starts
+        return replace(self, found=plain, base=base, fitted={}, near={}), base.starts
 
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
