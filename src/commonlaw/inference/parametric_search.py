@@ -41,6 +41,10 @@ _MOST_TRIED, _MOST_FITTED = 30, 8
 """Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
 fitted in all ways."""
 
+_FAR, _MARGIN = 2.0, 100.0
+"""Twice the log-likelihood that a typical object may lose, relative to the law that fits best so far and besides it: a
+law that loses more is not fitted in all ways, whatever the noise is."""
+
 _TOGETHER, _MOST_TOGETHER = 3, 4
 """Sets of each equation that are tried with those of the others, and laws of these that are fitted in all ways."""
 
@@ -122,6 +126,7 @@ def _searched(
             break
         curves = (_without_processes(best, best.state.estimates),)
         rows = search.with_coefficients(rows, best)
+        search.near.clear()
     return _with_fewer(search, best, rows, progress)
 
 
@@ -197,13 +202,17 @@ def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What was fitted so far, by the terms of all equations."""
+    """What was fitted so far, by the terms of all equations.
+
+    And of the short way: what is `near`, along the same curves, and what a `typical` object loses.
+    """
 
     found: LawSearch
     base: SearchProblem
     offer: Offer
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
     near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
+    typical: dict[tuple[TermSet, ...], float] = field(default_factory=dict)
 
     def proposed(self, estimates: Sequence[Estimate], most: Sequence[int]) -> Iterator[list[list[TermSet]]]:
         """Yield sets of terms of each equation, of at most so many numbers, the most promising first.
@@ -295,19 +304,23 @@ class _Search:
     ) -> list[tuple[TermSet, ...]]:
         """Return laws that were not fitted yet, those first that fit a typical object best for their numbers.
 
-        By a short way, which may get stuck in single objects.
+        By a short way, which may get stuck in single objects; without those that are hopeless beside what was fitted.
         """
-        new, ranked = [each for each in dict.fromkeys(listed) if each not in self.fitted], []
+        new, ranked = [each for each in dict.fromkeys(listed) if each not in self.fitted], list[tuple[float, int]]()
         for k, rows in enumerate(new):
             done(0.5 * k / len(new))
             with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
                 _, problem, begun = self._posed(rows)
-                self.near[rows] = best = best_fits(problem, estimates, begun, short_way)
-                price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
-                fits = [each.objective for each in best]
+                if rows not in self.near:
+                    self.near[rows] = best_fits(problem, estimates, begun, short_way)
+                fits = [each.objective for each in self.near[rows]]
                 if np.isfinite(fits).all():  # A root of less than zero is not
-                    ranked.append((float(np.median(fits)) + price, k))
-        return [new[k] for _, k in sorted(ranked)]
+                    self.typical[rows] = float(np.median(fits))
+                    price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
+                    ranked.append((self.typical[rows] + price, k))
+        fitted = [self.typical[rows] for rows, found in self.fitted.items() if found and rows in self.typical]
+        most = _FAR * min(fitted, default=np.inf) + _MARGIN
+        return [new[k] for _, k in sorted(ranked) if self.typical[new[k]] < most]
 
     def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[TermsOfSets, SearchProblem, list[Floats]]":
         """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
@@ -347,7 +360,7 @@ class _Search:
         if not state.has_model_error:
             problem, state = to_scale(problem, state)
         plain = replace(plain, problem=problem, state=state, found=(state,))
-        return replace(self, found=plain, base=base, fitted={}, near={}), base.starts
+        return replace(self, found=plain, base=base, fitted={}, near={}, typical={}), base.starts
 
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
