@@ -31,8 +31,8 @@ from commonlaw.library import Offer
 from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError
 from commonlaw.progress import ProgressCallback, Stage
 
-_ROUNDS = 3
-"""How often sets are proposed along the curves of the best law, and fitted."""
+_ROUNDS = 4
+"""How often sets are proposed along curves, of the best law or smoothed, and fitted."""
 
 _LOOSE = 0.3
 """Model error from which states are near the measurements, whatever the law."""
@@ -105,28 +105,30 @@ def _searched(
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
     departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
     best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
-    best, known, exact = best or search.found, list[list[list[TermSet]]](), False
+    best, known, left, exact = best or search.found, list[list[list[TermSet]]](), list(curves), False
     for number in range(_ROUNDS):
         before, begun, most = best, rows, _most(best, rows)
+        near, *left = left
         if not exact:  # From curves that are as near as can be others propose the same
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-            known = [proposed for each in curves for proposed in search.proposed(each, most)] + known
+            known = [*search.proposed(near, most), *known]
             exact = number > 0 and not best.beyond_white_noise
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
-            best, rows = search.better(best, rows, _joint(known, most), _MOST_TOGETHER, curves[0], done[0])
+            best, rows = search.better(best, rows, _joint(known, most), _MOST_TOGETHER, near, done[0])
         for j, own in enumerate(zip(*known, strict=True)):
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
             listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
-            best, rows = search.better(best, rows, listed, _MOST_FITTED, curves[0], done[j + 1])
+            best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
         if len(rows) > 1 and best.beyond_white_noise:
-            best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, curves[0], done[-1])
-        if best is before:
+            best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, near, done[-1])
+        if best is not before:
+            left = [_without_processes(best, best.state.estimates), *(left if best.beyond_white_noise else ())]
+            rows = search.with_coefficients(rows, best)
+            search.near.clear()
+        if not left:
             break
-        curves = (_without_processes(best, best.state.estimates),)
-        rows = search.with_coefficients(rows, best)
-        search.near.clear()
     return _with_fewer(search, best, rows, progress)
 
 
