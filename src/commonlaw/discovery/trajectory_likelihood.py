@@ -278,7 +278,9 @@ class TrajectoryLikelihood(AbstractMethod):
             found = with_parametric_terms(found, offers, progress)
         if driven:
             found = with_drive_said(found, driven)
-        few = len(trials.objects) <= _FEW_OBJECTS
+        few = (
+            len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
+        )  # One trial alone has no other start to tell it by
         if order == 1 and (self.unmeasured or (seeks and few and may_be_simpler(found, _MANY))):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found

@@ -146,7 +146,7 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     """Return what the law's own error adds to a forecast that starts at a trial's first sample, shape (n, D).
 
     The standard deviation of the linearised law, driven by its random walk and its force; the forecast has shape
-    (n, D), NaN once it diverged.
+    (n, D), NaN once it diverged. It is infinite from where the law has no derivatives.
     """
     errors = law.uncertainty.error_model
     (mesh,) = meshes([trial], POINTS, len(trial))
@@ -158,8 +158,10 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     field = law.vector_field(trial.object)
     with np.errstate(all="ignore"):
         linear = jacobians(field, mesh, np.pad(between, ((0, 0), (0, latent.width))), steps)
-        back = np.linalg.pinv(linear.end)
-        carried = -np.matmul(back, linear.start)
+        finite = np.isfinite(linear.end).all(axis=(1, 2)) & np.isfinite(linear.start).all(axis=(1, 2))
+        start, end = (np.where(finite[:, np.newaxis, np.newaxis], each, 0.0) for each in (linear.start, linear.end))
+        back = np.linalg.pinv(end)
+        carried = -np.matmul(back, start)
         added = np.ones((len(mesh.steps), width + latent.width))
         walk = np.zeros(width) if errors.walk is None else errors.walk
         added[:, :width] = walk**2 * mesh.steps[:, np.newaxis]
@@ -171,4 +173,6 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
         for transition, more in zip(carried, covariances, strict=True):
             own = transition @ own @ transition.T + more
             variances.append(np.diag(own)[:width])
-        return np.where(np.isnan(states), np.nan, np.sqrt(np.array(variances)[::POINTS]))
+        followed = np.logical_and.accumulate(np.append(True, finite))[:, np.newaxis]
+        std = np.sqrt(np.where(followed, variances, np.inf))[::POINTS]
+        return np.where(np.isnan(states), np.nan, std)

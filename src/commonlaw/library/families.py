@@ -300,22 +300,25 @@ class AutoLibrary(AbstractLibrary):
 
     Polynomials of degree 3 first; beside few of these, functions of all families, alone and as factors of a state or
     an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree 2, beside
-    linear terms; then, in laws of first order of at most ten objects, a state that nobody measured. A law takes them
-    where its evidence pays for the larger choice.
+    linear terms; then, in laws of first order of several trials of at most ten objects, a state that nobody measured. A
+    law takes them where its evidence pays for the larger choice.
 
     Examples
     --------
     >>> library = AutoLibrary()
     >>> len(library.bind(Variables(("x", "v")))), len(library.parametric(Variables(("x", "v"))))
-    (10, 71)
+    (10, 89)
     """
 
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
-        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "trigonometric")]
-        factors = [FamilyLibrary(n) for n in ("saturating", "hill", "exponential", "logarithm", "contact")]
+        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid")]
+        factors = [
+            FamilyLibrary(name)
+            for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")
+        ]
         driven = FamilyLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * each for each in factors), driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))

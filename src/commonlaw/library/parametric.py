@@ -119,8 +119,8 @@ FAMILIES: Mapping[str, Family] = {
         ("cos(w*{u})", "sin(w*{u})"), "drives of unknown frequency, seasons, lattices, ratchets", of_time=True
     ),
     "trigonometric": Family(
-        ("sin({u})", "cos({u})"),
-        "pendulums, coupled clocks (Kuramoto), anything that turns",
+        ("sin({u})", "cos({u})", "sin(2*{u})"),
+        "pendulums, beads on turning hoops (twice the angle), coupled clocks (Kuramoto), anything that turns",
         of_pairs=("sin({u} - {w})", "cos({u} - {w})"),
     ),
     "contact": Family(("sign({u})", "abs({u})"), "dry friction, valves and diodes that open one way, stops"),
