@@ -73,6 +73,15 @@ def test_errors_of_the_law_add_up_as_in_forecasts(errors):
     np.testing.assert_allclose(np.sqrt(np.diag(found.coloured))[10:], wanted[10:], rtol=0.05)
 
 
+def test_a_law_has_no_bands_from_where_it_has_no_derivatives():
+    law = known("x' = -a sqrt(x)", {"a": 1.0}, [[0.0]], errors=ErrorModel(walk=np.array([0.1])))
+    times, states = np.arange(4.0), np.array([[1.0], [0.25], [0.0], [0.25]])
+    trial = cl.Trial("ball", "1", times, states)
+    found = model_error_std(law, trial, Inputs.of(times, np.empty((4, 0))), states)[:, 0]
+    assert np.isfinite(found[:2]).all()
+    assert np.isinf(found[3])
+
+
 def test_repeats_reach_what_they_promise():
     laws = [falling(1e-3), known("x'' = -g - c v", {"g": 9.8, "c": 0.1}, np.diag([1e-6, 0.0]))]
     vary = {"x": 10, "v": 0, "duration": 1, "rate": 10}

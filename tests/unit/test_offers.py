@@ -1,6 +1,6 @@
 """Libraries that offer more where what they offered first may be said in fewer numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -69,3 +69,25 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
     assert [each.text(variables.names) for each in more.ratios[0].beside] == ["1", "s", "exp(s)"]
     assert library.seeks_unmeasured
     assert not parse_library("poly:3 + terms:exp(s)").seeks_unmeasured
+
+
+def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited, monkeypatch):
+    seen = []
+    fewer = parametric_search._with_fewer
+
+    def with_one_more_first(search, best, rows, progress):
+        more = replace(rows[0], plain=(*rows[0].plain, 1), starts=tuple(map(_with_zero, rows[0].starts)))
+        again = replace(search, fitted={})
+        fitted = again.fit((more,), search.base.starts)
+        seen.append((rows, fewer(again, fitted, (more,), progress)[1]))
+        return best, rows
+
+    monkeypatch.setattr(parametric_search, "_with_fewer", with_one_more_first)
+    cl.discover(inhibited, library="poly:1 + terms:s/(K + s + s^2/L)", cache=False)
+    rows, found = seen[-1]
+    assert rows[0].plain == ()
+    assert found == rows
+
+
+def _with_zero(start):
+    return replace(start, coefficients=np.insert(start.coefficients, 0, 0.0, axis=1))

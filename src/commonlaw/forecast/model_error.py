@@ -158,7 +158,7 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     field = law.vector_field(trial.object)
     with np.errstate(all="ignore"):
         linear = jacobians(field, mesh, np.pad(between, ((0, 0), (0, latent.width))), steps)
-        finite = np.isfinite(linear.end).all(axis=(1, 2)) & np.isfinite(linear.start).all(axis=(1, 2))
+        finite = np.asarray(np.isfinite(linear.end).all(axis=(1, 2)) & np.isfinite(linear.start).all(axis=(1, 2)))
         start, end = (np.where(finite[:, np.newaxis, np.newaxis], each, 0.0) for each in (linear.start, linear.end))
         back = np.linalg.pinv(end)
         carried = -np.matmul(back, start)
