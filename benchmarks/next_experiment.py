@@ -1,8 +1,12 @@
 """Whether designed experiments find the right law sooner than random ones, and as surely as they say beforehand."""
 
 import argparse
+import itertools
+import json
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -48,19 +52,46 @@ SURE = 0.95
 
 @dataclass(frozen=True)
 class Outcome:
-    """Whether the right law was found at first, and after each further experiment, and how probable it was each time.
+    """What one draw gives at first, and after each further experiment until the law was sure or no more were allowed.
 
-    The last is that at which the law was sure, or as many experiments as there may be were made. What the first design
-    promised is the chance of the right law after it.
+    Parameters
+    ----------
+    family, seed, designed
+        Of the draw, and whether its further experiments were designed or random.
+    right
+        Whether the law had exactly the right terms, each time.
+    laws
+        What was plausible, each time: formulas and their probabilities, the best first.
+    promised
+        The chance of the right law that each design promised beforehand.
+    settings
+        Of each further experiment.
+    seconds
+        Of processor time.
     """
 
-    right: tuple[bool, ...]
-    probability: tuple[float, ...]
-    promised: float
+    family: str
+    seed: int
+    designed: bool
+    right: list[bool]
+    laws: list[list[tuple[str, float]]]
+    promised: list[float]
+    settings: list[Mapping[str, object]]
+    seconds: float
 
     def right_after(self, count: int) -> bool:
         """Return whether it was right after so many experiments, or those that it took to be sure."""
         return self.right[min(count, len(self.right) - 1)]
+
+    @property
+    def probability(self) -> list[float]:
+        """Of the best law, each time."""
+        return [plausible[0][1] for plausible in self.laws]
+
+    @property
+    def made(self) -> int:
+        """How many further experiments."""
+        return len(self.right) - 1
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -70,61 +101,92 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--experiments", type=int, default=1, help=f"further ones at most, until {SURE} (default: %(default)s)"
     )
-    parser.add_argument("--random", action="store_true", help="random experiments only")
     parser.add_argument("--each", action="store_true", help="further trials of every object, and not of one")
     parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
+    parser.add_argument("--save", type=Path, help="where each draw is added when it is done; what is there is kept")
     chosen = parser.parse_args(arguments)
-    head = " | ".join(f"after {k}" for k in range(chosen.experiments + 1))
-    print(f"{machine()}\n\n| family | experiments | {head} | promised now | after 1 | made until {SURE} | not sure |")
-    print("|---" * (chosen.experiments + 7) + "|")
-    for name in chosen.family.split(","):
-        for designed in (False,) if chosen.random else (True, False):
-            found = [drawn(name, seed, chosen.experiments, designed, chosen.each) for seed in range(chosen.draws)]
-            counts = [sum(each.right_after(k) for each in found) for k in range(chosen.experiments + 1)]
-            promised = sum(each.probability[0] for each in found), sum(each.promised for each in found)
-            made_in_all = sum(len(each.right) - 1 for each in found)
+    outcomes = read(chosen.save) if chosen.save and chosen.save.exists() else []
+    done, names = {(each.family, each.seed, each.designed) for each in outcomes}, chosen.family.split(",")
+    for seed, name, designed in itertools.product(range(chosen.draws), names, (True, False)):
+        if (name, seed, designed) not in done:
+            outcomes.append(drawn(name, seed, chosen.experiments, designed, chosen.each))
+            if chosen.save:
+                with chosen.save.open("a") as file:
+                    print(json.dumps(asdict(outcomes[-1])), file=file)
+    print(f"{machine()}\n\n{table(outcomes, chosen.experiments)}\n\n{calibration(outcomes)}")
+
+
+def read(path: Path) -> list[Outcome]:
+    """Return the draws that were saved."""
+    return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
+
+
+def table(outcomes: Sequence[Outcome], experiments: int) -> str:
+    """Return how many draws are right after how many experiments, and how many of these they took, family by family."""
+    head = ["family", "experiments", "draws", *(f"after {k}" for k in range(experiments + 1)), "made", "not sure"]
+    rows = [head, ["---"] * len(head)]
+    for name, designed in itertools.product(BEGINNINGS, (True, False)):
+        found = [each for each in outcomes if (each.family, each.designed) == (name, designed)]
+        if found:
+            right = [sum(each.right_after(k) for each in found) for k in range(experiments + 1)]
             unsure = sum(each.probability[-1] < SURE for each in found)
-            cells = [name, "designed" if designed else "random", *counts, *(f"{each:.1f}" for each in promised)]
-            print(f"| {' | '.join(map(str, [*cells, made_in_all, unsure]))} |", flush=True)
+            made = sum(each.made for each in found)
+            rows.append([name, "designed" if designed else "random", *map(str, (len(found), *right, made, unsure))])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def calibration(outcomes: Sequence[Outcome]) -> str:
+    """Return what was promised against what was right, at first and after one experiment."""
+    started = [each for each in outcomes if each.made]
+    kinds = {
+        "at first": [(each.probability[0], each.right[0]) for each in outcomes if each.designed],
+        "after one random experiment": [(each.probability[1], each.right[1]) for each in started if not each.designed],
+        "after one designed experiment": [(each.probability[1], each.right[1]) for each in started if each.designed],
+        "after one designed experiment, beforehand": [
+            (each.promised[0], each.right[1]) for each in started if each.designed
+        ],
+    }
+    rows = ["| when | draws | promised | right |", "|---|---|---|---|"]
+    for when, pairs in kinds.items():
+        promised, right = (sum(column) for column in zip(*pairs, strict=True)) if pairs else (0, 0)
+        rows.append(f"| {when} | {len(pairs)} | {promised:.1f} | {right} |")
+    return "\n".join(rows)
 
 
 def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outcome:
     """Return what one draw of coefficients, starts and noise gives with up to so many further experiments."""
-    beginning = BEGINNINGS[name]
+    began, beginning = time.process_time(), BEGINNINGS[name]
     first, random = first_trials(name, seed), np.random.default_rng([seed, designed])
     noise, trials = first.noise(beginning.level), first.measured(beginning.level, seed)
-    law = first.discover(trials)
-    right, probability = [first.estimates(law) is not None], [law.plausible[0].probability]
-    promised = probability[0]
-    for k in range(count):
-        if probability[-1] >= SURE:
-            break
-        vary: Mapping[str, object] = {
-            **beginning.ranges,
-            "samples": beginning.samples,
-            **({"object": "each"} if each else {}),
-        }
-        if not designed:
-            space = Settings.of(law, vary, {})
-            vary = space.at(random.uniform(size=len(space.varied)))
-        chance, settings = expected(law, vary, seed)
-        promised = chance if k == 0 else promised
-        trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
+    vary = {**beginning.ranges, "samples": beginning.samples, **({"object": "each"} if each else {})}
+    right, laws, promised, chosen = [], [], [], list[Mapping[str, object]]()
+    for k in range(count + 1):
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)
-        probability.append(law.plausible[0].probability)
-    return Outcome(tuple(right), tuple(probability), promised)
+        laws.append([("; ".join(one.law.structure()), one.probability) for one in law.plausible])
+        if k == count or law.plausible[0].probability >= SURE:
+            break
+        space = Settings.of(law, vary, {})
+        settings: Mapping[str, object] = space.at(random.uniform(size=len(space.varied)))
+        if designed:
+            chance, settings = expected(law, vary, settings, seed)
+            promised.append(chance)
+        chosen.append(settings)
+        trials = cl.Trials((*trials.trials, *made(first, settings, noise, random, f"further {k + 1}")), trials.schema)
+    return Outcome(name, seed, designed, right, laws, promised, chosen, time.process_time() - began)
 
 
-def expected(law: cl.Law, vary: Mapping[str, object], seed: int) -> tuple[float, Mapping[str, object]]:
+def expected(
+    law: cl.Law, vary: Mapping[str, object], otherwise: Mapping[str, object], seed: int
+) -> tuple[float, Mapping[str, object]]:
     """Return the chance of the right law after a designed experiment, and the experiment's settings.
 
-    Where nothing is left to choose, and forecasts of it diverge, that is the chance without it.
+    Where forecasts diverge in all experiments it is another one, and the chance is that without it.
     """
     try:
         design = cl.design(law, vary, seed=seed)
     except cl.CommonlawError:
-        return law.plausible[0].probability, vary
+        return law.plausible[0].probability, otherwise
     return design.chance, design.experiments[0].experiment.settings
 
 

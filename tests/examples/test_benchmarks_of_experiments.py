@@ -10,7 +10,8 @@ def test_one_draw_of_designed_and_of_random_experiments(designed):
     found = next_experiment.drawn("heights of balls", 28, 1, designed, each=True)
     assert len(found.right) == 2
     assert found.right[1]
-    assert 0.5 < found.promised <= 1
+    assert all(0.5 < each <= 1 for each in found.promised)
+    assert len(found.promised) == designed
 
 
 def test_one_draw_of_bounds():
