@@ -46,6 +46,9 @@ BEGINNINGS: Mapping[str, Beginning] = {
 }
 
 
+KINDS = ("designed", "random")
+"""Of further experiments."""
+
 SURE = 0.95
 """How probable a law is when no further experiment is made."""
 
@@ -101,13 +104,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--experiments", type=int, default=1, help=f"further ones at most, until {SURE} (default: %(default)s)"
     )
+    parser.add_argument("--only", choices=KINDS, help="experiments of one kind (default: both)")
     parser.add_argument("--each", action="store_true", help="further trials of every object, and not of one")
     parser.add_argument("--family", default=",".join(BEGINNINGS), help="commas between several (default: all)")
     parser.add_argument("--save", type=Path, help="where each draw is added when it is done; what is there is kept")
     chosen = parser.parse_args(arguments)
     outcomes = read(chosen.save) if chosen.save and chosen.save.exists() else []
     done, names = {(each.family, each.seed, each.designed) for each in outcomes}, chosen.family.split(",")
-    for seed, name, designed in itertools.product(range(chosen.draws), names, (True, False)):
+    kinds = [each == "designed" for each in KINDS if chosen.only in (None, each)]
+    for seed, name, designed in itertools.product(range(chosen.draws), names, kinds):
         if (name, seed, designed) not in done:
             outcomes.append(drawn(name, seed, chosen.experiments, designed, chosen.each))
             if chosen.save:
@@ -131,7 +136,7 @@ def table(outcomes: Sequence[Outcome], experiments: int) -> str:
             right = [sum(each.right_after(k) for each in found) for k in range(experiments + 1)]
             unsure = sum(each.probability[-1] < SURE for each in found)
             made = sum(each.made for each in found)
-            rows.append([name, "designed" if designed else "random", *map(str, (len(found), *right, made, unsure))])
+            rows.append([name, KINDS[not designed], *map(str, (len(found), *right, made, unsure))])
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

@@ -148,7 +148,8 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
 
 
 def _ran_away(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
-    return bool(np.max(np.abs(law.stepper.state[: law.width])) > largest_state(problem, options))
+    """Whether a state is too far, or no number any more."""
+    return not np.max(np.abs(law.stepper.state[: law.width])) <= largest_state(problem, options)
 
 
 def _runaway(
