@@ -259,6 +259,6 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
 
 @pytest.mark.parametrize("enough", [1, 2, 63, 80, 100, 101])
 def test_repeats_are_as_few_as_settle_the_law(enough):
-    search = Mock(chance=lambda made: float(made[0] >= enough))
+    search = Mock(chance=lambda made, _: float(made[0] >= enough))
     once = Mock(repeated=lambda times: times)
     assert Search.repeats(search, [once]) == (enough if enough <= MOST_REPEATS else None)

@@ -37,5 +37,9 @@ class Aim:
         if self.quantity is not None:
             now, then = self.quantity.std(self.prior), self.quantity.expected_std(self.prior, evidence)
             return float(np.log2(now / then)) if then > 0 else 0.0
-        nats = evidence.information_about_law(self.prior) if self.of_law else self.prior @ evidence.gain()
+        nats = (
+            evidence.information_about_law(self.prior)
+            if self.of_law
+            else self.prior @ evidence.gain().mean(axis=(0, 2))
+        )
         return float(nats / np.log(2))

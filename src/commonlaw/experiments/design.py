@@ -131,7 +131,7 @@ def design(
             for each, evidence in zip(chosen, steps, strict=True)
         ),
         repeats,
-        search.limit() if aim.of_law and repeats is None else None,
+        search.limit(chosen) if aim.of_law and repeats is None else None,
         aim,
     )
 

@@ -82,6 +82,10 @@ class Experiment:
         count = max(2, int(np.searchsorted(self.times, time, side="right")))
         return replace(self, times=self.times[:count])
 
+    def repeated(self, times: int) -> "Experiment":
+        """Return the same made so many times."""
+        return replace(self, repeats=times * self.repeats)
+
     @property
     def cost(self) -> float:
         """What all of its trials cost."""

@@ -62,14 +62,23 @@ class Gaussian:
         shared = sum(np.diag(each) for each in (self.coloured, self.common) if each is not None)
         return np.asarray(np.sum(self.by_unknowns**2, axis=1) + self.noise + shared)
 
+    def drawn(self, noise: Floats) -> Floats:
+        """Return measurements with what standard normal numbers, as many or more, make of their errors, shape (n,)."""
+        return np.asarray(self.mean + self.root @ noise[: len(self.mean)])
+
+    def white(self, values: Floats) -> Floats:
+        """Return values in the units of the errors of the mean of all repeats, which do not hang together, (n, k)."""
+        if self.coloured is None and self.common is None:
+            return np.asarray(values / np.sqrt(self.noise / self.repeats)[:, np.newaxis])
+        return np.asarray(np.linalg.solve(self.root, values))
+
     def whitened(self) -> "Whitened":
         """Return what of the measurements does not depend on the start."""
-        root = self.root
-        turn = np.linalg.inv(root)
+        turn = self.white(np.eye(len(self.mean)))
         left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
         told = sizes > _RANK * sizes.max(initial=0.0)
         contrasts = left[:, int(told.sum()) :].T @ turn
-        constant = float(2 * np.log(np.diag(root)).sum() + 2 * np.log(sizes[told]).sum())
+        constant = float(2 * np.log(sizes[told]).sum() - 2 * np.log(np.diag(turn)).sum())
         return Whitened(contrasts, contrasts @ self.by_unknowns, constant)
 
 
@@ -119,7 +128,7 @@ class Evidence:
     pulls
         Of each hypothesis the derivative of half of that by its unknowns, with the sign turned, (K, draws, p).
     information
-        Of each hypothesis about its unknowns, shape (p, p).
+        Of each hypothesis about its unknowns, shape (K, draws, p, p), or (1, 1, p, p) if it is the same in all draws.
     """
 
     deviance: Floats
@@ -128,7 +137,7 @@ class Evidence:
 
     @classmethod
     def of(cls, hypotheses: Sequence[Gaussian], draws: Draws) -> Self:
-        """Return that of one trial."""
+        """Return that of one trial, of which each hypothesis says the same in all draws."""
         noise = draws.noise[:, : len(hypotheses[0].mean)]
         pairs = zip(hypotheses, draws.unknowns, strict=True)
         made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
@@ -138,8 +147,33 @@ class Evidence:
             off = (made - each.mean) @ own.contrasts.T
             deviance.append(np.sum(off**2, axis=2) + own.constant)
             pulls.append(off @ own.slopes)
-            information.append(own.slopes.T @ own.slopes)
+            information.append((own.slopes.T @ own.slopes)[np.newaxis, np.newaxis])
         return cls(np.array(deviance).swapaxes(0, 1), tuple(pulls), tuple(information))
+
+    @classmethod
+    def refitted(cls, measured: Sequence[Floats], hypotheses: Sequence[Sequence[Gaussian]]) -> Self:
+        """Return that of one trial, of which each hypothesis says something of its own in each draw.
+
+        Parameters
+        ----------
+        measured
+            In each draw, those that the first hypothesis made first, shape (n,).
+        hypotheses
+            What each says of each draw.
+        """
+        count = len(hypotheses)
+        shape = (count, len(measured) // count)
+        deviance, pulls, information = [], [], []
+        for each in hypotheses:
+            all_ = [own.whitened() for own in each]
+            off = [own.contrasts @ (y - said.mean) for own, said, y in zip(all_, each, measured, strict=True)]
+            values = [one @ one + own.constant for own, one in zip(all_, off, strict=True)]
+            deviance.append(np.reshape(values, shape))
+            pulled = [one @ own.slopes for own, one in zip(all_, off, strict=True)]
+            pulls.append(np.reshape(pulled, (*shape, -1)))
+            known = [own.slopes.T @ own.slopes for own in all_]
+            information.append(np.reshape(known, (*shape, *known[0].shape)))
+        return cls(np.stack(deviance, axis=1), tuple(pulls), tuple(information))
 
     def __add__(self, other: "Evidence") -> "Evidence":
         return Evidence(
@@ -150,8 +184,8 @@ class Evidence:
 
     @cached_property
     def _whole(self) -> tuple[Floats, ...]:
-        """The precision of each hypothesis' unknowns afterwards, shape (p, p)."""
-        return tuple(np.eye(len(each)) + each for each in self.information)
+        """The precision of each hypothesis' unknowns afterwards, shaped like the information."""
+        return tuple(np.eye(each.shape[-1]) + each for each in self.information)
 
     @cached_property
     def estimates(self) -> tuple[Floats, ...]:
@@ -161,18 +195,18 @@ class Evidence:
 
     @cached_property
     def covariances(self) -> tuple[Floats, ...]:
-        """Of each hypothesis that of its unknowns afterwards, shape (p, p)."""
+        """Of each hypothesis that of its unknowns afterwards, shaped like the information."""
         return tuple(np.asarray(np.linalg.inv(each)) for each in self._whole)
 
     def gain(self) -> Floats:
-        """Return what each hypothesis' unknowns are known better by (the logarithm of D), in nats, shape (K,)."""
-        return np.array([np.linalg.slogdet(each)[1] / 2 for each in self._whole])
+        """Return what unknowns are known better by (the logarithm of D), in nats, shape (K or 1, K, draws or 1)."""
+        return np.stack([np.linalg.slogdet(each)[1] / 2 for each in self._whole], axis=1)
 
     @cached_property
     def log_densities(self) -> Floats:
         """Of the draws under each hypothesis, its coefficients integrated out, shape (K that made them, draws, K)."""
         gained = np.stack([np.sum(a * b, axis=2) for a, b in zip(self.pulls, self.estimates, strict=True)], axis=1)
-        found = -(self.deviance - gained) / 2 - self.gain()[:, np.newaxis]
+        found = -(self.deviance - gained) / 2 - self.gain()
         return np.asarray(found.swapaxes(1, 2))
 
     def probabilities(self, prior: Floats) -> Floats:
@@ -188,6 +222,5 @@ class Evidence:
         return float(prior @ (own - np.log(prior)))
 
     def chance(self, prior: Floats) -> float:
-        """Return how probable it is that the right hypothesis is then the most probable one."""
-        right = self.probabilities(prior).argmax(axis=2) == np.arange(len(prior))[:, np.newaxis]
-        return float(prior @ right.mean(axis=1))
+        """Return how probable the most probable hypothesis then is: how probable it is that this is the right one."""
+        return float(prior @ self.probabilities(prior).max(axis=2).mean(axis=1))

@@ -1,7 +1,8 @@
 """What a law, with all its errors, says of an experiment that is still to be made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -9,12 +10,12 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Gaussian
-from commonlaw.experiments.imitation import Point, imitating
+from commonlaw.experiments.refitting import Point, refitted
 from commonlaw.experiments.settings import Range
-from commonlaw.integration import InitialValueProblem, Trajectory, simulate
+from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
-from commonlaw.library import highest_columns, with_rates
+from commonlaw.library import highest_columns
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
@@ -24,6 +25,9 @@ each object makes a trial, as many as the last together; and always so many time
 
 _ASIDE = 10
 """How many times larger than a law says at first states may become on the way of a fit."""
+
+_HALVED = 20
+"""How often unknowns with which a law diverges are halved at most."""
 
 _TOLERANCE = 1e-5
 """Of a step of the forecasts, which noise and errors of coefficients exceed."""
@@ -96,54 +100,91 @@ class Hypothesis:
             for own in planned
         ]
 
-    def says(
-        self,
-        experiments: Sequence[Experiment],
-        limit: float | None = None,
-        imitated: Sequence[tuple[Gaussian, ...]] | None = None,
-        thoroughly: bool = False,
-    ) -> list[tuple[Gaussian, ...] | None]:
+    def says(self, experiments: Sequence[Experiment], limit: float | None = None) -> list[tuple[Gaussian, ...] | None]:
         """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge.
 
-        Parameters
-        ----------
-        experiments
-            Those that could be made.
-        limit
-            A state larger than this diverges, see `simulate`.
-        imitated
-            What another law says of each: this one is linearised about where it comes nearest to it.
-        thoroughly
-            Whether fits to that begin from several starts.
+        That is when a state becomes larger than a limit, see `simulate`.
         """
         planned = [_planned(self.law, each) for each in experiments]
         trials = [(own, name) for own in planned for name in own.experiment.objects]
-        followed = self._followed(trials, [None] * len(trials), limit)
-        said = [own.gaussian(name, each, self) for (own, name), each in zip(trials, followed, strict=True)]
-        if imitated is not None:
-            targets = [each.mean for own in imitated for each in own]
-            far = _ASIDE * max((float(np.nanmax(np.abs(each.states))) for each in followed), default=1.0)
-            known = [i for i, each in enumerate(said) if each]
-
-            def linearised(indices: Sequence[int], points: Sequence[Point]) -> list[Gaussian | None]:
-                some = [trials[known[i]] for i in indices]
-                found = self._followed(some, points, far if limit is None else min(far, limit))
-                return [own.gaussian(name, each, self) for (own, name), each in zip(some, found, strict=True)]
-
-            around = planned[0].start_noise * thoroughly if planned else np.empty(0)
-            own = [each for each in said if each]
-            for i, each in zip(known, imitating(own, [targets[i] for i in known], linearised, around), strict=True):
-                said[i] = each
-        found = iter(said)
+        found = iter(self._said(trials, [None] * len(trials), limit))
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
-    def _followed(
+    def makes(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Made":
+        """Return what it says of an experiment at unknowns of draws, shape (draws, unknowns).
+
+        In the experiment it does not diverge; unknowns with which it does are halved until it does not.
+        """
+        own, found = _planned(self.law, experiment), dict[int, tuple[Gaussian, ...]]()
+        unknowns = unknowns.copy()
+        for _ in range(_HALVED):
+            left = [i for i in range(len(unknowns)) if i not in found]
+            trials = [(own, name) for _ in left for name in experiment.objects]
+            points = [own.point(unknowns[i]) for i in left for _ in experiment.objects]
+            said = iter(self._said(trials, points, limit))
+            for i in left:
+                listed = [next(said) for _ in experiment.objects]
+                if all(listed):
+                    found[i] = tuple(each for each in listed if each)
+                else:
+                    unknowns[i] /= 2
+        return Made(unknowns, [found[i] for i in range(len(unknowns))])
+
+    def refitted(
+        self, experiment: Experiment, begun: "Made", measured: Sequence[Sequence[Floats]], limit: float | None
+    ) -> list[tuple[Gaussian, ...]]:
+        """Return what it says of an experiment about where it comes nearest to measurements.
+
+        Parameters
+        ----------
+        experiment
+            In which it does not diverge.
+        begun
+            Where fits begin.
+        measured
+            Of each draw in each trial, shape (n,).
+        limit
+            See `says`.
+        """
+        own, count = _planned(self.law, experiment), len(experiment.objects)
+        names = [*experiment.objects] * len(measured)
+        points = [own.point(each) for each in begun.unknowns for _ in range(count)]
+        said = [each for listed in begun.said for each in listed]
+        highest = _ASIDE * max((float(np.abs(each.mean).max()) for each in said), default=1.0)
+        highest = highest if limit is None else min(highest, limit)
+
+        def linearised(indices: Sequence[int], moved: Sequence[Point]) -> list[Gaussian | None]:
+            return self._said([(own, names[i]) for i in indices], moved, highest)
+
+        found = refitted(said, points, [each for listed in measured for each in listed], linearised)
+        return [tuple(found[i : i + count]) for i in range(0, len(found), count)]
+
+    def _said(
         self, trials: "Sequence[tuple[_Planned, str]]", points: Sequence[Point | None], limit: float | None
-    ) -> tuple[Trajectory, ...]:
+    ) -> list[Gaussian | None]:
+        """Return what it says of trials of objects about points; nothing where it diverges."""
         triples = zip(trials, points, strict=True)
         problems = [own.problem(name, self, point) for (own, name), point in triples]
-        return simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit)
+        followed = simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit)
+        return [own.gaussian(name, each, self) for (own, name), each in zip(trials, followed, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What a hypothesis says of draws of an experiment: their unknowns, and about each of these its trials."""
+
+    unknowns: Floats
+    said: list[tuple[Gaussian, ...]]
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Made]") -> "Made":
+        """Return the draws of several, one after the other."""
+        return cls(np.concatenate([each.unknowns for each in parts]), [own for each in parts for own in each.said])
+
+    def repeated(self, count: int) -> "Made":
+        """Return the same so many times."""
+        return Made(np.tile(self.unknowns, (count, 1)), count * self.said)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,20 +198,35 @@ class _Planned:
 
     def problem(self, name: str, known: Hypothesis | None = None, point: Point | None = None) -> InitialValueProblem:
         """Return the problem of one object, with the coefficients and the start at a point of what is known."""
-        law, own = self.law, self.experiment
-        field = replace(law.vector_field(name), free=law.support, inputs=own.inputs)
-        start = own.start.copy()
-        logs = list(law.terms.variables.logarithmic_columns)
-        start[logs] = np.log(start[logs])
+        own, start = self._own(name), self._start
         if known is not None and point is not None:
+            start = start.copy()
             start[self.free_starts] += point.shifts
             if not self.is_new:
-                coefficients = field.coefficients.copy()
-                coefficients[law.support] += known.roots[known.objects.index(name)] @ point.unknowns
-                field = replace(field, coefficients=coefficients)
-        return InitialValueProblem(field, start, self.times, name)
+                coefficients = own.coefficients.copy()
+                coefficients[self.law.support] += known.roots[known.objects.index(name)] @ point.unknowns
+                own = replace(own, coefficients=coefficients)
+        return InitialValueProblem(own, start, self.times, name)
 
-    @property
+    @cached_property
+    def _own(self) -> Callable[[str], VectorField]:
+        """The law of an object."""
+        return cache(
+            lambda name: replace(self.law.vector_field(name), free=self.law.support, inputs=self.experiment.inputs)
+        )
+
+    @cached_property
+    def _start(self) -> Floats:
+        """What is set, on the scale of the states that are followed, shape (D,)."""
+        start, logs = self.experiment.start.copy(), list(self.law.terms.variables.logarithmic_columns)
+        start[logs] = np.log(start[logs])
+        return start
+
+    def point(self, unknowns: Floats) -> Point:
+        """Return unknowns with the start that is set."""
+        return Point(unknowns, np.zeros(len(self.free_starts)))
+
+    @cached_property
     def free_starts(self) -> list[int]:
         """The states (and rates) whose starts the measurements alone tell."""
         told, states = ~np.isfinite(self.experiment.start_std), len(self.law.states)
@@ -184,14 +240,6 @@ class _Planned:
         logs = list(self.law.terms.variables.logarithmic_columns)
         found[logs] /= own.start[logs]
         return found
-
-    @property
-    def start_noise(self) -> Floats:
-        """How surely single measurements tell the free starts, and two of them rates, shape (f,)."""
-        law, start = self.law, self.problem(self.experiment.objects[0]).initial
-        white = _white_std(law, start[np.newaxis])[0]
-        rates = np.sqrt(2) * white[with_rates(law.order, len(white))] / (self.times[1] - self.times[0])
-        return np.concatenate([white, rates])[self.free_starts]
 
     def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""

@@ -43,7 +43,8 @@ class Quantity:
         """Return how far off it may be after measurements, on average over what these may be."""
         parts = zip(self.values, self.slopes, evidence.estimates, strict=True)
         means = np.stack([value + estimates @ slopes for value, slopes, estimates in parts], axis=2)
-        own = np.array([s @ c @ s for s, c in zip(self.slopes, evidence.covariances, strict=True)])
+        known = zip(self.slopes, evidence.covariances, strict=True)
+        own = np.stack([np.einsum("p,...pq,q->...", slopes, each, slopes) for slopes, each in known], axis=-1)
         weights = evidence.probabilities(prior)
         middle = np.sum(weights * means, axis=2, keepdims=True)
         variances = np.sum(weights * (own + (means - middle) ** 2), axis=2)

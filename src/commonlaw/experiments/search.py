@@ -1,8 +1,8 @@
 """The experiments that are worth most: each given those before it, then each beside all others."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MOST, Hypothesis
+from commonlaw.experiments.predictive import MOST, Hypothesis, Made
 from commonlaw.experiments.settings import Range, Settings, numbers_of
 from commonlaw.law import Law
 
@@ -19,8 +19,9 @@ POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
 """Experiments that are looked at all over the ranges; and one in so many of them in each of the narrowing surroundings
 of the best, of these widths."""
 
-_DRAWS, _MANY_DRAWS = 200, 2000
-"""Of measurements by all hypotheses together: to choose by, and of what is said of the chosen."""
+_FEW_DRAWS, _DRAWS, _MANY_DRAWS = 16, 64, 192
+"""Of measurements by all hypotheses together: to look at an experiment that seems best, to choose by, and of what is
+said of the chosen."""
 
 SURE = 0.95
 """The chance that counts as settled: that of an interval."""
@@ -30,8 +31,11 @@ MOST_REPEATS = 100
 LITTLE = 0.01
 """A share that is no gain: a hundredth is what laws are left out for."""
 
-_CHECKS = 2
-"""How often an experiment that seems best is checked: by fits of laws from its start, and from several."""
+_PATIENCE = 6
+"""Experiments that are simulated one after the other, and none tells more than the best so far, before no more are."""
+
+_KEPT = 32
+"""Experiments of which what simulated measurements tell is kept."""
 
 _EXCHANGES = 2
 """How often each of several experiments may be exchanged for another."""
@@ -45,22 +49,23 @@ linearised about its coefficients, means nothing, and rivals on their way to inf
 class Candidate:
     """An experiment, and what each hypothesis says of its trials: first by hypothesis, then by trial.
 
-    It is checked so often whether laws, fitted to what the first of them says, imitate it.
+    What it tells follows from that by lines about the coefficients and the start that is set; or, where it is simulated
+    with so many draws, by laws that are fitted to what each of them would measure.
     """
 
     experiment: Experiment
     point: Floats
     said: tuple[tuple[Gaussian, ...], ...]
-    checked: int = 0
+    simulated: int = 0
 
     def repeated(self, times: int) -> "Candidate":
         """Return the same experiment made so many times."""
-        said = tuple(tuple(_repeated(each, times) for each in own) for own in self.said)
-        return Candidate(self.experiment, self.point, said)
+        said = tuple(tuple(replace(each, repeats=times * each.repeats) for each in own) for own in self.said)
+        return replace(self, experiment=self.experiment.repeated(times), said=said)
 
 
-def _repeated(each: Gaussian, times: int) -> Gaussian:
-    return replace(each, repeats=times * each.repeats)
+Chosen = Sequence[Candidate | None]
+"""Experiments in order; nothing in the place of one that is sought."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +117,7 @@ class Search:
         for step in range(count):
             progress(f"looking for experiment {step + 1}")
             left = budget - sum(each.experiment.cost for each in found)
-            best = self._best(found, left)
+            best = self._best([*found, None], left)
             if best is None:
                 break
             found.append(best)
@@ -136,56 +141,53 @@ class Search:
         progress("exchanging experiments")
         before = found
         for i in [i for _ in range(_EXCHANGES) for i in range(len(found))]:
-            others, own = found[:i] + found[i + 1 :], found[i]
-            found = [*found[:i], self._best(others, own.experiment.cost, own) or own, *found[i + 1 :]]
+            own = found[i]
+            best = self._best([*found[:i], None, *found[i + 1 :]], own.experiment.cost, own)
+            found = [*found[:i], best or own, *found[i + 1 :]]
         return max(before, found, key=self._bits)
 
-    def _bits(self, chosen: Sequence[Candidate]) -> float:
-        evidence = self.evidence(chosen)
+    def _bits(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> float:
+        evidence = self.evidence(chosen, draws)
         return self.aim.bits(evidence) if evidence else 0.0
 
     @cached_property
     def _spread(self) -> list[Candidate]:
         return self.candidates(self.settings.spread(self.points, self.seed))
 
-    def _best(self, before: Sequence[Candidate], budget: float, first: Candidate | None = None) -> Candidate | None:
-        """Return the experiment within a budget that is worth most after those before it.
+    def _best(self, chosen: Chosen, budget: float, first: Candidate | None = None) -> Candidate | None:
+        """Return the experiment within a budget that is worth most in the place that is left among others.
 
-        That is for what it costs; or in place of a first one, whatever it costs up to that.
+        That is for what it costs; or instead of a first one, whatever it costs up to that.
         """
-        base, draws = self.evidence(before, _DRAWS), self._draws(_DRAWS, len(before))
-        now = self.aim.bits(base) if base else 0.0
+        place = chosen.index(None)
+        others = {draws: self.evidence(chosen, draws) for draws in (_FEW_DRAWS, _DRAWS)}
 
         def worth(each: Candidate) -> float:
-            own = self._evidence_of(each, draws)
-            bits = self.aim.bits(base + own if base else own) - now
+            draws = each.simulated or _DRAWS
+            base, own = others[draws], self._evidence_of(each, draws, place)
+            bits = self.aim.bits(base + own) - self.aim.bits(base) if base else self.aim.bits(own)
             return bits if first else bits / (each.experiment.cost or 1.0)
 
-        checks, enough = (_CHECKS, 1 + LITTLE) if self.aim.of_law else (0, 1.0)
+        enough = 1 + LITTLE if self.aim.of_law else 1.0
         best, most = first, worth(first) if first else -np.inf
         listed = self._spread
         for round_, width in enumerate((*_WIDTHS, None)):
             values = [worth(each) if each.experiment.cost <= budget else -np.inf for each in listed]
-            while values and max(values) > (most * enough if most > 0 else most):
+            failed = 0
+            while failed < _PATIENCE and max(values, default=-np.inf) > (most * enough if most > 0 else most):
                 i = values.index(max(values))
-                while listed[i].checked < checks and values[i] > most:
-                    listed[i] = self._checked(listed[i])
-                    values[i] = worth(listed[i])
+                for draws in (_FEW_DRAWS, _DRAWS) if self.aim.of_law else ():
+                    if values[i] > most and listed[i].simulated < draws:
+                        listed[i] = replace(listed[i], simulated=draws)
+                        values[i] = worth(listed[i])
+                failed += 1
                 if values[i] > most:
-                    best, most = listed[i], values[i]
+                    best, most, failed = listed[i], values[i], 0
                 values[i] = -np.inf
             if best is None or width is None or not len(best.point):
                 break
             listed = self.candidates(self.settings.near(best.point, width, self.points // _SHARE, self.seed + round_))
         return best
-
-    def _checked(self, each: Candidate) -> Candidate:
-        """Return an experiment with laws fitted to what the first says of it, the next time thoroughly."""
-        said, checks = [each.said[0]], each.checked + 1
-        for own, before in zip(self.hypotheses[1:], each.said[1:], strict=True):
-            (found,) = own.says([each.experiment], self._farthest, [each.said[0]], thoroughly=checks == _CHECKS)
-            said.append(found or before)
-        return Candidate(each.experiment, each.point, tuple(said), checks)
 
     def candidates(self, points: Floats) -> list[Candidate]:
         """Return the experiments at points of the settings, but those in which a hypothesis diverges."""
@@ -210,37 +212,63 @@ class Search:
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
         return _FAR * float(np.abs([*been, *starts]).max()) if been else None
 
-    def chance(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> float:
+    def chance(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""
         found = self.evidence(chosen, draws)
         return float(self.aim.prior.max()) if found is None else found.chance(self.aim.prior)
 
-    def evidence(self, chosen: Sequence[Candidate], draws: int = _MANY_DRAWS) -> Evidence | None:
+    def evidence(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> Evidence | None:
         """Return what experiments say together; nothing if there is none."""
         found = None
-        for i, each in enumerate(chosen):
-            own = self._evidence_of(each, self._draws(draws, i))
-            found = found + own if found else own
+        for place, each in enumerate(chosen):
+            if each is not None:
+                own = self._evidence_of(each, draws, place)
+                found = found + own if found else own
         return found
 
-    def _evidence_of(self, each: Candidate, draws: Sequence[Draws]) -> Evidence:
-        trials = list(zip(*each.said, strict=True))
-        found = Evidence.of(trials[0], draws[0])
-        for i, trial in enumerate(trials[1:], start=1):
-            found += Evidence.of(trial, draws[i])
-        return found
+    def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
+        """Return what an experiment says, with so many draws, in its place among others."""
+        if each.simulated:
+            return self._simulated(each.experiment, count, place)
+        draws = self._draws(count, place)
+        return _sum(Evidence.of(trial, own) for trial, own in zip(zip(*each.said, strict=True), draws, strict=False))
 
-    def _draws(self, count: int, step: int) -> list[Draws]:
+    @cached_property
+    def _simulated(self) -> Callable[[Experiment, int, int], Evidence]:
+        """What an experiment says, with laws fitted to draws of its measurements, which each of them makes."""
+        return lru_cache(_KEPT)(self._simulate)
+
+    def _simulate(self, experiment: Experiment, count: int, place: int) -> Evidence:
+        draws, laws, limit = self._draws(count, place), self.hypotheses, self._farthest
+        made = [law.makes(experiment, own, limit) for law, own in zip(laws, draws[0].unknowns, strict=True)]
+        measured = [
+            [said.drawn(own.noise[i]) for said, own in zip(trials, draws, strict=False)]
+            for each in made
+            for i, trials in enumerate(each.said)
+        ]
+        found = []
+        for k, law in enumerate(laws):
+            at_once = law.makes(experiment, np.zeros((1, law.unknowns)), limit)
+            begun = [own if i == k else at_once.repeated(len(own.said)) for i, own in enumerate(made)]
+            found.append(law.refitted(experiment, Made.joined(begun), measured, limit))
+        trials = range(len(experiment.objects))
+        return _sum(
+            Evidence.refitted([each[i] for each in measured], [[each[i] for each in own] for own in found])
+            for i in trials
+        )
+
+    def _draws(self, count: int, place: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [each.unknowns for each in self.hypotheses]
         own, each = range(len(self.settings.objects)), -(-count // len(sizes))
-        return [Draws.of(sizes, MOST, each, (self.seed, count), step * len(own) + i) for i in own]
+        return [Draws.of(sizes, MOST, each, (self.seed, count), place * len(own) + i) for i in own]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
         """Return how often all must be made for a chance that counts as settled; None if `MOST_REPEATS` do not do."""
 
         def settled(times: int) -> bool:
-            return self.chance([each.repeated(times) for each in chosen]) >= SURE
+            draws = _DRAWS if times > 1 else _MANY_DRAWS
+            return self.chance([each.repeated(times) for each in chosen], draws) >= SURE
 
         if settled(1):
             return 1
@@ -254,6 +282,13 @@ class Search:
             low, high = (low, middle) if settled(middle) else (middle, high)
         return high
 
-    def limit(self) -> float:
-        """Return the largest chance that one experiment gives, made `MOST_REPEATS` times."""
-        return max(self.chance([each.repeated(MOST_REPEATS)], _DRAWS) for each in self._spread)
+    def limit(self, chosen: Chosen) -> float:
+        """Return the largest chance that is seen if experiments are made `MOST_REPEATS` times: these, or another."""
+        often = [each.repeated(MOST_REPEATS) for each in self._spread]
+        other = max(often, key=lambda each: self.chance([each], _DRAWS))
+        these = [each and each.repeated(MOST_REPEATS) for each in chosen]
+        return max(self.chance(these), self.chance([replace(other, simulated=_MANY_DRAWS)]))
+
+
+def _sum(parts: Iterable[Evidence]) -> Evidence:
+    return reduce(Evidence.__add__, parts)
