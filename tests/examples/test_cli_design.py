@@ -27,7 +27,7 @@ def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_p
     assert "The experiment to make next:" in out
     assert (tmp_path / "design.svg").stat().st_size > 0
     assert 20 <= pd.read_csv(tmp_path / "design.csv").loc[0, "x"] <= 60
-    found = json.loads(run("design", *given, "--at-most", "3", "--json")[1])
+    found = json.loads(run("design", *given, "--at-most", "2", "--json")[1])
     assert found["chance now"] == 0.5
     assert found["chance"] > 0.6
     assert found["cost"] == len(found["experiments"])

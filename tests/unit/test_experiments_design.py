@@ -127,6 +127,23 @@ def test_the_chance_is_what_happens():
     assert found.chance == pytest.approx(right / (2 * draws), abs=0.025)
 
 
+def test_the_chance_is_what_happens_far_from_lines():
+    """Growth at a rate that is hardly known, or by a constant: against marginal likelihoods by quadrature."""
+    random, times = np.random.default_rng(7), np.linspace(0, 2, 5)
+    laws = [known("x' = a x", {"a": 0.5}, [[0.36]]), known("x' = a", {"a": 1.0}, [[1.0]])]
+    found = cl.design(laws, {"x": 1, "times": [times]})
+    unknowns = np.linspace(-5, 5, 201)[:, np.newaxis, np.newaxis]
+    starts, weights = np.linspace(-1, 3, 201)[:, np.newaxis], np.exp(-(unknowns[..., 0] ** 2) / 2)
+    curves = [starts * np.exp((0.5 + 0.6 * unknowns) * times), starts + (1 + unknowns) * times]
+    chances = []
+    for unknown, i in zip(random.normal(size=400), np.arange(400) % 2, strict=True):
+        clean = np.exp((0.5 + 0.6 * unknown) * times) if i == 0 else 1 + (1 + unknown) * times
+        made = clean + NOISE * random.normal(size=5)
+        densities = [np.sum(weights * np.exp(-np.sum((made - own) ** 2, axis=2) / (2 * NOISE**2))) for own in curves]
+        chances.append(max(densities) / sum(densities))
+    assert found.chance == pytest.approx(np.mean(chances), abs=0.025)
+
+
 def test_a_later_experiment_is_chosen_given_the_first():
     """With one coefficient each, two objects are measured in turn."""
     law = known("x' = a", {"a": 1.0}, [[1.0]], objects=("one", "two"))

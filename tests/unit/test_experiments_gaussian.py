@@ -145,44 +145,51 @@ def test_discrimination_agrees_with_the_published_t_optimal_design():
     assert value(points, np.full(41, 1 / 41)) < 0.7 * best
 
 
-def test_a_law_imitates_another_by_a_start_beyond_a_watershed():
-    """The sign of the start decides where it goes: lines about the other side say that the laws are told apart."""
-    times = np.linspace(0.5, 3, 6)
+def test_fits_to_lines_are_the_lines():
+    """Where a law is linear, lines about other coefficients and another start say the same of all measurements."""
+    random = np.random.default_rng(2)
+    matrices = [(random.normal(size=6), random.normal(size=(6, 2)), random.normal(size=(6, 1))) for _ in range(2)]
 
-    def linearise(_, points):
-        """Return x(t) = tanh(20 s) t from each start, shifted from 0.1."""
-        starts = [0.1 + each.shifts[0] for each in points]
-        return [
-            Gaussian(
-                np.tanh(20 * start) * times,
-                np.zeros((6, 1)),
-                (20 / np.cosh(np.clip(20 * start, -50, 50)) ** 2 * times)[:, np.newaxis],
-                np.full(6, 0.01),
-            )
-            for start in starts
+    def linearise(k):
+        mean, slopes, by_start = matrices[k]
+        return lambda _, points: [
+            Gaussian(mean + slopes @ each.unknowns + by_start @ each.shifts, slopes, by_start, np.full(6, 0.04))
+            for each in points
         ]
 
-    begun = linearise(0, [Point(np.zeros(1), np.zeros(1))])
-    (alone,) = imitating(begun, [-0.9 * times], linearise, np.zeros(1))
-    (found,) = imitating(begun, [-0.9 * times], linearise, np.array([0.15]))
-    apart = [np.sum((each.mean + 0.9 * times) ** 2 / 0.01) for each in (alone, found)]
-    assert apart[0] > 10
-    assert apart[1] < 1
+    draws = Draws.of((2, 2), 6, 5, (0,), 0)
+    begin = Point(np.zeros(2), np.zeros(1))
+    lines = [linearise(k)(0, [begin])[0] for k in range(2)]
+    made = [each.mean + own @ each.by_unknowns.T for each, own in zip(lines, draws.unknowns, strict=True)]
+    measured = [row + 0.2 * noise for each in made for row, noise in zip(each, draws.noise, strict=True)]
+    fits = [refitted([lines[k]] * 10, [begin] * 10, measured, linearise(k)) for k in range(2)]
+    np.testing.assert_allclose(
+        Evidence.refitted(measured, fits).log_densities, Evidence.of(lines, draws).log_densities, rtol=1e-8
+    )
 
 
-def test_coefficients_imitate_within_their_errors():
+def test_coefficients_are_fitted_within_their_errors():
     """Of exp(u t) with u standard normal the fit is nearly that of nonlinear least squares; a line goes through it."""
-    times, target = np.linspace(0.1, 1, 8), np.exp(0.7 * np.linspace(0.1, 1, 8))
+    times, measured = np.linspace(0.1, 1, 8), np.exp(0.7 * np.linspace(0.1, 1, 8))
 
     def linearise(_, points):
         values = [np.exp(each.unknowns[0] * times) for each in points]
         return [Gaussian(own, (times * own)[:, np.newaxis], np.zeros((8, 0)), np.full(8, 0.04)) for own in values]
 
-    (found,) = imitating(linearise(0, [Point(np.zeros(1), np.zeros(0))]), [target], linearise, np.zeros(0))
+    begin = Point(np.zeros(1), np.zeros(0))
+    (found,) = refitted(linearise(0, [begin]), [begin], [measured], linearise)
 
     def deviance(u):
-        return np.sum((target - np.exp(u * times)) ** 2) / 0.04 + u**2
+        return np.sum((measured - np.exp(u * times)) ** 2) / 0.04 + u**2
 
     unknown = np.log(found.by_unknowns[0, 0] / times[0]) / times[0]
     assert deviance(unknown) < minimize_scalar(deviance).fun + 1 < deviance(0)
     np.testing.assert_allclose(found.mean, np.exp(unknown * times) * (1 - unknown * times))
+
+
+@pytest.mark.parametrize("common", [None, np.full((3, 3), 0.5)], ids=["white", "common"])
+def test_errors_are_turned_white(common):
+    own = Gaussian(np.zeros(3), np.zeros((3, 0)), np.zeros((3, 0)), np.array([1.0, 4.0, 9.0]), common=common, repeats=4)
+    turned = own.white(np.eye(3))
+    covariance = np.diag([0.25, 1.0, 2.25]) + (0.0 if common is None else common)
+    np.testing.assert_allclose(turned @ covariance @ turned.T, np.eye(3), atol=1e-12)

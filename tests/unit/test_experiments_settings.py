@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.experiments.experiment import Experiment
-from commonlaw.experiments.predictive import _planned
 from commonlaw.library import Terms, Variables
 from tests.known_laws import NOISE, falling, known, said
 
@@ -79,14 +77,6 @@ def test_starts_on_a_logarithmic_scale_are_off_by_shares():
     columns = np.array([[0, 1], [2, 1]]) / 0.05  # log x = log x(0) + a t
     expected = np.linalg.inv(columns.T @ columns + np.diag([100, (4 / 0.2) ** 2]))[0, 0] ** 0.5
     assert found.experiments[0].std == pytest.approx(expected, rel=1e-3)
-
-
-def test_free_starts_are_as_sure_as_the_noise_of_their_own_states():
-    law = known("x' = -a x; y'' = -b y", {"a": 1.0, "b": 1.0}, np.eye(2))
-    law = replace(law, uncertainty=replace(law.uncertainty, noise=np.array([0.1, 0.4])))
-    settings = {"object": "ball", "x": 1.0, "y": 1.0, "v_y": 0.0, "times": (0.0, 0.5, 2.0)}
-    planned = _planned(law, Experiment.of(law, law.objects, settings, {}))
-    np.testing.assert_allclose(planned.start_noise, [0.1, 0.4, np.sqrt(2) * 0.4 / 0.5])
 
 
 @pytest.mark.parametrize("given", [{"start_std": {"x": "0.1"}}, {"start_std": {"x": None}}, {"cost": {"trial": "one"}}])
