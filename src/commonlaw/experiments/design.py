@@ -40,7 +40,8 @@ def design(
     Every law that remains plausible says what an experiment would measure, with the errors of its coefficients, of the
     measurements and of the law itself, so that what laws can imitate in each other by other coefficients or another
     start does not tell them apart. What is expected to be learned is averaged over all of these laws (Box and Hill
-    1967; Lindley 1956), each linearised about its coefficients.
+    1967; Lindley 1956), each linearised about its coefficients; experiments that seem best to tell laws apart are
+    simulated, and all laws fitted to their measurements.
 
     Parameters
     ----------

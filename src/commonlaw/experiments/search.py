@@ -60,6 +60,8 @@ class Candidate:
 
     def repeated(self, times: int) -> "Candidate":
         """Return the same experiment made so many times."""
+        if times == 1:
+            return self
         said = tuple(tuple(replace(each, repeats=times * each.repeats) for each in own) for own in self.said)
         return replace(self, experiment=self.experiment.repeated(times), said=said)
 
@@ -272,10 +274,10 @@ class Search:
 
         if settled(1):
             return 1
+        if not settled(MOST_REPEATS):
+            return None
         low, high = 1, 2
         while not settled(high):
-            if high == MOST_REPEATS:
-                return None
             low, high = high, min(2 * high, MOST_REPEATS)
         while high - low > 1:
             middle = (low + high) // 2
@@ -287,7 +289,7 @@ class Search:
         often = [each.repeated(MOST_REPEATS) for each in self._spread]
         other = max(often, key=lambda each: self.chance([each], _DRAWS))
         these = [each and each.repeated(MOST_REPEATS) for each in chosen]
-        return max(self.chance(these), self.chance([replace(other, simulated=_MANY_DRAWS)]))
+        return max(self.chance(each, _DRAWS) for each in (these, [replace(other, simulated=_DRAWS)]))
 
 
 def _sum(parts: Iterable[Evidence]) -> Evidence:

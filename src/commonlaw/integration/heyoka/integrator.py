@@ -132,6 +132,8 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
         result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(left, _LOOK)))
+        if result == heyoka.taylor_outcome.step_limit and stepper.time >= stop:  # But for a rounding error of the time
+            result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])
         left, reached = left - steps, reached + len(parts[-1])
         goes_on = left > 0 and result == heyoka.taylor_outcome.step_limit and not _ran_away(law, problem, options)
