@@ -3,8 +3,10 @@
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event, InitialValueProblem, Inputs, VectorField, simulate, simulation
+from commonlaw.integration.initial_value_problem import OutputOptions
 from commonlaw.library import Terms, Variables, parse_term
 
 METHODS = ["auto", "scipy"] + (["heyoka"] if find_spec("heyoka") else [])
@@ -338,3 +341,20 @@ def test_short_runs_do_not_wait_for_a_compiler(monkeypatch):
     (short,) = law.simulate(np.linspace(0, 1, 11), [1.0, 2.0, 3.0]).values()
     (long,) = law.simulate(np.linspace(0, 1, 5000), [1.0, 2.0, 3.0]).values()
     assert (short.method, long.method) == ("scipy", "heyoka")
+
+
+def test_a_grid_ends_where_all_but_a_rounding_error_of_the_time_is_done():
+    """heyoka keeps the time to twice the digits: it may have a step left where the time is the last one."""
+    heyoka, integrator = pytest.importorskip("heyoka"), import_module("commonlaw.integration.heyoka.integrator")
+    stepper = SimpleNamespace(state=np.array([1.0]), time=0.0)
+
+    def propagate_grid(grid, max_steps):
+        stepper.time, stepper.state = grid[-1], np.array([3.0])
+        return heyoka.taylor_outcome.step_limit, 0.0, 0.0, max_steps, None, np.array([[1.0], [2.0]])
+
+    stepper.propagate_grid = propagate_grid
+    law = SimpleNamespace(stepper=stepper, width=1, follow=lambda _: 2.0)
+    problem = InitialValueProblem(field("x", {"x": 1}), np.array([1.0]), np.array([0.0, 1.0, 2.0]), "thing")
+    result, rows = integrator._rows(law, problem, OutputOptions())
+    assert result == heyoka.taylor_outcome.time_limit
+    assert rows.ravel().tolist() == [1.0, 2.0, 3.0]
