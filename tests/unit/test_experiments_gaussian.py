@@ -193,3 +193,10 @@ def test_errors_are_turned_white(common):
     turned = own.white(np.eye(3))
     covariance = np.diag([0.25, 1.0, 2.25]) + (0.0 if common is None else common)
     np.testing.assert_allclose(turned @ covariance @ turned.T, np.eye(3), atol=1e-12)
+
+
+def test_errors_whose_numbers_are_too_far_apart_say_nothing():
+    near, far = np.diag([1.0, 1.0]), np.array([[1e40, 1e40], [1e40, 1e40 * (1 + 1e-15)]])
+    for coloured, is_finite in ((near, True), (-far, False), (np.diag([np.inf, np.inf]), False)):
+        said = Gaussian(np.zeros(2), np.zeros((2, 0)), np.zeros((2, 0)), np.ones(2), coloured)
+        assert said.is_finite == is_finite

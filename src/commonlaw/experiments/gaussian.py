@@ -6,6 +6,7 @@ fitted again, within its errors, before it is compared (Box and Hill 1967), and 
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -48,13 +49,20 @@ class Gaussian:
     common: Floats | None = None
     repeats: float = 1.0
 
-    @property
+    @cached_property
     def root(self) -> Floats:
         """The lower factor of the covariance of the mean of all repeats, at given unknowns, shape (n, n)."""
         if self.coloured is None and self.common is None:
             return np.diag(np.sqrt(self.noise / self.repeats))
         anew = np.diag(self.noise) + (0.0 if self.coloured is None else self.coloured)
         return np.asarray(np.linalg.cholesky(anew / self.repeats + (0.0 if self.common is None else self.common)))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the covariance of its errors can be factorised: its numbers are not too far apart."""
+        with suppress(np.linalg.LinAlgError):
+            return bool(np.isfinite(self.root).all())
+        return False
 
     @property
     def variances(self) -> Floats:

@@ -255,7 +255,7 @@ class _Planned:
         )
 
     def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian | None:
-        """Return what is said of the trial of one object; nothing if its forecast diverges."""
+        """Return what is said of the trial of one object; nothing if its forecast diverges, or its errors do."""
         law, own = self.law, self.experiment
         assert law.noise is not None
         if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
@@ -279,7 +279,8 @@ class _Planned:
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
         mean, by_free = found.states[:, seen].ravel(), by_set[:, self.free_starts]
-        return Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
+        said = Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
+        return said if said.is_finite else None
 
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:
