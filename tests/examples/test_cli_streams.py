@@ -107,7 +107,9 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
     assert "This law can be used for forecasts" in out
     code, out, err = run("report", *asked, "--law", "found.json", "--out", "page.html")
     assert code == 0, err
-    assert f"{trials} were forecast" in (tmp_path / "page.html").read_text()
+    page = (tmp_path / "page.html").read_text()
+    assert f"{trials} were forecast" in page
+    assert "In Python, which learns from all trials of the table:" in page
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,8 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
     asked = f"The command:{code(command, 'sh')}" if command else ""
     text = asked
     if table:
-        is_whole = case.findings.training is case.trials or isinstance(table, Source)
+        is_said = isinstance(table, Source) and not table.stream
+        is_whole = case.findings.training is case.trials or is_said
         some = "" if is_whole else ", which learns from all trials of the table"
         text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
     made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
