@@ -131,3 +131,14 @@ def test_means_of_residuals_are_of_several():
     axes = plot_residuals(few).axes[0]
     (means,) = [each for each in axes.lines if each.get_marker() == "o"]
     assert len(means.get_xdata()) == 30 // 4
+
+
+@pytest.mark.parametrize(("spent", "is_seen"), [(0.0, True), (0.05, False)])
+def test_sizes_may_grow_by_what_the_fit_took_of_the_noise(spent, is_seen):
+    generator, n = np.random.default_rng(0), 20_000
+    x = generator.uniform(1, 2, n)
+    residuals = (1 + 0.05 * x) * generator.standard_normal(n)
+    found = patterns(["x"], [residuals[:, np.newaxis]], {"t": np.arange(n), "x": x}, "t", [spent * n])
+    (growth,) = (each for each in found if each.pattern == "scatter with size")
+    assert 0.01 < growth.statistic < 0.05
+    assert growth.significant == is_seen

@@ -86,7 +86,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     for other, (count, factor) in zip(names, sums.together, strict=False):
         yield _together(count, factor, other)
     yield _memory(sums, spent / sums.count)
-    yield _growth(sums, name)
+    yield _growth(sums, name, spent / sums.count)
     yield _normal(sums)
 
 
@@ -146,8 +146,11 @@ def _memory(sums: StateSums, spent: float) -> Tested:
     return Tested("correlation of neighbours", float(found), float(chi2.sf(total, 1)), alike if found > 0 else unlike)
 
 
-def _growth(sums: StateSums, name: str) -> Tested:
-    """Rank the sizes of residuals by those of the states (Spearman); very many by cells of sizes."""
+def _growth(sums: StateSums, name: str, spent: float) -> Tested:
+    """Rank the sizes of residuals by those of the states (Spearman); very many by cells of sizes.
+
+    What was fitted takes that share of white noise, more of it at some states than at others: as much growth is none.
+    """
     from scipy.stats import t
 
     if sums.kept is None:
@@ -162,7 +165,8 @@ def _growth(sums: StateSums, name: str) -> Tested:
     free = sums.count - 2
     odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
     meaning = f"noise changes with {name}: errors='proportional', or a logarithmic scale if it is above zero"
-    return Tested("scatter with size", found, float(2 * t.sf(abs(found) * np.sqrt(odds), free)), meaning)
+    beyond = max(abs(found) - spent, 0.0)
+    return Tested("scatter with size", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 
 
 def _normal(sums: StateSums) -> Tested:
