@@ -138,7 +138,7 @@ def test_sizes_may_grow_by_what_the_fit_took_of_the_noise(spent, is_seen):
     generator, n = np.random.default_rng(0), 20_000
     x = generator.uniform(1, 2, n)
     residuals = (1 + 0.1 * x) * generator.standard_normal(n)
-    found = patterns(["x"], [residuals[:, np.newaxis]], {"t": np.arange(n), "x": x}, "t", [spent * n])
+    found = patterns(["x"], [residuals[:, np.newaxis]], {"t": np.arange(n, dtype=np.float64), "x": x}, "t", [spent * n])
     (growth,) = (each for each in found if each.pattern == "scatter with size")
     assert 0.01 < growth.statistic < 0.05
     assert growth.significant == is_seen
