@@ -91,3 +91,17 @@ def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited
 
 def _with_zero(start):
     return replace(start, coefficients=np.insert(start.coefficients, 0, 0.0, axis=1))
+
+
+@pytest.mark.slow
+def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proportion():
+    def respiration(_, z):
+        taken = z[0] * z[1] / (1 + 0.48 * z[0] ** 2)
+        return 18.3 - taken - z[0], 11.23 - taken
+
+    times, generator = np.linspace(0, 10, 512), np.random.default_rng(3)
+    states = solve_ivp(respiration, (0, 10), (0.1, 30.4), t_eval=times, rtol=1e-9).y.T
+    measured = states * (1 + 0.05 * generator.standard_normal(states.shape))
+    law = cl.discover(cl.Trials.from_arrays([times], [measured], names=["x", "y"]), library="auto", cache=False)
+    found = law.simulate(times, states[0])[law.objects[0]].states
+    assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)

@@ -36,12 +36,13 @@ from commonlaw.inference import (
     search_supports,
     with_drive_said,
     with_parametric_terms,
+    with_parametric_terms_under_errors,
     with_unmeasured_state,
 )
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Order, highest_order
+from commonlaw.library import Offer, Order, ParametricTerm, highest_order
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -245,6 +246,7 @@ class TrajectoryLikelihood(AbstractMethod):
         while True:
             propose = partial(_by_derivatives, trials, found.screened, progress)
             search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
+            search = with_parametric_terms_under_errors(search, self._offers(found.screened)[1], progress)
             screened = found.screened.among(search.among_plain)
             more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
             if more is None:
@@ -265,11 +267,8 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _search_all(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the law of largest evidence among all that is offered, also terms with constants inside."""
-        order, variables = screened.whole.order, screened.terms.variables
-        library = screened.whole.library
-        driven = drives(variables) if self.unmeasured and highest_order(order) == 2 else ()
-        first, *richer = library.offers(variables)
-        offers = [replace(first, terms=(*first.terms, *driven)), *richer]
+        order, library = screened.whole.order, screened.whole.library
+        driven, offers = self._offers(screened)
         seeks = bool(self.unmeasured) or library.seeks_unmeasured
         only_plain = not (any(each.count for each in offers) or seeks)
         found = self._search(screened, trials, progress if only_plain else part(progress, 0.0, _PLAIN))
@@ -284,6 +283,13 @@ class TrajectoryLikelihood(AbstractMethod):
         if order == 1 and (self.unmeasured or (seeks and few and may_be_simpler(found, _MANY))):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
+
+    def _offers(self, screened: Screened) -> tuple[Sequence[ParametricTerm], list[Offer]]:
+        """Return the drives that nobody measured among what equations may have besides plain terms, and all of that."""
+        variables = screened.terms.variables
+        driven = drives(variables) if self.unmeasured and highest_order(screened.whole.order) == 2 else ()
+        first, *richer = screened.whole.library.offers(variables)
+        return driven, [replace(first, terms=(*first.terms, *driven)), *richer]
 
     def _search(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
         """Search for the supports of largest evidence, until no term that was left out improves them."""

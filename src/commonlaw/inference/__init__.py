@@ -21,7 +21,11 @@ from commonlaw.inference.law_search import (
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order
-from commonlaw.inference.parametric_search import may_be_simpler, with_parametric_terms
+from commonlaw.inference.parametric_search import (
+    may_be_simpler,
+    with_parametric_terms,
+    with_parametric_terms_under_errors,
+)
 from commonlaw.inference.parts import LawOfPart, law_of_all, typical
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
@@ -74,6 +78,7 @@ __all__ = [
     "with_constants_found",
     "with_drive_said",
     "with_parametric_terms",
+    "with_parametric_terms_under_errors",
     "with_unmeasured_state",
     "written_alike",
 ]

@@ -17,7 +17,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way, short_way
-from commonlaw.inference.law_search import LawSearch, best_of, resolved
+from commonlaw.inference.error_search import kind_of
+from commonlaw.inference.law_search import LawSearch, best_of, resolved, with_error_models
 from commonlaw.inference.poles import has_poles
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
@@ -73,6 +74,23 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
             break
         search, best, rows = _with_offer(search.offering(offer), best, rows, progress)
     return best_of(search.listed())
+
+
+def with_parametric_terms_under_errors(
+    found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback
+) -> LawSearch:
+    """Return the law of largest evidence when what is offered is sought under errors of the measurements, too.
+
+    Beside white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
+    Parameters are those of `with_parametric_terms`; the law is found with its errors.
+    """
+    plain = found.among_plain
+    errors = plain.problem.errors
+    if not (errors and any(each.count for each in offers)) or errors.of_law:
+        return found
+    again = with_parametric_terms(plain, offers, progress)
+    again = with_error_models(again, None, (kind_of(errors),), progress)
+    return best_of([found, *found.rivals, again, *again.rivals])
 
 
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:
