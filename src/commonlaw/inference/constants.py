@@ -179,10 +179,11 @@ def with_constants_found(
         rates = _of_rates(setup)
         bank, deviances = _banked(setup.law, rates)
         least = bank[deviances.argmin(axis=1)]
-        _check_identifiable(setup.law, rates, least)
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
         starts = _starts(setup.law, _of_integrals(problem), bounds, bank, deviances)
+        inside = rates[0].inside
+        _check_identifiable(setup.law, rates, [own[inside] for own in starts[-1]])
         found = _best_of_each(problem, starts)
     if found is None:
         names = ", ".join(law.terms.variables.constants)
@@ -363,7 +364,7 @@ def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
     return np.asarray(begin * least_squares(left, np.ones_like(begin), max_nfev=_STEPS).x)
 
 
-def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Floats) -> None:
+def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Sequence[Floats]) -> None:
     """Refuse what no trial could tell: coefficients of which only a combination matters."""
     listed = []
     for each, own in zip(profiles, constants, strict=True):
