@@ -149,7 +149,8 @@ def _memory(sums: StateSums, spent: float) -> Tested:
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     """Rank the sizes of residuals by those of the states (Spearman); very many by cells of sizes.
 
-    What was fitted takes that share of white noise, more of it at some states than at others: as much growth is none.
+    What was fitted takes that share of the squares of white noise, and half of it of their sizes, more of it at some
+    states than at others: as much growth is none.
     """
     from scipy.stats import t
 
@@ -165,7 +166,7 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     free = sums.count - 2
     odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
     meaning = f"noise changes with {name}: errors='proportional', or a logarithmic scale if it is above zero"
-    beyond = max(abs(found) - spent, 0.0)
+    beyond = max(abs(found) - spent / 2, 0.0)
     return Tested("scatter with size", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 
 

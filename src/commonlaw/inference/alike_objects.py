@@ -116,13 +116,18 @@ def drawn_together(
 
 
 def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ...]:
-    """Return what the others say of the coefficients of each object, beside some that are near; nothing for most laws.
+    """Return what the others say of the coefficients of each object, beside some that are near.
 
-    Coefficients have the shape (objects, equations, terms).
+    Nothing for laws without constants, of few objects, or whose solutions cannot be fitted. Coefficients have the shape
+    (objects, equations, terms).
     """
+    nothing = (None,) * len(begun)
     if len(begun) < _FEWEST or not problem.models[0].terms.constants:
-        return (None,) * len(begun)
-    free = best_fits(problem, problem.starts, [begun], every_way)
+        return nothing
+    try:
+        free = best_fits(problem, problem.starts, [begun], every_way)
+    except NotPositiveError:
+        return nothing
     return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models)
 
 

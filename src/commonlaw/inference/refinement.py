@@ -138,7 +138,7 @@ def refine(
     progress = on_terminal() if progress is None else progress
     progress("estimating noise, smoothing, fitting coefficients")
     with threads(n_jobs):
-        if partial_pooling and setup.law.terms.constants:
+        if partial_pooling and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
             setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
         found, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
