@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
 import commonlaw as cl
 from commonlaw.inference import parametric_search
@@ -105,3 +106,18 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
     law = cl.discover(cl.Trials.from_arrays([times], [measured], names=["x", "y"]), library="auto", cache=False)
     found = law.simulate(times, states[0])[law.objects[0]].states
     assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)
+
+
+def test_constants_inside_are_sought_under_errors_with_a_memory():
+    generator, times = np.random.default_rng(3), np.linspace(0, 8, 60)
+    states = list[np.ndarray]()
+    for start in (4.0, 2.5):
+        errors = lfilter([0.02], [1, -0.8], generator.standard_normal((60, 1)), axis=0)
+        found = solve_ivp(lambda _, s: -s / (0.7 + s), (0, 8), [start], t_eval=times, rtol=1e-9)
+        states.append(found.y.T + errors)
+    trials = cl.Trials.from_arrays([times] * 2, states, object=["a", "a"], names=["s"])
+    method = cl.TrajectoryLikelihood(errors="correlated")
+    law = cl.discover(trials, library="poly:1 + terms:s/(K+s)", method=method)
+    assert law.structure() == ("s' = a s/(K + s)",)
+    assert law.uncertainty.error_model.correlated is not None
+    np.testing.assert_allclose(law.letter_values()[0][0], [-1.0, 0.7], rtol=0.15)

@@ -54,7 +54,7 @@ def best_fits(
     problem
         What was measured, and the terms.
     estimates
-        States near the true ones, of each object.
+        States near the true ones, of each object; other processes beside them begin at zero.
     begun
         Coefficients, each of shape (objects, equations, terms).
     way
@@ -67,7 +67,7 @@ def best_fits(
     """
     found = []
     for coefficients in begun:
-        starts = tuple(Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True))
+        starts = problem.padded([Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True)])
         with suppress(CommonlawError, NotPositiveError):
             found.append(way(replace(problem, starts=starts)))
     if not found:
