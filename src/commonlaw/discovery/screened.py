@@ -1,6 +1,7 @@
 """What is sought among the terms that a screening has kept of many."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class Screened:
         needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
         return cls(structure, terms, promising_terms(trials, terms, known, np.asarray(needed)))
 
-    @property
+    @cached_property
     def structure(self) -> ModelStructure:
         """The same question with the plain terms that were kept."""
         if self.kept.all() and not self.whole.library.parametric(self.terms.variables):
