@@ -51,6 +51,17 @@ def test_deviances_along_one_variance_are_those_of_the_whole_marginal(parameter,
     np.testing.assert_allclose(effects.deviances(base, parameter, grid), effects.marginal(tried).deviance, rtol=1e-7)
 
 
+def test_coefficients_that_all_objects_have_in_common_cost_what_their_estimates_scatter():
+    _, estimates, covariances = measured(6, 0.5)
+    information = np.linalg.inv(covariances)
+    effects = RandomEffects(estimates, information)
+    covariance, design = dense(estimates, covariances, np.zeros(3))
+    white = np.linalg.inv(np.linalg.cholesky(covariance))
+    left = np.linalg.lstsq(white @ design, white @ estimates.ravel(), rcond=None)[1]
+    assert marginal_deviance(effects, common=3) == pytest.approx(left[0], rel=1e-8)
+    assert marginal_deviance(effects) < marginal_deviance(effects, common=1) < marginal_deviance(effects, common=3)
+
+
 @pytest.mark.parametrize("spread", [0.0, 0.5, 10.0])
 def test_what_coefficients_cost_is_the_least_over_means_and_variances(spread):
     _, estimates, covariances = measured(6, spread, parameters=1)

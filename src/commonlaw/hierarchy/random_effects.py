@@ -133,11 +133,11 @@ class Marginal:
         return np.asarray(self.deviance + np.linalg.slogdet(self.total)[1])
 
 
-def marginal_deviance(effects: RandomEffects) -> float:
+def marginal_deviance(effects: RandomEffects, common: int = 0) -> float:
     """Return minus twice the log marginal likelihood at the best means and variances over objects.
 
     It counts from where each object's mean is its own estimate, so that it is what the coefficients cost; nothing for a
-    single object.
+    single object. The last coefficients may be common to all objects: so many do not scatter.
 
     Raises
     ------
@@ -154,6 +154,8 @@ def marginal_deviance(effects: RandomEffects) -> float:
         return float(tried[index, parameter]), float(deviance[index])
 
     grids = dict(enumerate(scale[:, np.newaxis] * relative_variances()))
+    for parameter in range(len(scale) - common, len(scale)):
+        scale[parameter], grids[parameter] = 0.0, np.zeros(1)
     return _swept(scale, grids, best, LIKELIEST_SWEEPS)[1][-1]
 
 

@@ -92,7 +92,9 @@ class Measured:
         return np.maximum(squares - self.outliers, 0.0) + self.prior
 
 
-def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measured, needed: float = np.inf) -> float:
+def minus_twice_log_evidence(
+    factors: Floats, indices: Indices, measured: Measured, needed: float = np.inf, common: int = 0
+) -> float:
     """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
 
     A mean costs the logarithm of the number of measurements on all objects, and a variance the logarithm of the number
@@ -104,10 +106,12 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
     factors
         The triangular factor of each object's least-squares problem, which has one target and residuals of unit
         variance, shape (objects, terms + 1, terms + 1).
+    indices
+        Of the terms. The coefficients of the last so many as are `common` do not differ between objects.
     """
     library = kernel()
     if library is not None:
-        return _compiled(library, factors, indices, measured, needed)
+        return _compiled(library, factors, indices, measured, needed, common)
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
     squares, own = float(np.sum(reduced[:, size:, size] ** 2)), size * len(factors)
@@ -119,7 +123,7 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
     try:
         bases = [columns] if size == 1 or len(factors) == 1 else [columns, _orthogonal(columns)]
         variance = measured.variance(squares, own)
-        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance) for basis in bases])
+        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance, common) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
     costs = np.where(np.isnan(costs), np.inf, costs)
@@ -127,13 +131,15 @@ def minus_twice_log_evidence(factors: Floats, indices: Indices, measured: Measur
     return found if np.isfinite(found) else np.inf
 
 
-def _compiled(library: CDLL, factors: Floats, indices: Indices, measured: Measured, needed: float) -> float:
+def _compiled(
+    library: CDLL, factors: Floats, indices: Indices, measured: Measured, needed: float, common: int
+) -> float:
     """Return the same by the kernel, to rounding."""
     factors, chosen = np.ascontiguousarray(factors), np.ascontiguousarray(indices, dtype=np.int64)
     of_measured = MeasuredStructure(measured.count, measured.freedom, measured.prior, measured.outliers, measured.least)
     tried, result = relative_variances(), np.empty(1)
     failed = library.commonlaw_evidence(
-        *(len(factors), factors.shape[2] - 1, address(factors), len(chosen), address(chosen)),
+        *(len(factors), factors.shape[2] - 1, address(factors), len(chosen), address(chosen), common),
         *(of_measured, needed, WORST_CONDITION, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
     )
     if failed:
@@ -153,7 +159,7 @@ def _orthogonal(columns: Floats) -> Floats:
     return np.asarray(np.matmul(columns, np.linalg.inv(mixed)))
 
 
-def _scatter_cost(columns: Floats, targets: Floats, variance: float) -> float:
+def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:
     """Return what the coefficients of columns cost by their scatter; infinite if objects together cannot tell them.
 
     The noise of the targets has this variance.
@@ -167,7 +173,7 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float) -> float:
     ridge = _UNTOLD**2 * np.eye(columns.shape[1])
     projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
     estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
-    return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)))
+    return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
 
 
 def cost_of_coefficients(size: int, objects: int, measured: Measured) -> float:

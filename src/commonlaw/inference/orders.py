@@ -25,7 +25,6 @@ def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
     variances = np.nanmean(rates**2, axis=0)
     for model, estimate in zip(problem.models, state.estimates, strict=True):
         for mesh, found, _ in model.parts(estimate):
-            first = np.append(True, ~mesh.contiguous)
-            starts = found[first, states : model.width]
+            starts = found[mesh.first, states : model.width]
             value += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
     return value

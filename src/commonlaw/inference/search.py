@@ -14,6 +14,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.alike_starts import AlikeStarts
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import (
     MODEL_ERRORS,
@@ -198,9 +199,12 @@ def _without_model_error(problem: SearchProblem, best: SearchState) -> list[Sear
     return []
 
 
-def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState]) -> list[SearchState]:
+def with_close_neighbours(
+    problem: SearchProblem, states: Sequence[SearchState], starts: AlikeStarts | None = None
+) -> list[SearchState]:
     """Return states, and what may be as plausible as the best, fitted; the best comes first, with the others.
 
+    Starts that are alike count where they are given; the values of the states have their prices.
     Evidence linearised about one law errs for others. So supports are fitted one after the other whose evidence, about
     any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
     so many as are carried along at most were fitted in vain.
@@ -214,7 +218,9 @@ def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState])
         for near in (each for each in found if each.model_error == best.model_error and each.value < most):
             if (key := near.supports.tobytes()) not in seen:
                 seen.add(key)
-                for value, supports in promised_near(problem, near):
+                more = starts.near(near) if starts else lambda _: 0.0
+                for promise, supports in promised_near(problem, near):
+                    value = promise + more(supports)
                     known = promising.get(own := supports.tobytes())
                     promising[own] = (value, near, supports) if known is None or value < known[0] else known
         left = [each for key, each in promising.items() if key not in done and each[0] < most]
@@ -224,14 +230,18 @@ def with_close_neighbours(problem: SearchProblem, states: Sequence[SearchState])
         done.add(supports.tobytes())
         with suppress(NotPositiveError):
             start = restricted(problem, evidence_about(problem, near), near.estimates, supports)
-            found = list_by_evidence([*found, *_comparable(problem, start, supports, best.model_error)])
+            found = list_by_evidence([*found, *_comparable(problem, start, supports, best.model_error, starts)])
         vain = vain + 1 if found[0] is best else 0
     best = found[0]
     return [best.with_alternatives([each for each in found if each.model_error == best.model_error]), *found[1:]]
 
 
 def _comparable(
-    problem: SearchProblem, estimates: Sequence[Estimate], supports: Bools, model_error: float
+    problem: SearchProblem,
+    estimates: Sequence[Estimate],
+    supports: Bools,
+    model_error: float,
+    starts: AlikeStarts | None,
 ) -> list[SearchState]:
     """Return supports fitted to be compared with others, nothing if what they leave means nothing.
 
@@ -240,18 +250,20 @@ def _comparable(
     """
     state = fitted(problem, estimates, supports, model_error)[0]
     own = to_scale(problem, state)[1]
-    return [replace(state, value=max(state.value, own.value))] if is_settled(problem, state) else []
+    if not is_settled(problem, state):
+        return []
+    return [replace(state, value=max(state.value, own.value) + (starts.price(state) if starts else 0.0))]
 
 
 def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchState:
     """Return the best of a state and its alternatives, fitted to a problem, and of what else may be as plausible."""
     here = evidence_about(problem, state).value(state.supports)
-    states = [replace(state, value=here)]
+    states, starts = [replace(state, value=here)], AlikeStarts(problem, state)
     for each in state.alternatives:
         if each.value < state.value + PLAUSIBLE:
             with suppress(NotPositiveError):
-                states += _comparable(problem, each.estimates, each.supports, state.model_error)
-    best = with_close_neighbours(problem, states)[0]
+                states += _comparable(problem, each.estimates, each.supports, state.model_error, starts)
+    best = with_close_neighbours(problem, states, starts)[0]
     return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
 
 

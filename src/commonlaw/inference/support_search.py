@@ -177,19 +177,23 @@ class SupportEvidence:
 
     @cached_property
     def _scattering(self) -> Floats:
-        """The factors of what scatters over objects: coefficients, or logarithms of their sizes.
+        return scattering(self._factors, self.in_ratios)
 
-        A law of s/(K + s) that is next to linear tells the ratio of its coefficient to K alone. Such lines all meet at
-        zero, where neither would scatter at all; lines of logarithms are parallel.
-        """
-        if self.in_ratios is None:
-            return self._factors
-        found, values = self._factors.copy(), self.in_ratios[:, np.newaxis, :]
-        logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
-        found[:, :, :-1] *= np.where(values != 0, values, 1.0)
-        # Counted from one where objects are alike, whatever the units
-        found[:, :, -1] += np.sum(found[:, :, :-1] * (logarithms - logarithms.mean(axis=0)), axis=2)
-        return found
+
+def scattering(factors: Floats, in_ratios: Floats | None) -> Floats:
+    """Return the factors of what scatters over objects: coefficients, or logarithms of their sizes.
+
+    A law of s/(K + s) that is next to linear tells the ratio of its coefficient to K alone. Such lines all meet at
+    zero, where neither would scatter at all; lines of logarithms are parallel. See `SupportEvidence.in_ratios`.
+    """
+    if in_ratios is None:
+        return factors
+    found, values = factors.copy(), in_ratios[:, np.newaxis, :]
+    logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
+    found[:, :, :-1] *= np.where(values != 0, values, 1.0)
+    # Counted from one where objects are alike, whatever the units
+    found[:, :, -1] += np.sum(found[:, :, :-1] * (logarithms - logarithms.mean(axis=0)), axis=2)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

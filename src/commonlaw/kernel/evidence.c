@@ -25,7 +25,7 @@ static double deviance_of(Measured measured, double squares, double coefficients
 }
 
 typedef struct {
-    int64_t objects, k;
+    int64_t objects, k, common; /* of the k columns the last so many have one coefficient for all objects */
     double *reduced;     /* objects x (k + 1) x (k + 1): triangular factors of the support's columns and the target */
     double *columns;     /* objects x k x k: upper triangles of these columns, of mean square one, or mixed */
     double *information; /* objects x k x k */
@@ -177,7 +177,7 @@ static int cost(Support *s, double variance, double worst, int64_t tried, const 
     for (int64_t a = 0; a < k; ++a) {
         double square = 0;
         for (int64_t o = 0; o < s->objects; ++o) square += s->estimates[o * k + a] * s->estimates[o * k + a];
-        s->scale[a] = fmax(square / (double)s->objects, DBL_MIN);
+        s->scale[a] = a < k - s->common ? fmax(square / (double)s->objects, DBL_MIN) : 0;
     }
     return marginal_deviance(s->objects, k, s->estimates, s->information, s->scale, tried, grid, sweeps, found);
 }
@@ -199,15 +199,15 @@ static int scatter(Support *s, double variance, double worst, int64_t tried, con
 }
 
 /* Minus twice the log-evidence of a support, its terms by their indices, on triangular factors, objects x (terms + 1) x
-   (terms + 1); a lower bound where it is not below what is needed. */
+   (terms + 1); a lower bound where it is not below what is needed. The last terms may be common to all objects. */
 EXPORTED int commonlaw_evidence(int64_t objects, int64_t terms, const double *factors, int64_t k,
-                                const int64_t *indices, Measured measured, double needed, double worst, int64_t tried,
-                                const double *grid, int64_t sweeps, double *result) {
+                                const int64_t *indices, int64_t common, Measured measured, double needed, double worst,
+                                int64_t tried, const double *grid, int64_t sweeps, double *result) {
     const int64_t size = k + 1, square = k * k, own = k * objects;
     const int64_t rows = (terms + 1) * size > own * k ? (terms + 1) * size : own * k;
     double *memory = malloc(sizeof(double) * (size_t)(objects * (size * size + 2 * square + k) + k + rows + 2 * square));
     if (!memory) return NO_MEMORY;
-    Support s = {.objects = objects, .k = k, .reduced = memory};
+    Support s = {.objects = objects, .k = k, .common = common, .reduced = memory};
     s.columns = s.reduced + objects * size * size;
     s.information = s.columns + objects * square;
     s.estimates = s.information + objects * square;

@@ -146,7 +146,7 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(number, address, real, number, address),  # how many inside, which, near, bound, result
     )
     library.commonlaw_evidence.argtypes = (
-        *(number, number, address, number, address),  # objects, terms, factors, the support's terms
+        *(number, number, address, number, address, number),  # objects, terms, factors, the support's, common ones
         *(MeasuredStructure, real, real),  # measured, needed, worst condition
         *(number, address, number, address),  # relative variances, sweeps, result
     )

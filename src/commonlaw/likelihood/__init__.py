@@ -6,7 +6,7 @@ from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.levels import AboutEstimates
-from commonlaw.likelihood.linearization import Linearization, variance_of_rates
+from commonlaw.likelihood.linearization import Linearization, variance_of_rates, whitened_from_starts
 from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel
@@ -35,5 +35,6 @@ __all__ = [
     "threads_pay",
     "variance_of_rates",
     "whitened",
+    "whitened_from_starts",
     "without_states",
 ]

@@ -78,7 +78,7 @@ class LatentProcesses:
             ends.append(end)
             deviations.append(np.concatenate([self.force, np.sqrt(3) / self.force_time * self.force]))
         std = np.concatenate(deviations)
-        first = np.append(True, ~mesh.contiguous)[:, np.newaxis]
+        first = mesh.first[:, np.newaxis]
         force = None if self.force is None else len(std) - 2 * len(self.force)
         return LatentSteps(_joined(starts), _joined(ends), first / std**2, std, force)
 

@@ -72,20 +72,54 @@ def whitened(
     return [_whitened(model, part, estimate.coefficients, free, model_error) for part in model.parts(estimate)]
 
 
+def whitened_from_starts(
+    model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools
+) -> tuple[list[Floats], float]:
+    """Return the rows of each segment with changes of its start as columns, and the log-determinant of all.
+
+    Rows are those of `whitened`, [start | library | target] with as many columns of the start as there are states, and
+    what was measured at the start itself. There are no latent processes.
+    """
+    found, total = list[Floats](), 0.0
+    for part in model.parts(estimate):
+        rows, log_determinant = _whitened(model, part, estimate.coefficients, columns, model_error, from_starts=True)
+        mesh, states, _ = part
+        first = np.flatnonzero(mesh.first)
+        residuals = model.residuals(mesh, states)[first]
+        precision = np.sqrt(
+            model.observation.weights(residuals, np.broadcast_to(mesh.scale, mesh.measured.shape)[first])
+        )
+        at_start = np.zeros((len(first), model.equations, rows.shape[1]))
+        diagonal = range(model.equations)
+        at_start[:, diagonal, diagonal] = precision
+        at_start[:, :, -1] = precision * np.where(mesh.observed[first], residuals, 0.0)
+        steps = np.diff(first, append=len(mesh)) - 1
+        of_each = np.split(rows, np.cumsum(steps)[:-1] * model.width)
+        found += [np.vstack(pair) for pair in zip(at_start, of_each, strict=True)]
+        total += log_determinant
+    return found, total
+
+
 def _whitened(
     model: TrajectoryModel,
     part: tuple[Mesh, Floats, LatentSteps | None],
     coefficients: Floats,
     free: Bools,
     model_error: float,
+    from_starts: bool = False,
 ) -> tuple[Floats, float]:
-    """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before."""
+    """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before.
+
+    From starts there are columns of these before, by how much they change; nothing measured there counts.
+    """
     from scipy.linalg import lapack
 
     mesh, states, latent = part
     with np.errstate(all="ignore"):
         linear = jacobians(model.field(coefficients, free), mesh, states, latent)
     covariances, offsets, unmeasured = _measured(model, mesh, states, latent)
+    if from_starts:
+        covariances[mesh.first] = offsets[mesh.first] = 0.0
     defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
     defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
     library = linear.coefficients.reshape(defects.size, -1)
@@ -94,7 +128,8 @@ def _whitened(
         raise NotPositiveError
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
     basis, mixed = orthogonalized(library, free)
-    rows = np.column_stack([basis, target])
+    starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
+    rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
     allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
     bands = _covariance(linear, covariances, allowed, mesh)
@@ -104,7 +139,8 @@ def _whitened(
     if failed:
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
-    white = np.column_stack([white[:, :-1] @ mixed, white[:, -1]])
+    before = starts.shape[2]
+    white = np.column_stack([white[:, :before], white[:, before:-1] @ mixed, white[:, -1]])
     # From the density of defects to that of the states at the end of each step
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
     log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured

@@ -56,9 +56,14 @@ class Mesh:
     held: bool = False
 
     @cached_property
+    def first(self) -> Bools:
+        """Which points are the first of their segments, shape (n,)."""
+        return np.append(True, ~self.contiguous)
+
+    @cached_property
     def still(self) -> Bools:
         """Which measurements are of a state that is the same throughout its segment, shape (n, d)."""
-        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
+        first = np.flatnonzero(self.first)
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
 
@@ -94,8 +99,7 @@ class Mesh:
     @cached_property
     def moving(self) -> Indices:
         """How many measurements of each state that is not the same throughout it a segment has, (segments, d)."""
-        first = np.append(0, np.flatnonzero(~self.contiguous) + 1)
-        return np.add.reduceat((self.observed & ~self.still).astype(int), first)
+        return np.add.reduceat((self.observed & ~self.still).astype(int), np.flatnonzero(self.first))
 
     @cached_property
     def steps(self) -> Floats:

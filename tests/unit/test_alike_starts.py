@@ -1,0 +1,121 @@
+"""Starts that trials have alike, in the evidence for laws: beside normal distributions written out whole."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
+
+from benchmarks.next_experiment import first_trials
+from commonlaw.inference.alike_starts import AlikeStarts
+from commonlaw.inference.search import fit_with
+from commonlaw.inference.search_problem import prepare
+from commonlaw.likelihood import linearize, whitened_from_starts
+from commonlaw.trials import Schema, Trial, Trials
+from tests.unit.trajectories import SUPPORT, of_prey, prey, terms_of
+
+NOISE = 0.3
+
+
+def falling(std, seed=0, trials=6):
+    """Trials of one object with the acceleration -2, ever longer, from starts of these standard deviations."""
+    generator = np.random.default_rng(seed)
+    found = []
+    for i in range(trials):
+        start, rate = np.array([40.0, 1.0]) + np.array(std) * generator.standard_normal(2)
+        times = np.linspace(0, 2 + i / 2, 31)
+        heights = start + rate * times - times**2 + NOISE * generator.standard_normal(31)
+        found.append(Trial("ball", f"{i}", times, heights[:, np.newaxis], np.empty((31, 0))))
+    return Trials(tuple(found), Schema(("x",), time="t"))
+
+
+def fitted(trials, term):
+    """The problem of these trials, and the state with one term, of 1 and t."""
+    terms = terms_of("terms:1,t", ("x", "v"), order=2)
+    problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), noise=np.array([NOISE]))
+    return problem, fit_with(problem, np.array([[name == term for name in terms.names]]), 0.0)
+
+
+def expected(trials, effect):
+    """Minus twice the log-density with starts that are normal, less that with any start."""
+    heights = np.concatenate([each.states[:, 0] for each in trials])
+    own = [np.column_stack([np.ones_like(each.times), each.times]) for each in trials]
+    starts, of_means = block_diag(*own), np.vstack(own)
+    effects = np.concatenate([effect(each.times) for each in trials])[:, np.newaxis]
+    columns = np.column_stack([starts, effects])
+    found = np.linalg.lstsq(columns, heights, rcond=None)[0]
+    free = np.sum((heights - columns @ found) ** 2) / NOISE**2 + np.linalg.slogdet(starts.T @ starts)[1]
+    asked = found[:-1].reshape(-1, 2)
+    typical = np.mean((asked - asked.mean(axis=0)) ** 2, axis=0)
+    values = []
+    for shares in product(10.0 ** np.arange(-4, 2), repeat=2):
+        scatter = np.diag(np.tile(typical * shares, len(trials)))
+        density = multivariate_normal(
+            np.zeros(len(heights)), NOISE**2 * np.eye(len(heights)) + starts @ scatter @ starts.T
+        )
+        white = np.linalg.cholesky(density.cov_object.covariance)
+        fixed = np.linalg.solve(white, np.column_stack([of_means, effects]))
+        best = np.linalg.lstsq(fixed, np.linalg.solve(white, heights), rcond=None)[0]
+        values.append(-2 * density.logpdf(heights - np.column_stack([of_means, effects]) @ best))
+    return min(values) - free
+
+
+@pytest.mark.parametrize("std", [(0.1, 0.05), (3.0, 0.05), (3.0, 2.0)])
+def test_the_price_of_starts_is_that_of_their_normal_distribution(std):
+    trials = falling(std)
+    problem, right = fitted(trials, "1")
+    _, wrong = fitted(trials, "t")
+    found = AlikeStarts(problem, right).price(wrong)
+    wanted = expected(trials, lambda t: t**3) - expected(trials, np.square)
+    assert found == pytest.approx(wanted, abs=0.1)
+
+
+def test_starts_far_apart_hardly_tell_laws_apart():
+    prices = []
+    for std in (0.05, 20.0):
+        problem, right = fitted(falling((std, std)), "1")
+        prices.append(AlikeStarts(problem, right).price(fitted(falling((std, std)), "t")[1]))
+    assert prices[0] > 3
+    assert abs(prices[1]) < 1
+
+
+def test_few_trials_say_nothing_of_starts():
+    trials = falling((0.1, 0.1), trials=2)
+    problem, right = fitted(trials, "1")
+    starts, other = AlikeStarts(problem, right), fitted(trials, "t")[1]
+    assert starts.price(other) == 0
+    assert starts.near(right)(other.supports) == 0
+
+
+def test_what_is_promised_near_a_law_is_the_price_of_it_where_starts_scatter_alike():
+    problem, right = fitted(falling((0.1, 0.05)), "1")
+    starts = AlikeStarts(problem, right)
+    assert starts.near(right)(right.supports) == pytest.approx(0, abs=1e-6)
+    more = starts.near(right)(np.array([[True, True]]))
+    assert more == pytest.approx(starts.price(fit_with(problem, np.array([[True, True]]), 0.0)), abs=0.5)
+
+
+def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
+    model, start = of_prey(prey()[1])
+    rows, log_determinant = whitened_from_starts(model, start, 0.1, SUPPORT)
+    left = []
+    for each in rows:
+        factor = np.asarray(np.linalg.qr(each, mode="r"))
+        log_determinant += 2 * np.sum(np.log(np.abs(np.diag(factor)[:2])))
+        left.append(factor[2:, 2:])
+    whole = linearize(model, start, 0.1, SUPPORT)
+    eliminated = np.abs(whole.problem.factor)
+    factor = np.abs(np.asarray(np.linalg.qr(np.concatenate(left), mode="r")))
+    np.testing.assert_allclose(factor, eliminated, rtol=1e-6, atol=1e-6 * eliminated.max())
+    noise = np.concatenate([np.broadcast_to(mesh.scale, mesh.measured.shape)[mesh.first] for mesh in model.meshes])
+    # Given where each trial starts, less what was measured there
+    assert log_determinant + 2 * np.sum(np.log(noise * model.observation.noise)) == pytest.approx(
+        whole.log_determinant, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("seed", [25, 31])
+def test_a_law_that_asks_for_odd_starts_is_not_taken_where_trials_start_alike(seed):
+    first = first_trials("heights of balls", seed)
+    assert first.discover(first.measured(0.1, seed)).structure() == ("x'' = a + b v",)
