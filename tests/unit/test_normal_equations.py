@@ -63,6 +63,10 @@ def test_the_states_are_eliminated_as_in_dense_algebra(order, library, names):
     scale = np.abs(schur).max()
     np.testing.assert_allclose(reduced.information, schur, atol=1e-9 * scale)
     np.testing.assert_allclose(reduced.state_sensitivity.reshape(size, -1), follow, atol=1e-7 * np.abs(follow).max())
+    covariance = np.linalg.inv(matrix[:size, :size])
+    variances, last = reduced.state_covariances()
+    np.testing.assert_allclose(variances.ravel(), np.diagonal(covariance), rtol=1e-7)
+    np.testing.assert_allclose(last, covariance[-field.width :, -field.width :], atol=1e-7 * np.abs(last).max())
     gradient = right[size:] + follow.T @ right[:size]
     np.testing.assert_allclose(reduced.gradient, gradient, atol=1e-9 * np.abs(gradient).max())
     step = np.linalg.lstsq(matrix, -right, rcond=None)[0]

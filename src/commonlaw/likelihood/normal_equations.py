@@ -17,10 +17,6 @@ _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
 """By which share of itself the diagonal is lifted until the factorisation succeeds despite rounding."""
 
 
-_COLUMNS = 512
-"""Columns of an inverse that are computed together; more would fill memory."""
-
-
 class NotPositiveError(CommonlawError, ArithmeticError):
     """Numbers overflowed, or were too far apart for the factorisation."""
 
@@ -49,17 +45,18 @@ class SchurComplement:
 
     def state_covariances(self) -> tuple[Floats, Floats]:
         """Return the variance of every state where the coefficients stay, shape (n, D), and the last's covariance."""
-        from scipy.linalg import cho_solve_banded
-
         points, width = self.state_step.shape
-        variances = np.empty(points * width)
-        for first in range(0, points * width, _COLUMNS):
-            inner = np.arange(first, min(first + _COLUMNS, points * width))
-            unit = np.zeros((points * width, len(inner)))
-            unit[inner, inner - first] = 1.0
-            solved = cho_solve_banded((self.factor, False), unit, check_finite=False)
-            variances[inner] = solved[inner, inner - first]
-        return variances.reshape(points, width), solved[-width:, -width:]
+        own, following = np.zeros((points, width, width)), np.zeros((points - 1, width, width))
+        for i, j in np.ndindex(width, width):
+            if j >= i:
+                own[:, i, j] = self.factor[2 * width - 1 + i - j, j::width]
+            following[:, i, j] = self.factor[width - 1 + i - j, width + j :: width]
+        # Given the next state, a state is normal about what follows from that
+        root = np.linalg.inv(own)
+        follow, covariances = np.matmul(root[:-1], following), np.matmul(root, root.transpose(0, 2, 1))
+        for k in range(points - 2, -1, -1):
+            covariances[k] += follow[k] @ covariances[k + 1] @ follow[k].T
+        return np.diagonal(covariances, axis1=1, axis2=2), covariances[-1]
 
 
 def eliminate_states(
