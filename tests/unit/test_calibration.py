@@ -14,7 +14,11 @@ from commonlaw.law.widening import Widening
 def trial(ahead: np.ndarray, growth: float, seed: int) -> StandardizedErrors:
     """Return normal errors that grow with the horizon, in units of what 95 % intervals reach."""
     draws = np.random.default_rng(seed).standard_normal(len(ahead))
-    return StandardizedErrors(ahead, abs((1 + growth * ahead) * draws / 1.96)[:, np.newaxis])
+    return errors(ahead, abs((1 + growth * ahead) * draws / 1.96)[:, np.newaxis])
+
+
+def errors(ahead: np.ndarray, sizes: np.ndarray) -> StandardizedErrors:
+    return StandardizedErrors(ahead, sizes, np.ones_like(sizes))
 
 
 AHEAD = np.linspace(0.05, 6.0, 30)
@@ -38,7 +42,7 @@ def test_bands_are_never_made_narrower(count):
 
 
 def test_few_trials_lean_on_what_the_law_says_of_itself():
-    wrong = StandardizedErrors(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
+    wrong = errors(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
     (one,) = set(widening_of([wrong]).factors.round(9))
     (four,) = set(widening_of([wrong] * 4).factors.round(9))
     assert 1.0 < one < four < 3 * 1.96
@@ -47,13 +51,13 @@ def test_few_trials_lean_on_what_the_law_says_of_itself():
 
 def test_a_trial_counts_once_however_often_it_was_measured():
     sparse = [trial(AHEAD, 0.0, seed) for seed in range(40)]
-    dense = StandardizedErrors(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
+    dense = errors(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
     assert widening_of([*sparse, dense]).factors.max() < 3.0
 
 
 def test_what_was_never_forecast_widens_nothing():
     assert widening_of([]) is None
-    assert widening_of([StandardizedErrors(np.array([]), np.empty((0, 1)))]) is None
+    assert widening_of([errors(np.array([]), np.empty((0, 1)))]) is None
 
 
 def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):

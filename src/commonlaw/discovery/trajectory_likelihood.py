@@ -28,6 +28,7 @@ from commonlaw.inference import (
     begin_search,
     choose_errors,
     drives,
+    error_kinds,
     evidence_of_order,
     finish,
     known_noise,
@@ -256,6 +257,7 @@ class TrajectoryLikelihood(AbstractMethod):
     def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
         law = finish(
             found.search,
+            kinds=error_kinds(self.errors, trials.schema),
             covariance=self.covariance,
             universal=lambda law: universal_in(law, found.screened.structure),
             partial_pooling=self.partial_pooling,

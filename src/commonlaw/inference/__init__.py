@@ -29,6 +29,7 @@ from commonlaw.inference.parametric_search import (
 from commonlaw.inference.parts import LawOfPart, law_of_all, typical
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
+from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
@@ -60,6 +61,7 @@ __all__ = [
     "compare",
     "compare_by_parts",
     "drives",
+    "error_kinds",
     "evidence_of_order",
     "finish",
     "fit_supports",

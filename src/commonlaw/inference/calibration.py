@@ -7,7 +7,7 @@ units of the standard deviations that the forecast says. Those of one trial are 
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.covariance import degrees_of_freedom, fitted_law
+from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search import fit_with
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
@@ -55,11 +56,25 @@ class StandardizedErrors:
     ahead
         How far ahead of what told the initial state, shape (n,).
     sizes
-        In units of what 95 % intervals reach, shape (n, states); NaN where nothing was measured.
+        In units of what 95 % intervals reach, shape (n, states); NaN where nothing was measured, and for all of a
+        forecast that does not say what they reach; infinite for all of one that diverges.
+    reach
+        What they reach, likewise.
     """
 
     ahead: Floats
     sizes: Floats
+    reach: Floats
+
+    @property
+    def standardized(self) -> Floats:
+        """Relative to the standard deviations of a normal distribution with these intervals."""
+        return self.sizes * float(two_sided(_LEVEL))
+
+    @property
+    def std(self) -> Floats:
+        """These standard deviations; NaN where nothing was measured."""
+        return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(_LEVEL)))
 
 
 def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
@@ -98,20 +113,17 @@ def _factor(trials: Sequence[Floats]) -> float:
 
 
 @unannounced()
-def standardized_errors(
-    template: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]
-) -> list[StandardizedErrors]:
-    """Return how far forecasts by the terms of a state are off, of trials or parts of trials that were left out.
+def standardized_errors(search: LawSearch, pool: Callable[[Law], Law]) -> list[StandardizedErrors]:
+    """Return how far forecasts by a law that was found are off, of trials or parts of trials that were left out.
 
     Parameters
     ----------
-    template
-        Terms, schema and objects of the law, and coefficients that are known.
-    problem, state
-        What was measured, and the terms that were found, with their errors.
+    search
+        What was measured, and the law with its errors.
     pool
         How coefficients of objects learn from each other.
     """
+    template, problem, state = search.fitted(), search.problem, search.state
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
     for kept, left_out in _folds(problem.trials):
         with suppress(CommonlawError, NotPositiveError):
@@ -120,15 +132,11 @@ def standardized_errors(
                 for key, errors in _standardized_errors(law, problem.trials.with_trials(own), start):
                     found.setdefault(key, []).append(errors)
     return [
-        StandardizedErrors(np.concatenate([each.ahead for each in own]), np.concatenate([each.sizes for each in own]))
+        StandardizedErrors(
+            *(np.concatenate([getattr(each, part.name) for each in own]) for part in fields(StandardizedErrors))
+        )
         for own in found.values()
     ]
-
-
-def calibrated(law: Law, problem: SearchProblem, state: SearchState, pool: Callable[[Law], Law]) -> Law:
-    """Return a law whose bands are as wide as forecasts of what was left out ask for, see `standardized_errors`."""
-    wider = widening_of(standardized_errors(law, problem, state, pool))
-    return replace(law, uncertainty=replace(law.uncertainty, widening=wider))
 
 
 LeftOut = list[tuple[list[Trial], int | None]]
@@ -176,7 +184,7 @@ def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: 
 def _standardized_errors(
     law: Law, trials: Trials, start: int | None
 ) -> Iterator[tuple[tuple[str, str], StandardizedErrors]]:
-    """Yield how far forecasts of trials are off, by object and name; nothing of one that diverges."""
+    """Yield how far forecasts of trials are off, by object and name."""
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(
@@ -184,5 +192,9 @@ def _standardized_errors(
     ):
         middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
         sizes = abs(trial.states - middle) / half
-        if np.isfinite(middle).all() and np.isfinite(half).all():
-            yield (trial.object, trial.name), StandardizedErrors(ahead[ahead > 0], sizes[ahead > 0])
+        if not np.isfinite(middle).all():
+            sizes = np.where(np.isnan(trial.states), np.nan, np.inf)
+        elif not np.isfinite(half).all():
+            sizes = np.full_like(sizes, np.nan)
+        later = ahead > 0
+        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], half[later])

@@ -1,14 +1,16 @@
 """The last step from trials to a law: what was chosen with its errors, what else it could be, and every choice."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws, with_rivals
-from commonlaw.inference.calibration import calibrated
+from commonlaw.inference.calibration import widening_of
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.forecast_choice import best_forecaster
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.provenance import (
     ComparedTerms,
@@ -30,6 +32,7 @@ _SAME = 1e-3
 def finish(
     found: LawSearch,
     *,
+    kinds: Sequence[ErrorKind],
     covariance: CovarianceKind,
     universal: Callable[[Law], Bools],
     partial_pooling: bool,
@@ -42,6 +45,8 @@ def finish(
     ----------
     found
         By `begin_search`, `choose_errors` and `resolved`.
+    kinds
+        Of errors that a law may have that forecasts better than that, see `best_forecaster`.
     covariance
         How the coefficients' covariance is found, see `covariance.covariances`.
     universal
@@ -53,13 +58,22 @@ def finish(
     progress
         Takes what is being done.
     """
+
+    def pooled(law: Law) -> Law:
+        return law.partial_pooling(universal(law), partial_pooling)
+
+    found, errors = best_forecaster(found, kinds, pooled, progress)
     template, problem, state = found.template, found.problem, found.state
     progress("judging terms and coefficients")
     compared = compared_terms(found)
     law = fitted_law(template, problem, state, covariance, seed)
     law = replace(
         law,
-        uncertainty=replace(law.uncertainty, inclusion_probabilities=inclusion_probabilities(template, compared)),
+        uncertainty=replace(
+            law.uncertainty,
+            inclusion_probabilities=inclusion_probabilities(template, compared),
+            widening=widening_of(errors),
+        ),
         provenance=replace(
             template.provenance,
             outcomes=(
@@ -68,14 +82,9 @@ def finish(
                 *differing_trials(problem, state),
             ),
             alternatives=alternatives(template, compared),
-            history=(*template.provenance.history, *history(template, problem, state, compared)),
+            history=(*template.provenance.history, *history(template, problem, state, compared, found.chosen_by)),
         ),
     )
-
-    def pooled(law: Law) -> Law:
-        return law.partial_pooling(universal(law), partial_pooling)
-
-    law = calibrated(law, problem, state, pooled)
     others = other_laws(problem, state, law) if found.solver is not None else ()
     others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
     return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))

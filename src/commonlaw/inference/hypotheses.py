@@ -26,8 +26,9 @@ WORDS: dict[ErrorKind, str] = {
 }
 """What is said of each kind of errors."""
 
-OF_MEASUREMENTS: tuple[ErrorKind, ...] = ("white", "proportional", "correlated")
 OF_LAWS: tuple[ErrorKind, ...] = ("walk", "force")
+GROUPS: tuple[tuple[ErrorKind, ...], ...] = (("white",), ("proportional", "correlated"), OF_LAWS)
+"""White noise, other errors of measurements, and those of laws: the best of each is sought with its own law."""
 
 _ROUNDS = 2
 """How often supports and levels are found in turn."""
@@ -81,9 +82,8 @@ def hypotheses(
     progress("comparing kinds of errors")
     starts = under_each_kind(problem, state.supports, kinds)
     found = []
-    groups = (("white",), [kind for kind in OF_MEASUREMENTS if kind != "white"], OF_LAWS)
-    for number, group in enumerate(groups, start=1):
-        show = part(progress, number / (len(groups) + 1), (number + 1) / (len(groups) + 1))
+    for number, group in enumerate(GROUPS, start=1):
+        show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
         for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.value)[:1]:
             show(f"seeking the law with {WORDS[start.kind]}")
             with suppress(CommonlawError, NotPositiveError):

@@ -39,6 +39,9 @@ after which the law is chosen. They are only shown, while it works."""
 _RIVALS = 2
 """Laws of other terms that are fitted under each kind of errors, too."""
 
+EVIDENCE = "largest evidence"
+"""What laws are chosen by."""
+
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
 
@@ -60,6 +63,8 @@ class LawSearch:
     rivals
         Laws of other terms that were fitted, and the search among plain ones, if terms with constants inside were
         offered; the largest evidence first.
+    chosen_by
+        What the law and its rivals are weighed by.
     """
 
     template: Law
@@ -68,6 +73,7 @@ class LawSearch:
     solver: AbstractSolver | None
     found: Sequence[SearchState]
     rivals: "tuple[LawSearch, ...]" = ()
+    chosen_by: str = EVIDENCE
 
     def fitted(self) -> Law:
         """Return the law with its coefficients and their errors."""

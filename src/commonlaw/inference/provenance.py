@@ -8,6 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
+from commonlaw.inference.law_search import EVIDENCE
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search_problem import SearchProblem
@@ -194,9 +195,9 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 
 
 def history(
-    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedTerms]]
+    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedTerms]], chosen_by: str
 ) -> tuple[Step, ...]:
-    """Return every choice that was made, in order."""
+    """Return every choice that was made, in order, and what terms were chosen by."""
     mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
     steps = [
         *sample_steps(problem),
@@ -215,7 +216,7 @@ def history(
     ]
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         chosen = next(each.names for each in listed if each.chosen)
-        steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed)))
+        steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed, chosen_by)))
     return (*steps, *fit_steps(problem, state))
 
 
@@ -274,15 +275,15 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
-def _why(listed: Sequence[ComparedTerms]) -> str:
+def _why(listed: Sequence[ComparedTerms], chosen_by: str) -> str:
     """Return what speaks for the chosen support of an equation."""
     chosen = next(each for each in listed if each.chosen)
     second = next((each for each in listed if not each.chosen), None)
     if second is None:
-        return "no other support was compared"
+        return "no other support was compared" if chosen_by == EVIDENCE else chosen_by
     runner = ", ".join(second.names) or "no term"
     ahead = second.twice_log_bayes_factor - chosen.twice_log_bayes_factor
     ratio = np.exp(min(abs(ahead) / 2, 700))
     if ahead < 0:
-        return f"largest evidence once fitted; before that, {runner} is {ratio:.3g} times more probable"
-    return f"largest evidence; the next, {runner}, is {ratio:.3g} times less probable"
+        return f"{chosen_by} once fitted; before that, {runner} is {ratio:.3g} times more probable"
+    return f"{chosen_by}; the next, {runner}, is {ratio:.3g} times less probable"

@@ -1,0 +1,60 @@
+"""Where a law imitates few measurements, the one is taken that forecasts best what was left out."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.inference import forecast_choice
+from commonlaw.inference.calibration import StandardizedErrors
+
+LEARNED = 9
+
+
+@pytest.fixture(scope="module")
+def seasonal() -> cl.Trials:
+    """Growth w' = r (1 + sin(t)/2) w, of which a library without time holds no law."""
+    generator, times = np.random.default_rng(0), np.linspace(0, 21, 15)
+    states = list[np.ndarray]()
+    for _ in range(10):
+        rate, start = 0.15 * (1 + 0.15 * generator.standard_normal()), 10 * (1 + 0.1 * generator.standard_normal())
+        grown = start * np.exp(rate * (times + (1 - np.cos(times)) / 2))
+        states.append((grown * (1 + 0.01 * generator.standard_normal(len(times))))[:, np.newaxis])
+    return cl.Trials.from_arrays([times] * 10, states, object=list("abcdefghij"), names=["w"])
+
+
+def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal):
+    early = seasonal.with_trials([trial.cut(LEARNED) for trial in seasonal])
+    law = cl.discover(early, library="poly:3")
+    assert law.structure() == ("w' = a w",)
+    reasons = {step.stage: step.reason for step in law.history}
+    assert reasons["terms of w'"].startswith("best forecasts of what was left out")
+    forecast = law.predict(seasonal, start=LEARNED, return_std=True)
+    later = [
+        (trial.states[LEARNED:], own.states[LEARNED:])
+        for trial, own in zip(seasonal, forecast.trajectories, strict=True)
+    ]
+    assert np.mean([(abs(found - known) < 0.5 * known).all() for known, found in later]) > 0.8
+    inside = [
+        ((low <= trial.states) & (trial.states <= high))[LEARNED:]
+        for trial, (low, high) in zip(seasonal, forecast.bands(measured=True), strict=True)
+    ]
+    assert np.mean(inside) > 0.85
+
+
+def test_a_law_whose_solutions_explain_the_measurements_and_forecast_as_they_say_stays(monkeypatch):
+    monkeypatch.setattr(forecast_choice, "_others", lambda *_: pytest.fail("other laws were asked"))
+    law = cl.discover(cl.datasets.linear_drag(noise=0.05, seed=1), order=2)
+    assert law.structure() == ("x'' = a + b v",)
+
+
+def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
+    return StandardizedErrors(np.arange(1.0, len(sizes) + 1), sizes[:, np.newaxis], np.full((len(sizes), 1), reach))
+
+
+def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
+    missed = np.abs(np.random.default_rng(2).standard_normal((30, 8)))  # By far more than what 95 % reach
+    own = forecast_choice._score([errors(each, 1.0) for each in missed])
+    assert forecast_choice._score([errors(2 * each, 0.5) for each in missed]) == pytest.approx(own)
+    assert forecast_choice._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
+    assert forecast_choice._score([errors(each / 100, 1.0) for each in missed]) > own
+    assert forecast_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
