@@ -4,7 +4,13 @@ from collections.abc import Callable, Mapping
 
 from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
 from commonlaw.differentiation.differences import CenteredDifference, FiniteDifference, ForwardDifference
-from commonlaw.differentiation.noise import noise_degrees_of_freedom, noise_level
+from commonlaw.differentiation.noise import (
+    differences,
+    noise_correlation,
+    noise_degrees_of_freedom,
+    noise_level,
+    noise_order,
+)
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
 from commonlaw.differentiation.spectral import SpectralDerivative
@@ -30,9 +36,12 @@ __all__ = [
     "TotalVariationDerivative",
     "WienerFilter",
     "default_differentiation",
+    "differences",
     "format_differentiation",
+    "noise_correlation",
     "noise_degrees_of_freedom",
     "noise_level",
+    "noise_order",
     "parse_differentiation",
 ]
 

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
@@ -69,10 +69,18 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     """
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
     _check(t, x)
-    highest = min(_HIGHEST, len(t) // 4)
-    by_order = enumerate(differences(t, x, highest), start=1)
-    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
-    return _smallest_that_agrees(estimates, len(t) - highest)
+    estimates, orders = _chosen(t, x)
+    return estimates[orders - 1, range(len(orders))]
+
+
+def noise_order(times: Floats, values: Floats) -> int:
+    """Return the order of the differences that `noise_level` takes of one state, shape (n,)."""
+    return int(_chosen(times, values[:, np.newaxis])[1][0])
+
+
+def noise_correlation(order: int) -> float:
+    """Return how many differences of an order, for white noise, are worth an independent one, where squares count."""
+    return _covariance(order, order)
 
 
 def noise_degrees_of_freedom(samples: int) -> float:
@@ -83,7 +91,15 @@ def noise_degrees_of_freedom(samples: int) -> float:
     """
     if samples < _LEAST:
         return 0.0
-    return (samples - _TYPICAL_ORDER) / _covariance(_TYPICAL_ORDER, _TYPICAL_ORDER)
+    return (samples - _TYPICAL_ORDER) / noise_correlation(_TYPICAL_ORDER)
+
+
+def _chosen(times: Floats, states: Floats) -> tuple[Floats, Indices]:
+    """Return the estimates of all orders, shape (orders, d), and the order that is chosen for each state, (d,)."""
+    highest = min(_HIGHEST, len(times) // 4)
+    by_order = enumerate(differences(times, states, highest), start=1)
+    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
+    return estimates, _smallest_that_agrees(estimates, len(times) - highest)
 
 
 def _check(times: Floats, states: Floats) -> None:
@@ -141,16 +157,16 @@ def _scale(differences: Floats, order: int) -> float:
     return sqrt(np.mean(sizes[kept] ** 2))
 
 
-def _smallest_that_agrees(estimates: Floats, count: int) -> Floats:
-    """Return for each state the estimate of the smallest order that agrees with all higher ones, shape (d,).
+def _smallest_that_agrees(estimates: Floats, count: int) -> Indices:
+    """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,).
 
     The estimates, shape (orders, d), are of order 1, 2, ... and each from `count` differences.
     """
-    chosen: Floats = estimates[-1]
+    chosen: Indices = np.full(estimates.shape[1], len(estimates))
     for k in range(len(estimates) - 1, 0, -1):
         slack = [1 + _AGREE * _standard_error(k, j, count) for j in range(k + 1, len(estimates) + 1)]
         agrees = estimates[k - 1] <= np.array(slack)[:, np.newaxis] * estimates[k:]
-        chosen = np.where(agrees.all(axis=0), estimates[k - 1], chosen)
+        chosen = np.where(agrees.all(axis=0), k, chosen)
     return chosen
 
 

@@ -219,7 +219,7 @@ class TrajectoryLikelihood(AbstractMethod):
         with threads(self.n_jobs):
             found, refused = of_best_order(begun, possible, lambda each: each.evidence)
             best = min(found, key=lambda each: each.evidence)
-            if self.errors != "auto" or best.search.beyond_white_noise:
+            if self.errors != "auto" or best.search.reason_for_errors:
                 found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
                 refused += failed
                 if not found:
@@ -247,7 +247,8 @@ class TrajectoryLikelihood(AbstractMethod):
         while True:
             propose = partial(_by_derivatives, trials, found.screened, progress)
             search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
-            search = with_parametric_terms_under_errors(search, self._offers(found.screened)[1], progress)
+            offers, before = self._offers(found.screened)[1], found.search.problem.errors
+            search = with_parametric_terms_under_errors(search, before, offers, progress)
             screened = found.screened.among(search.among_plain)
             more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
             if more is None:
@@ -312,6 +313,7 @@ class TrajectoryLikelihood(AbstractMethod):
             solver=parsed(self.solver, parse_solver) or PATH,
             noise=known_noise(self.noise, trials),
             huber_threshold=self.huber_threshold,
+            kinds=error_kinds(self.errors, trials.schema),
             most_samples=self.max_samples,
             progress=progress,
         )

@@ -27,6 +27,9 @@ as a share of what is typical."""
 _INDIFFERENT = 2.0
 """Twice the log-likelihood that an object's trials may lose by what is typical of others: so little says nothing."""
 
+_SAME = 0.01
+"""Twice the log-likelihood by which fits that are the same may differ by rounding."""
+
 _SHORT = (3.0, 0.3, *FINAL)
 """Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
 
@@ -72,7 +75,18 @@ def best_fits(
             found.append(way(replace(problem, starts=starts)))
     if not found:
         raise NotPositiveError
-    return [min(own, key=lambda each: each.objective) for own in zip(*found, strict=True)]
+    return [usual_of_best(own) for own in zip(*found, strict=True)]
+
+
+def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
+    """Return the fit of largest likelihood; of those that are the same the one with fewest numbers below zero.
+
+    And then with small ones: ``A cos(w*t + p)`` is also ``-A cos(w*t + q)`` with q half a turn farther, and rounding
+    is not to decide.
+    """
+    least = min(each.objective for each in fits)
+    alike = [each for each in fits if each.objective <= least + _SAME]
+    return min(alike, key=lambda each: (int(np.sum(each.coefficients < 0)), float(np.abs(each.coefficients).sum())))
 
 
 def drawn_together(

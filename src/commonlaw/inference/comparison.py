@@ -107,7 +107,7 @@ def compare(
         finest = max(each.problem.points for each in fitted)
         found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
         best = min(found, key=value)
-        if errors != "auto" or best.beyond_white_noise:
+        if errors != "auto" or best.beyond_errors:
             kinds = error_kinds(errors, trials.schema)
             found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
     of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]

@@ -17,7 +17,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
-from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way
+from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.constant_values import divisors, values_to_try
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.integral_matching import Integrals
@@ -199,16 +199,14 @@ def _best_of_each(problem: SearchProblem, starts: Sequence[Floats]) -> Floats | 
 
     All have the shape (objects, equations, terms); there are none if an object has no such fit.
     """
-    best: list[Estimate | None] = [None] * len(problem.models)
+    fits: list[list[Estimate]] = [[] for _ in problem.models]
     for start in starts:
         with suppress(CommonlawError, NotPositiveError):
             for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
-                before = best[o]
-                if (before is None or each.objective < before.objective) and not has_pole(problem, o, each):
-                    best[o] = each
-    free = [each for each in best if each is not None]
-    if len(free) < len(best):
+                fits[o] += [] if has_pole(problem, o, each) else [each]
+    if not all(fits):
         return None
+    free = [usual_of_best(own) for own in fits]
     return np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,15 +10,10 @@ from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.hypotheses import Hypothesis
-from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import SearchState, evidence_of
-from commonlaw.integration import InitialValueProblem, Inputs, simulate
+from commonlaw.inference.search_state import evidence_of
+from commonlaw.inference.solutions import is_solved
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver
-from commonlaw.spacing import evenly_spaced
-
-_OBJECTS = 20
-"""Objects whose trajectories are followed at most, evenly spread."""
 
 _FITTED = 4
 """Supports of largest linearised evidence that are fitted under each kind of errors, with levels of their own."""
@@ -44,21 +38,4 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
 def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:
     """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from."""
     listed = sorted(compared, key=lambda each: each.state.value)
-    return next((each for each in listed if not runs_away(each.problem, each.state)), listed[0])
-
-
-@unannounced()
-def runs_away(problem: SearchProblem, state: SearchState) -> bool:
-    """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
-    found, between = [], problem.trials.schema.input_between
-    for i in evenly_spaced(len(problem.models), _OBJECTS):
-        model, estimate = problem.models[i], state.estimates[i]
-        for mesh, states in zip(model.meshes, estimate.states, strict=True):
-            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
-            for first, last in pairwise(cuts):
-                times = mesh.times[first:last]
-                field = replace(
-                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], between)
-                )
-                found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
-    return any(each.outcome for each in simulate(found, tolerance=1e-6))
+    return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])

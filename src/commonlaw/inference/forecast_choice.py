@@ -22,7 +22,7 @@ from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.inference.support_search import SAMPLES_FOR_A_TERM
 from commonlaw.law import Law
-from commonlaw.likelihood import NO_ERRORS, NotPositiveError
+from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
 
@@ -125,7 +125,7 @@ def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCall
     plain = next((each for each in (found, *found.rivals) if each.solver is not None), None)
     if plain is None or plain.solver is None:
         return
-    problem = plain.problem.with_errors(plain.problem.first_noise, NO_ERRORS, "of the first estimate")
+    problem = plain.problem.under_white_noise
     listed = dict[bytes, Bools]()
     known = (_errors_of(found), found.state.supports.tobytes()) if found.solver is not None else None
     for hypothesis in hypotheses(problem, plain.state, kinds, plain.solver, progress):

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
+from commonlaw.inference.error_search import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.inference.search import SCHEDULES, fit_solutions, fit_supports, fit_with, polish, search
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, nearest, path
@@ -94,15 +94,17 @@ def hypotheses(
 @unannounced()
 def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
     """Return supports, shape (equations, terms), under each kind of errors that can be fitted, with its own levels."""
-    found = []
-    with suppress(CommonlawError, NotPositiveError):
-        solved = fit_solutions(problem, supports)
-        for kind in [each for each in kinds if each != "walk"]:
-            with suppress(CommonlawError, NotPositiveError):
-                found.append(Hypothesis(kind, *with_errors_of_kind(*solved, kind)))
+    found, white = [], problem.under_white_noise
+    for begin in (white, problem) if problem.errors else (white,):
+        with suppress(CommonlawError, NotPositiveError):
+            solved = fit_solutions(begin, supports)
+            for kind in [each for each in kinds if each != "walk"]:
+                if begin is white or kind == kind_of(problem.errors):
+                    with suppress(CommonlawError, NotPositiveError):
+                        found.append(Hypothesis(kind, *with_errors_of_kind(*solved, kind)))
     if "walk" in kinds:
         with suppress(CommonlawError, NotPositiveError):
-            found.append(Hypothesis("walk", *with_errors_of_kind(problem, fit_supports(problem, supports), "walk")))
+            found.append(Hypothesis("walk", *with_errors_of_kind(white, fit_supports(white, supports), "walk")))
     return found
 
 

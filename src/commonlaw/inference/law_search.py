@@ -5,25 +5,27 @@ Each step returns what the next one takes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import fitted_law
-from commonlaw.inference.error_choice import candidates, chosen, runs_away
-from commonlaw.inference.error_search import ErrorKind, with_errors_of_kind
+from commonlaw.inference.error_choice import candidates, chosen
+from commonlaw.inference.error_search import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.inference.few_samples import few_of, search_by_few
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import hypotheses, under_each_kind
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
+from commonlaw.inference.noise_growth import with_growing_noise
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.search_state import ANY_ERROR, SearchState
+from commonlaw.inference.solutions import follows_solutions, runs_away
 from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
@@ -80,12 +82,17 @@ class LawSearch:
         return fitted_law(self.template, self.problem, self.state)
 
     @cached_property
-    def beyond_white_noise(self) -> str:
-        """What speaks against white noise with the law that was found, in words; nothing if nothing does."""
+    def beyond_errors(self) -> str:
+        """What speaks against the errors with the law that was found, in words; nothing if nothing does."""
         reason = unexplained(self.problem, self.state)
         if not reason and runs_away(self.problem, self.state):
             reason = "trajectories of the trials that the law was learned from diverge"
         return reason
+
+    @property
+    def reason_for_errors(self) -> str:
+        """Why errors beside white noise are to be estimated with the law, in words; nothing if they are not."""
+        return self.beyond_errors or ("noise grows with the states" if self.problem.errors else "")
 
     @property
     def among_plain(self) -> "LawSearch":
@@ -101,6 +108,7 @@ def search_supports(
     solver: AbstractSolver,
     noise: Floats | None,
     huber_threshold: float,
+    kinds: Sequence[ErrorKind],
     most_samples: int,
     progress: ProgressCallback,
 ) -> LawSearch:
@@ -118,6 +126,8 @@ def search_supports(
         Standard deviation of each state's measurement noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    kinds
+        Of errors that laws may have: noise is in proportion where that may be and differences show it.
     most_samples
         Samples that are fitted at most, see `prepare`.
     progress
@@ -129,15 +139,14 @@ def search_supports(
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
-    prepared = partial(
-        prepare,
-        trials,
-        template.terms,
-        known,
-        noise=noise,
-        huber_threshold=huber_threshold,
-        guess=template.coefficients,
-    )
+
+    def prepared(most_samples: int) -> SearchProblem:
+        guess, terms = template.coefficients, template.terms
+        problem = prepare(
+            trials, terms, known, noise=noise, huber_threshold=huber_threshold, most_samples=most_samples, guess=guess
+        )
+        return with_growing_noise(problem) if "proportional" in kinds else problem
+
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     few = few_of(problem, prepared)
     found = search_by_few(problem, few, solver, rest) if few else search(problem, solver, rest)
@@ -236,10 +245,12 @@ def choose_errors(
     CommonlawError
         If the likelihood cannot be computed.
     """
-    reason = found.beyond_white_noise if errors == "auto" else "as asked for"
+    reason = found.reason_for_errors if errors == "auto" else "as asked for"
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
+        if errors == "auto" and not found.beyond_errors:
+            kinds = tuple(each for each in kinds if each in ("white", kind_of(found.problem.errors)))
         other = propose(found.among_plain) if found.rivals or found.solver else None
         found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found
@@ -275,7 +286,10 @@ def with_error_models(
 
 def best_of(listed: Sequence[LawSearch]) -> LawSearch:
     """Return the search whose law has the largest evidence, with the others as its rivals."""
-    best, *others = sorted((replace(each, rivals=()) for each in listed), key=lambda each: each.state.value)
+    best, *others = sorted(
+        (replace(each, rivals=()) for each in listed),
+        key=lambda each: (not follows_solutions(each.problem, each.state), each.state.value),
+    )
     return replace(best, rivals=tuple(others))
 
 

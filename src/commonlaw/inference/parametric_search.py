@@ -29,7 +29,7 @@ from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
 from commonlaw.library import Offer
-from commonlaw.likelihood import NO_ERRORS, Estimate, NotPositiveError
+from commonlaw.likelihood import ErrorModel, Estimate, NotPositiveError
 from commonlaw.progress import ProgressCallback, Stage
 
 _ROUNDS = 4
@@ -77,16 +77,17 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
 
 
 def with_parametric_terms_under_errors(
-    found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback
+    found: LawSearch, before: ErrorModel, offers: Sequence[Offer], progress: ProgressCallback
 ) -> LawSearch:
     """Return the law of largest evidence when what is offered is sought under errors of the measurements, too.
 
     Beside white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
-    Parameters are those of `with_parametric_terms`; the law is found with its errors.
+    Parameters are those of `with_parametric_terms`; the law is found with its errors, and such terms were sought under
+    those `before`.
     """
     plain = found.among_plain
     errors = plain.problem.errors
-    if not (errors and any(each.count for each in offers)) or errors.of_law:
+    if not any(each.count for each in offers) or errors.of_law or kind_of(errors) in ("white", kind_of(before)):
         return found
     again = with_parametric_terms(plain, offers, progress)
     again = with_error_models(again, None, (kind_of(errors),), progress)
@@ -96,7 +97,7 @@ def with_parametric_terms_under_errors(
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:
     """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
     most = int(found.state.supports.sum(axis=1).max())
-    return most > numbers or bool(found.beyond_white_noise)
+    return most > numbers or bool(found.beyond_errors)
 
 
 def _with_offer(
@@ -104,7 +105,7 @@ def _with_offer(
 ) -> "tuple[_Search, LawSearch, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
     curves = _near(search.found)
-    if best is not search.found and not best.beyond_white_noise:  # Its solutions are as near as can be
+    if best is not search.found and not best.beyond_errors:  # Its solutions are as near as can be
         curves = (_without_processes(best, best.state.estimates),)
     while True:
         best, rows = _searched(search, rows, curves, progress)
@@ -130,7 +131,7 @@ def _searched(
         if not exact:  # From curves that are as near as can be others propose the same
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
             known = [*search.proposed(near, most), *known]
-            exact = number > 0 and not best.beyond_white_noise
+            exact = number > 0 and not best.beyond_errors
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
@@ -139,10 +140,10 @@ def _searched(
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
             listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
             best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
-        if len(rows) > 1 and best.beyond_white_noise:
+        if len(rows) > 1 and best.beyond_errors:
             best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, near, done[-1])
         if best is not before:
-            left = [_without_processes(best, best.state.estimates), *(left if best.beyond_white_noise else ())]
+            left = [_without_processes(best, best.state.estimates), *(left if best.beyond_errors else ())]
             rows = search.with_coefficients(rows, best)
             search.near.clear()
         if not left:
@@ -167,9 +168,7 @@ def _base(found: LawSearch) -> SearchProblem:
     These are all: the terms of a law are not yet among them.
     """
     problem = replace(found.problem, besides=len(found.template.terms))
-    if problem.errors.of_law:
-        return problem.with_errors(problem.first_noise, NO_ERRORS, "of the first estimate")
-    return problem
+    return problem.under_white_noise if problem.errors.of_law else problem
 
 
 def _near(found: LawSearch) -> tuple[tuple[Estimate, ...], ...]:
@@ -217,7 +216,7 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
 
 def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
     """Return how many numbers are looked at in each equation: where noise explains the law, fewer or few more."""
-    return [MOST_NUMBERS if best.beyond_white_noise else row.numbers + _MORE for row in rows]
+    return [MOST_NUMBERS if best.beyond_errors else row.numbers + _MORE for row in rows]
 
 
 @dataclass(frozen=True, eq=False)

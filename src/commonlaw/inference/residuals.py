@@ -1,17 +1,11 @@
-"""Whether white noise of the estimated level explains what a law leaves of the measurements."""
+"""Whether errors of the measurements of the estimated levels explain what a law leaves of the measurements."""
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.inference.first_noise import noise_floor
+from commonlaw.inference.noise_growth import OUTLIER, growth
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
-
-_OUTLIER = 4.0
-"""Residuals of more standard deviations are outliers, and do not count here."""
-
-_SHARES = np.geomspace(0.03, 300.0, 25)
-"""Noise in proportion to a state, relative to the constant part, at the state's root mean square."""
 
 
 def unexplained(problem: SearchProblem, state: SearchState) -> str:
@@ -40,7 +34,7 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
-            usual = np.abs(standard) <= _OUTLIER
+            usual = np.abs(standard) <= OUTLIER
             seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)
             sizes.append(np.abs(states[seen, j]))
@@ -48,21 +42,10 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
             count += len(standard)
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
-    if schema.states[j] not in schema.logarithmic and _growth(squared, np.concatenate(sizes)) > price:
+    if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:
         found.append("grow with it")
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
     if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
         found.append("remember each other")
     return found
-
-
-def _growth(squared: Floats, sizes: Floats) -> float:
-    """Return what noise that grows with the state gains in twice the log-likelihood, its level being free in both."""
-    relative = sizes / max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
-    variances = 1 + (_SHARES[:, np.newaxis] * relative) ** 2
-    levels = np.mean(squared / variances, axis=1)
-    if not (levels > 0).all():
-        return 0.0
-    values = len(squared) * np.log(levels) + np.sum(np.log(variances), axis=1)
-    return float(len(squared) * np.log(squared.mean()) - values.min())

@@ -166,6 +166,11 @@ class SearchProblem:
             self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
         )
 
+    @property
+    def under_white_noise(self) -> "SearchProblem":
+        """The same problem without other errors than white noise, of the level that was estimated first."""
+        return self.with_errors(self.first_noise, NO_ERRORS, "of the first estimate") if self.errors else self
+
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
         starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))

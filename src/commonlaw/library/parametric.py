@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import chain, combinations, count
 
 from commonlaw.errors import CommonlawError, check_choice
@@ -59,6 +60,7 @@ def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
     return ()
 
 
+@lru_cache(maxsize=4096)
 def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
     """Return the term that an expression stands for, in which other names than variables are constants.
 
