@@ -69,13 +69,22 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     """
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
     _check(t, x)
-    estimates, orders = _chosen(t, x)
+    highest = min(_HIGHEST, len(t) // 4)
+    by_order = enumerate(differences(t, x, highest), start=1)
+    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
+    orders = _smallest_that_agrees(estimates, len(t) - highest)
     return estimates[orders - 1, range(len(orders))]
 
 
-def noise_order(times: Floats, values: Floats) -> int:
-    """Return the order of the differences that `noise_level` takes of one state, shape (n,)."""
-    return int(_chosen(times, values[:, np.newaxis])[1][0])
+def noise_order(times: Floats, values: Floats) -> int | None:
+    """Return the order of differences of one state, shape (n,), that show its noise, outliers among it.
+
+    That is the smallest one that agrees with all higher ones, see `noise_level`; None if no two orders agree.
+    """
+    highest = min(_HIGHEST, len(times) // 4)
+    sizes = [float(np.sqrt(np.mean(each**2))) for each in differences(times, values[:, np.newaxis], highest)]
+    order = int(_smallest_that_agrees(np.array(sizes)[:, np.newaxis], len(times) - highest)[0])
+    return order if order < highest else None
 
 
 def noise_correlation(order: int) -> float:
@@ -92,14 +101,6 @@ def noise_degrees_of_freedom(samples: int) -> float:
     if samples < _LEAST:
         return 0.0
     return (samples - _TYPICAL_ORDER) / noise_correlation(_TYPICAL_ORDER)
-
-
-def _chosen(times: Floats, states: Floats) -> tuple[Floats, Indices]:
-    """Return the estimates of all orders, shape (orders, d), and the order that is chosen for each state, (d,)."""
-    highest = min(_HIGHEST, len(times) // 4)
-    by_order = enumerate(differences(times, states, highest), start=1)
-    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
-    return estimates, _smallest_that_agrees(estimates, len(times) - highest)
 
 
 def _check(times: Floats, states: Floats) -> None:

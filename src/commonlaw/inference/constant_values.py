@@ -70,6 +70,20 @@ def divisors(terms: Terms) -> list[str]:
     return sorted(each for each in below if any(column >= first for column in columns_in(each)))
 
 
+def frequencies_in_time(terms: Terms) -> list[int]:
+    """Return the columns of the constants that time is multiplied with in a sine: w of ``cos(w*t + p)``."""
+    variables, found = terms.variables, set[int]()
+    names = [f"v{i}" for i in range(len(variables.names))]
+    time = names[variables.index(variables.time)]
+    trees = [ast.parse(term.expression(names), mode="eval") for term in terms.terms]
+    for each in (node for tree in trees for node in ast.walk(tree)):
+        if isinstance(each, ast.Call) and ast.unparse(each.func) in ("sin", "cos"):
+            products = (own for own in ast.walk(each) if isinstance(own, ast.BinOp) and isinstance(own.op, ast.Mult))
+            sides = [(ast.unparse(own.left), ast.unparse(own.right)) for own in products]
+            found |= {int(name[1:]) for pair in sides if time in pair for name in pair if name[1:].isdigit()}
+    return sorted(column for column in found if column >= len(variables.measured))
+
+
 class _Steps(NamedTuple):
     """How finely values are tried: about a size that is known, and of frequencies for each cycle."""
 

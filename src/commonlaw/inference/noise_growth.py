@@ -51,18 +51,24 @@ def with_growing_noise(problem: SearchProblem) -> SearchProblem:
     """
     schema, floor = problem.trials.schema, noise_floor(problem.trials)
     noise, shares = problem.noise.copy(), np.zeros(len(problem.noise))
+    if problem.noise_given:
+        return problem
     for j, name in enumerate(schema.states):
-        columns = list(_columns(problem, j))
-        given = problem.noise_given or name in schema.starts or name in schema.logarithmic
-        if (
-            given or not columns or problem.noise[j] <= 1.001 * floor[j]
-        ):  # Below, what is left is not of the measurements
+        columns = list(_columns(problem, j)) if name not in schema.starts else []
+        orders = [noise_order(times, values) for times, values, _ in columns]
+        if not orders or None in orders:
             continue
-        order = max(noise_order(times, values) for times, values, _ in columns)
-        parts = [_differences(*each, order) for each in columns]
-        gain, levels = growth(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        order = max(each for each in orders if each)
+        squared, sizes = (
+            np.concatenate(own) for own in zip(*(_differences(*each, order) for each in columns), strict=True)
+        )
+        if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # Below, what is left is not of the measurements
+            continue
+        _, (constant, share) = growth(squared, sizes)
+        usual = squared <= OUTLIER**2 * (constant**2 + (share * sizes) ** 2)
+        gain, (constant, share) = growth(squared[usual], sizes[usual])
         if gain > noise_correlation(order) * np.log(sum(problem.measured)):
-            noise[j], shares[j] = max(levels[0], floor[j]), levels[1]
+            noise[j], shares[j] = max(constant, floor[j]), share
     errors = ErrorModel(proportional=shares)
     return problem.with_errors(noise, errors, "by differences of neighbouring samples") if shares.any() else problem
 
@@ -78,9 +84,6 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:
-    """Return squared differences without outliers, and the sizes of the state where these are."""
+    """Return squared differences, and the sizes of the state where these are."""
     *_, found = differences(times, values[:, np.newaxis], order)
-    squared = found[:, 0] ** 2
-    sizes = np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
-    usual = squared <= OUTLIER**2 * np.mean(squared)
-    return squared[usual], sizes[usual]
+    return found[:, 0] ** 2, np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from commonlaw.inference.constant_values import frequencies_in_time
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, evidence_about
 
@@ -14,9 +15,16 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
     """Return whether measurements tell the constants of a law apart from what stands before their terms.
 
     Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
-    the one that is linearised about a fit, and evidence that is computed from that means nothing.
+    the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a drive that
+    no trial has a whole cycle of they do not tell that it repeats itself.
     """
     terms = problem.models[0].terms
+    first, longest = len(terms.variables.measured), max(float(np.ptp(trial.times)) for trial in problem.trials)
+    for column in frequencies_in_time(terms):
+        own = terms.constants[column - first]
+        frequencies = [np.abs(each.coefficients[:, own]).sum() for each in state.estimates]
+        if np.median(frequencies) * longest < 2 * np.pi:
+            return False
     equations, chosen = np.nonzero(state.supports)
     constant = ~terms.is_factor[chosen]
     bent = constant | np.array(terms.have_constants)[chosen]
@@ -28,7 +36,8 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
             inverse = np.linalg.inv(np.linalg.qr(columns, mode="r"))
         except np.linalg.LinAlgError:
             return False
-        squares.append(found**2 / np.sum(inverse**2, axis=1))
+        with np.errstate(over="ignore"):
+            squares.append(found**2 / np.sum(inverse**2, axis=1))
     signs = np.sign([each.coefficients[state.supports] for each in state.estimates])
     least = np.where(np.ptp(signs, axis=0) == 0, np.median(squares, axis=0), np.min(squares, axis=0))
     lost = bent & ~(least >= SURE**2)
