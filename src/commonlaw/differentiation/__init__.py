@@ -10,6 +10,7 @@ from commonlaw.differentiation.noise import (
     noise_degrees_of_freedom,
     noise_level,
     noise_order,
+    without_outliers,
 )
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
@@ -43,6 +44,7 @@ __all__ = [
     "noise_level",
     "noise_order",
     "parse_differentiation",
+    "without_outliers",
 ]
 
 METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] = {

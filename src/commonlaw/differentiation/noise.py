@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
@@ -77,14 +77,19 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
 
 
 def noise_order(times: Floats, values: Floats) -> int | None:
-    """Return the order of differences of one state, shape (n,), that show its noise, outliers among it.
+    """Return the order of differences of one state, shape (n,), that show its noise, of any level and with outliers.
 
-    That is the smallest one that agrees with all higher ones, see `noise_level`; None if no two orders agree.
+    That is the smallest one that agrees with all higher ones, see `noise_level`, with and without outliers, as far as
+    squares tell that vary so; None if no two orders agree.
     """
     highest = min(_HIGHEST, len(times) // 4)
-    sizes = [float(np.sqrt(np.mean(each**2))) for each in differences(times, values[:, np.newaxis], highest)]
-    order = int(_smallest_that_agrees(np.array(sizes)[:, np.newaxis], len(times) - highest)[0])
-    return order if order < highest else None
+    listed = [each[:, 0] for each in differences(times, values[:, np.newaxis], highest)]
+    squares = listed[-1] ** 2
+    count = 3 * float(np.sum(squares) ** 2 / max(np.sum(squares**2), np.finfo(float).tiny))
+    usual = [_scale(each, order) for order, each in enumerate(listed, start=1)]
+    all_ = [float(np.sqrt(np.mean(each**2))) for each in listed]
+    orders = _smallest_that_agrees(np.column_stack([all_, usual]), max(count, 1.0))
+    return int(orders.max()) if orders[0] < highest else None
 
 
 def noise_correlation(order: int) -> float:
@@ -140,6 +145,11 @@ def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]
 
 def _scale(differences: Floats, order: int) -> float:
     """Return the root mean square of one state's differences, shape (m,), without those that outliers are in."""
+    return sqrt(np.mean(differences[without_outliers(differences, order)] ** 2))
+
+
+def without_outliers(differences: Floats, order: int) -> Bools:
+    """Return in which of one state's differences, shape (m,), there are no outliers, see `noise_level`."""
     from scipy.ndimage import maximum_filter1d
 
     sizes, near = np.abs(differences), 2 * ((order + 1) // 2) + 1
@@ -155,10 +165,10 @@ def _scale(differences: Floats, order: int) -> float:
         if not far.any() or not clean.any():
             break
         kept = clean
-    return sqrt(np.mean(sizes[kept] ** 2))
+    return kept
 
 
-def _smallest_that_agrees(estimates: Floats, count: int) -> Indices:
+def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
     """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,).
 
     The estimates, shape (orders, d), are of order 1, 2, ... and each from `count` differences.
@@ -171,7 +181,7 @@ def _smallest_that_agrees(estimates: Floats, count: int) -> Indices:
     return chosen
 
 
-def _standard_error(low: int, high: int, count: int) -> float:
+def _standard_error(low: int, high: int, count: float) -> float:
     """Return that of the logarithm of the ratio of two orders' estimates, for a regular grid and normal noise."""
     return sqrt((_covariance(low, low) + _covariance(high, high) - 2 * _covariance(low, high)) / (2 * count))
 

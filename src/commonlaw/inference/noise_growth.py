@@ -9,13 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation import differences, noise_correlation, noise_order
+from commonlaw.differentiation import differences, noise_correlation, noise_order, without_outliers
 from commonlaw.inference.first_noise import NOISE_WAYS, noise_floor
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.likelihood import ErrorModel
 
 OUTLIER = 4.0
 """Residuals of more standard deviations are outliers, and do not count here."""
+
+_ALIKE = 30
+"""Differences where the state is about as large, among which outliers show."""
 
 _SHARES = np.geomspace(0.03, 300.0, 25)
 """Noise in proportion to a state, relative to the constant part, at the state's root mean square."""
@@ -64,9 +67,7 @@ def with_growing_noise(problem: SearchProblem) -> SearchProblem:
         )
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # Below, what is left is not of the measurements
             continue
-        _, (constant, share) = growth(squared, sizes)
-        usual = squared <= OUTLIER**2 * (constant**2 + (share * sizes) ** 2)
-        gain, (constant, share) = growth(squared[usual], sizes[usual])
+        gain, (constant, share) = growth(squared, sizes)
         if gain > noise_correlation(order) * np.log(sum(problem.measured)):
             noise[j], shares[j] = max(constant, floor[j]), share
     errors = ErrorModel(proportional=shares)
@@ -84,6 +85,14 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:
-    """Return squared differences, and the sizes of the state where these are."""
+    """Return squared differences without those that outliers are in, and the sizes of the state where they are.
+
+    An outlier is far off beside differences where the state is about as large.
+    """
     *_, found = differences(times, values[:, np.newaxis], order)
-    return found[:, 0] ** 2, np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
+    own, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
+    typical = np.ones(len(own))
+    for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(own) // _ALIKE, 1)):
+        typical[near] = np.median(np.abs(own[near])) or np.mean(np.abs(own[near])) or 1.0
+    kept = without_outliers(own / typical, order)
+    return own[kept] ** 2, sizes[kept]

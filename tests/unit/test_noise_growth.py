@@ -1,0 +1,76 @@
+"""Noise that grows with the states shows in differences of neighbouring samples, before any law."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.formulation import law_variables
+from commonlaw.inference.noise_growth import growth, with_growing_noise
+from commonlaw.inference.search_problem import prepare
+from commonlaw.library import PolynomialLibrary
+
+TIMES = np.linspace(0, 4, 300)
+DECAY = 5 * np.exp(-TIMES)[:, np.newaxis]
+
+
+def problem_of(states, **settings):
+    trials = cl.Trials.from_arrays(TIMES, states, names=["x"])
+    terms = PolynomialLibrary(1).bind(law_variables(trials.schema, 1))
+    return prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), **settings)
+
+
+def noise(seed=0):
+    return np.random.default_rng(seed).standard_normal(DECAY.shape)
+
+
+def test_noise_in_proportion_is_seen_with_its_share():
+    found = [with_growing_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
+    shares = [each.errors.proportional[0] for each in found]
+    assert np.mean(shares) == pytest.approx(0.05, rel=0.1)
+    assert all(each.noise[0] < 0.02 for each in found)  # Where the noise is 0.25 at first
+
+
+def test_white_noise_and_exact_states_show_none():
+    white = [with_growing_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
+    assert sum(bool(each.errors) for each in white) <= 1
+    assert not with_growing_noise(problem_of(DECAY)).errors
+
+
+def test_noise_that_is_given_stays():
+    given = problem_of(DECAY * (1 + 0.05 * noise()), noise=np.array([0.1]))
+    assert with_growing_noise(given) is given
+
+
+def test_outliers_are_seldom_taken_for_growth():
+    seen = 0
+    for seed in range(30):
+        states = DECAY + 0.05 * noise(seed)
+        states[[10, 200]] += 2.0
+        seen += bool(with_growing_noise(problem_of(states)).errors)
+    assert seen <= 4
+
+
+def test_the_gain_is_that_of_the_likeliest_levels():
+    generator, sizes = np.random.default_rng(1), np.linspace(0, 3, 4000)
+    squared = (np.hypot(0.1, 0.2 * sizes) * generator.standard_normal(4000)) ** 2
+    gain, (constant, share) = growth(squared, sizes)
+    assert (constant, share) == (pytest.approx(0.1, rel=0.25), pytest.approx(0.2, rel=0.1))
+
+    def deviance(variances):
+        return float(np.sum(squared / variances + np.log(variances)))
+
+    free = deviance(np.full(4000, squared.mean()))
+    assert gain == pytest.approx(free - deviance(constant**2 + (share * sizes) ** 2))
+
+
+def test_an_epidemic_that_dies_down_under_noise_in_proportion_is_found():
+    """Its first states are ten thousand times its last ones: under noise of one level most say nothing, or too much."""
+    times = np.linspace(0, 10, 300)
+    clean = solve_ivp(
+        lambda _, z: [-0.4 * z[0] * z[1], 0.4 * z[0] * z[1] - 0.3 * z[1]], (0, 10), [7.2, 1.0], t_eval=times, rtol=1e-9
+    ).y.T
+    measured = clean * (1 + 0.05 * np.random.default_rng(5).standard_normal(clean.shape))
+    law = cl.discover(cl.Trials.from_arrays(times, measured, names=["s", "i"]), library="poly:2")
+    assert law.structure() == ("s' = a s i", "i' = b i + c s i")
+    assert law.uncertainty.error_model.proportional == pytest.approx([0.05, 0.05], rel=0.2)

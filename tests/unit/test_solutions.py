@@ -1,0 +1,62 @@
+"""A law that is too fast for the steps of the likelihood is told from one whose solutions it follows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.formulation import law_variables
+from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.solutions import follows_solutions, is_solved, runs_away
+from commonlaw.library import parse_library
+
+TIMES = np.linspace(0, 8, 200)
+
+
+def stated(library, coefficients, curve, model_error=0.0, noise=0.05):
+    """A law with coefficients, and states on a curve that was measured with noise."""
+    measured = curve + noise * np.random.default_rng(0).standard_normal(len(curve))
+    trials = cl.Trials.from_arrays(TIMES, measured[:, np.newaxis], names=["x"])
+    terms = parse_library(library).bind(law_variables(trials.schema, 1))
+    problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), noise=np.array([noise]))
+    (start,) = problem.starts
+    estimate = replace(start, states=(curve[:, np.newaxis],), coefficients=np.array([coefficients]))
+    return problem, SearchState(np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, 0.0)
+
+
+def test_a_law_whose_solution_is_followed_is_solved():
+    assert is_solved(*stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES)))
+
+
+def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
+    resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))  # Of sin(x), 12 rates of 20 in a step
+    problem, state = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
+    assert not follows_solutions(problem, state)
+    assert not is_solved(problem, state)
+
+
+def test_a_fast_law_at_rest_is_followed():
+    assert follows_solutions(*stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)))
+
+
+def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
+    wandering = 3 * np.exp(-0.5 * TIMES) + np.cumsum(0.05 * np.random.default_rng(2).standard_normal(len(TIMES)))
+    assert follows_solutions(*stated("terms:x", [-0.5], wandering, model_error=1.0))
+
+
+def test_a_trajectory_that_diverges_runs_away():
+    problem, state = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
+    assert runs_away(problem, state)
+    assert not is_solved(problem, state)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_growth_to_a_limit_is_not_taken_for_jumps_between_resting_points(seed):
+    generator, times = np.random.default_rng(seed), np.linspace(0, 16, 200)
+    grown = 80 / (1 + 1.9 * np.exp(-0.6 * times))[:, np.newaxis]
+    measured = grown * (1 + 0.05 * generator.standard_normal(grown.shape))
+    law = cl.discover(cl.Trials.from_arrays(times, measured, names=["x"]), library="poly:3 + trigonometric")
+    assert not law.uncertainty.error_model.of_law
+    assert law.simulate(times, [28.0])["object"].states[-1] == pytest.approx([80.0], rel=0.02)
