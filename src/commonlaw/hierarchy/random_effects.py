@@ -38,14 +38,14 @@ smaller and larger."""
 _INFINITE = 1e6
 """Times the largest variance that is tried: infinite."""
 
-JITTER = 1e-12
-"""Of unit variances, for covariances that are singular to rounding."""
-
 _ROUNDING = 1e-13
 """Share of the information on a mean that is rounding."""
 
 WORST_CONDITION = 1e10
 """Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
+
+JITTER = 1 / WORST_CONDITION
+"""Of unit variances, for covariances that are singular to rounding."""
 
 _Result = TypeVar("_Result")
 

@@ -67,7 +67,7 @@ def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> b
 def _without_needless_terms(found: LawSearch) -> LawSearch:
     """Return a law with constants inside of terms without plain terms that its evidence is larger without."""
     problem, terms = found.problem, found.template.terms
-    plain = terms.is_factor & ~np.array(terms.have_constants)
+    plain = terms.is_factor & ~np.array(terms.have_constants, dtype=bool)
     while found.solver is None:
         state, fewer = found.state, list[Bools]()
         for j, k in np.argwhere(state.supports & plain).tolist():

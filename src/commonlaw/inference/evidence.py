@@ -77,15 +77,13 @@ class Measured:
         """Return minus twice the log-likelihood of squares that are left, with the scale of the noise integrated out.
 
         That is by the t distribution, at the variance that is unbiased, and by the normal one at the least that the
-        noise can have; for noise that is known these are the squares. Outliers count by how many standard deviations
-        they are off (Huber).
+        noise can have; for noise that is known these are the squares.
         """
         if np.isinf(self.freedom):
             return squares
         left = max(self.freedom - coefficients, 1.0)
         variance = self._variance(squares, left)
-        outliers = np.minimum(squares, self.outliers) / np.sqrt(variance)
-        return self.freedom * np.log(variance) + self._of_noise(squares) / variance + outliers
+        return self.freedom * np.log(variance) + self._of_noise(squares) / variance
 
     def _variance(self, squares: Floats | float, left: float) -> Floats:
         return np.maximum(self._of_noise(squares) / left, self.least)

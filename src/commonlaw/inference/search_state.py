@@ -163,7 +163,9 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     known = np.nan_to_num(problem.known)
     pairs = zip(linear, known, strict=True)
     problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
-    extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(*_outliers(problem, estimates))
+    outliers, cost, count = _outliers(problem, estimates)
+    extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(outliers, count)
+    extra += 0.0 if problem.noise_is_fixed else cost
     most, stated = problem.most_terms, problem.trials.schema.unmeasured
     in_ratios = _in_ratios(problem, estimates)
     return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated, in_ratios)
@@ -196,7 +198,7 @@ def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats 
     if not terms.constants:
         return None
     values = np.array([each.coefficients for each in estimates])
-    own = problem.allowed & np.array(terms.have_constants)
+    own = problem.allowed & np.array(terms.have_constants, dtype=bool)
     same = np.abs(np.sign(values).sum(axis=0)) == len(values)
     return np.where(own & same, values, 0.0).reshape(len(values), -1)
 
@@ -215,13 +217,17 @@ def price_of_model_error(model_error: float, count: int) -> float:
     return float(np.log(count)) if model_error > FINAL[0] else 0.0
 
 
-def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, int]:
-    """Return what outliers add to the sum of squares, and how many there are."""
+def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, float, int]:
+    """Return what outliers add to the sum of squares, what they cost where that does not count, and how many there are.
+
+    Each costs what a measurement at the threshold does, however far off it is: else a law under noise that is too small
+    has all the outliers that it needs.
+    """
     model, states = problem.models[0], np.concatenate([own for each in estimates for own in each.states])
     residuals = problem.measurements.measured - states @ model.observed.T
     sizes, bound = np.abs(residuals / problem.white_std), model.observation.huber_threshold
     far = sizes[sizes > bound]
-    return float(bound * far.sum()) if len(far) else 0.0, len(far)
+    return (float(bound * far.sum()), float(bound**2 * len(far)), len(far)) if len(far) else (0.0, 0.0, 0)
 
 
 def fit_neighbours(problem: SearchProblem, state: SearchState, listed: Sequence[Bools]) -> list[SearchState]:

@@ -27,7 +27,7 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
             return False
     equations, chosen = np.nonzero(state.supports)
     constant = ~terms.is_factor[chosen]
-    bent = constant | np.array(terms.have_constants)[chosen]
+    bent = constant | np.array(terms.have_constants, dtype=bool)[chosen]
     squares = []
     for each, estimate in zip(evidence_about(problem, state).problems, state.estimates, strict=True):
         columns = each.factor[:, np.flatnonzero(state.supports)]

@@ -21,8 +21,7 @@ static double variance_of(Measured measured, double squares, double coefficients
 static double deviance_of(Measured measured, double squares, double coefficients) {
     if (isinf(measured.freedom)) return squares;
     const double variance = variance_of(measured, squares, coefficients);
-    const double outliers = fmin(squares, measured.outliers) / sqrt(variance);
-    return measured.freedom * log(variance) + of_noise(measured, squares) / variance + outliers;
+    return measured.freedom * log(variance) + of_noise(measured, squares) / variance;
 }
 
 typedef struct {
