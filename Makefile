@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-unmeasured release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -106,6 +106,9 @@ bench-next: $(STAMP) ## Whether designed experiments find the law sooner than ra
 
 bench-unseen: $(STAMP) ## Whether bounds of absent coefficients hold: a minute
 	$(BIN)/python -m benchmarks.unseen $(ARGS)
+
+bench-trajectory: $(STAMP) ## Laws of one trajectory with errors in proportion: an hour; less with ARGS="--only spring"
+	$(BIN)/python -m benchmarks.one_trajectory $(ARGS)
 
 bench-orders: $(STAMP) ## Whether a law is of first or of second order: twenty minutes; less with ARGS="--only relaxation"
 	$(BIN)/python -m benchmarks.orders $(ARGS)
