@@ -207,3 +207,26 @@ def test_equations_are_put_right_together_where_polynomials_make_up_for_each_oth
     trials = cl.Trials.from_arrays([times] * 6, states, object=names, names=["s", "x"])
     law = cl.discover(trials, library="poly:2 + poly:1 * saturating")
     assert law.structure() == ("s' = a + b s + c s x/(K + s)", "x' = d x + f s x/(K2 + s)")
+
+
+def test_a_course_that_turns_by_a_force_over_the_speed_is_found():
+    """A glider: its angle is that of its velocity (Strogatz 1994, exercise 6.5.14)."""
+    times = np.linspace(0, 12, 200)
+    clean = solve_ivp(
+        lambda _, z: [-np.sin(z[1]) - 0.06 * z[0] ** 2, z[0] - np.cos(z[1]) / z[0]],
+        (0, 12),
+        [1.5, 0.4],
+        t_eval=times,
+        rtol=1e-9,
+    ).y.T
+    measured = clean + 0.01 * np.random.default_rng(0).standard_normal(clean.shape)
+    trials = cl.Trials.from_arrays(times, measured, names=["v", "a"])
+    law = cl.discover(trials, library="poly:2 + trigonometric + polar", cache=False)
+    assert law.structure() == ("v' = b v^2 + c sin(a)", "a' = d v + f cos(a)/v")
+
+
+def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
+    terms = parametric_term("cos(y)/x", Variables(("x", "y")))
+    values = np.column_stack([np.linspace(-1, 1, 50), np.linspace(0, 3, 50), np.linspace(0, 1, 50)])
+    assert not Banks.along(Variables(("x", "y")), values, [terms]).columns.size
+    assert Banks.along(Variables(("x", "y")), np.abs(values), [terms]).columns.shape == (50, 1)

@@ -66,15 +66,13 @@ def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
 
 def _bank(other: ParametricTerm, variables: Variables, values: Floats) -> Floats:
     """Return values of the constants of a term that are tried, without a pole along the curves or between points."""
-    if not other.constants:
-        return np.empty((1, 0))
     first = len(variables.measured)
     columns = range(first, first + len(other.constants))
     terms = Terms(replace(variables, constants=other.constants), (other.term, *map(Constant, columns)))
-    bank = values_to_try(terms, values, columns)
+    bank = values_to_try(terms, values, columns) if other.constants else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
-    for code in divisors(terms):
+    for code in divisors(terms, 0):
         with np.errstate(all="ignore"):
             whole &= np.ptp(np.sign(compiled(code)(every, NUMPY)) + np.zeros((len(values), len(bank))), axis=0) == 0
     return np.asarray(bank[whole])

@@ -60,13 +60,16 @@ def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Float
     return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
 
 
-def divisors(terms: Terms) -> list[str]:
-    """Return the code of what terms are divided by, where constants are in it: where it is zero, they have a pole."""
+def divisors(terms: Terms, first: int | None = None) -> list[str]:
+    """Return the code of what terms are divided by: where it is zero, they have a pole.
+
+    Only where variables are in it from the `first` column on, by default constants.
+    """
     names = [f"v{i}" for i in range(len(terms.variables.names))]
     trees = [ast.parse(term.expression(names), mode="eval") for term in terms.terms]
     divided = (each for tree in trees for each in ast.walk(tree) if isinstance(each, ast.BinOp))
     below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
-    first = len(terms.variables.measured)
+    first = len(terms.variables.measured) if first is None else first
     return sorted(each for each in below if any(column >= first for column in columns_in(each)))
 
 

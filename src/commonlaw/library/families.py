@@ -307,14 +307,14 @@ class AutoLibrary(AbstractLibrary):
     --------
     >>> library = AutoLibrary()
     >>> len(library.bind(Variables(("x", "v")))), len(library.parametric(Variables(("x", "v"))))
-    (10, 89)
+    (10, 93)
     """
 
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
-        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid")]
+        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
         factors = [
             FamilyLibrary(name)
             for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")

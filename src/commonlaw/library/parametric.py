@@ -125,6 +125,11 @@ FAMILIES: Mapping[str, Family] = {
         "pendulums, beads on turning hoops (twice the angle), coupled clocks (Kuramoto), anything that turns",
         of_pairs=("sin({u} - {w})", "cos({u} - {w})"),
     ),
+    "polar": Family(
+        (),
+        "gliders, orbits, anything whose course turns by a force over its speed or distance",
+        of_pairs=("sin({u})/{w}", "cos({u})/{w}", "sin({w})/{u}", "cos({w})/{u}"),
+    ),
     "contact": Family(("sign({u})", "abs({u})"), "dry friction, valves and diodes that open one way, stops"),
 }
 """Families by their names."""
