@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these systems")
     parser.add_argument("--noise", nargs="+", type=float, default=(0.0, 0.01), metavar="LEVEL", help="1 %% is 0.01")
     parser.add_argument("--seeds", type=int, default=1, help="of each system (default: %(default)s)")
-    parser.add_argument("--objects", type=int, default=5, help="of each system (default: %(default)s)")
+    parser.add_argument("--objects", type=int, help="of each system (default: as many as the collection has)")
     parser.add_argument("--seconds", type=int, default=10, help="of Operon for an equation (default: %(default)s)")
     parser.add_argument("--library", help="candidate terms of commonlaw, its default if none is named")
     parser.add_argument("--without", nargs="+", default=(), choices=("operon", "commonlaw"), help="leave one out")
@@ -128,7 +128,8 @@ def _sum(who: str, level: float, scores: Sequence[Mapping[str, Any]]) -> str:
 def _scores(
     problems: Mapping[str, Any], name: str, level: float, seed: int, chosen: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
-    problem = problems["make"](name, seed=seed, noise=level, objects=chosen.objects)
+    objects = {"objects": chosen.objects} if chosen.objects else {}
+    problem = problems["make"](name, seed=seed, noise=level, **objects)
     driven = any(re.search(r"\bt\b", each) for each in problems["SYSTEMS"][name][1])
     begun = time.perf_counter()
     found: dict[str, list[Model]] = {}
