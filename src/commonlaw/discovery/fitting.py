@@ -216,15 +216,21 @@ def _of_part(equations: str | Sequence[str], settings: dict[str, Any], part: Tri
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    """Return a law, refused if a coefficient was found outside of its bound."""
+    """Return a law, refused if a coefficient is outside of its bound, as found or as an object's own trials tell it."""
+    unpooled, own = law.uncertainty.unpooled, law.coefficients.copy()
+    if unpooled is not None:
+        own[:, law.support] = unpooled.coefficients
+    letters = {each.name: each for each in law.named_coefficients}
     for bound in bounds:
         index = law.letters.index(bound.name)
         values, errors = (each[:, index] for each in law.letter_values())
-        for name, value, error in zip(law.objects, values, errors, strict=True):
-            if not bound.holds(value):
+        for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
+            outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
+            if outside is not None:
+                found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
                 raise CommonlawError(
-                    f"{name}: the fit ends at {bound.name} = {with_error(value, np.nan_to_num(error))}, outside of "
-                    f"{bound.text}: leave the bound out, or give {bound.name} as a number"
+                    f"{name}: the fit ends at {bound.name} = {found}, outside of {bound.text}: leave the bound out, "
+                    f"or give {bound.name} as a number"
                 )
     return law
 
