@@ -87,8 +87,8 @@ def noise_order(times: Floats, values: Floats) -> int | None:
     squares = listed[-1] ** 2
     count = 3 * float(np.sum(squares) ** 2 / max(np.sum(squares**2), np.finfo(float).tiny))
     usual = [_scale(each, order) for order, each in enumerate(listed, start=1)]
-    all_ = [float(np.sqrt(np.mean(each**2))) for each in listed]
-    orders = _smallest_that_agrees(np.column_stack([all_, usual]), max(count, 1.0))
+    whole = [float(np.sqrt(np.mean(each**2))) for each in listed]
+    orders = _smallest_that_agrees(np.column_stack([whole, usual]), max(count, 1.0))
     return int(orders.max()) if orders[0] < highest else None
 
 
