@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from commonlaw.formulation import law_variables
 from commonlaw.inference.noise_growth import growth, with_growing_noise
+from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
 from commonlaw.library import PolynomialLibrary
 
@@ -49,6 +50,12 @@ def test_outliers_are_seldom_taken_for_growth():
         states[[10, 200]] += 2.0
         seen += bool(with_growing_noise(problem_of(states)).errors)
     assert seen <= 4
+
+
+def test_noise_that_is_too_small_makes_no_law_probable_by_calling_the_rest_outliers():
+    problem, support = problem_of(DECAY + 0.05 * noise()), np.array([[False, True]])
+    values = [fit_supports(problem.noisier(factor, "tried"), support).value for factor in (1.0, 0.1, 0.02)]
+    assert values[0] < min(values[1:]) - 100  # Minus twice the log-evidence
 
 
 def test_the_gain_is_that_of_the_likeliest_levels():

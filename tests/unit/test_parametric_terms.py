@@ -1,5 +1,7 @@
 """Candidate terms with constants inside that are to be found: families, which sets fit, and the laws of discover."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,8 +11,11 @@ import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare
 from commonlaw.inference.constant_banks import Banks
+from commonlaw.inference.constant_values import frequencies_in_time
+from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.term_sets import matching_sets
-from commonlaw.library import PolynomialLibrary, Variables, parametric_term, parse_library
+from commonlaw.inference.told_constants import are_constants_told
+from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 1.5), "c": (1.5, 1.0)}
 
@@ -230,3 +235,27 @@ def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
     values = np.column_stack([np.linspace(-1, 1, 50), np.linspace(0, 3, 50), np.linspace(0, 1, 50)])
     assert not Banks.along(Variables(("x", "y")), values, [terms]).columns.size
     assert Banks.along(Variables(("x", "y")), np.abs(values), [terms]).columns.shape == (50, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [("cos(w*t + p)", [2]), ("x*sin(t*w)", [2]), ("exp(-r*t)", []), ("cos(w*x)", [])],
+)
+def test_frequencies_are_what_time_is_multiplied_with_in_a_sine(text, columns):
+    term = parametric_term(text, Variables(("x",)))
+    places = range(2, 2 + len(term.constants))
+    terms = Terms(Variables(("x",), constants=term.constants), (term.term, *map(Constant, places)))
+    assert frequencies_in_time(terms) == columns
+
+
+@pytest.mark.parametrize(("frequency", "told"), [(0.3, False), (2.0, True)])
+def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it(frequency, told):
+    times = np.linspace(0, 10, 100)
+    exact = np.sin(frequency * times)[:, np.newaxis] / frequency
+    trials = cl.Trials.from_arrays(times, exact + 0.001 * np.random.default_rng(0).standard_normal(exact.shape))
+    variables = Variables(("x",), constants=("w",))
+    terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Constant(2)))
+    problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), guess=np.array([[[1.0, frequency]]]))
+    estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
+    state = SearchState(np.ones((1, 2), dtype=bool), (estimate,), 0.0, 0.0)
+    assert are_constants_told(problem, state) == told
