@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.cases import KINDS
 
-CASES = 20
+CASES = 12
 """Of each kind."""
 
 

@@ -39,7 +39,7 @@ COMMANDS = {
     ),
     "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
 }  # fmt: skip
-QUICK = ("export to Parquet", "predict", "discover in processes", "discover in each of two tables", "export a workbook")
+QUICK = ("export to Parquet", "predict", "discover in each of two tables", "export a workbook")
 """One of each way in which commands write."""
 
 OLD = b"what was there before"

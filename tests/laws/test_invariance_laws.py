@@ -68,8 +68,16 @@ SYSTEMS = {
     ),
 }
 SCALES = (1e-9, 1e6)
-# Tests of one system share its law, and so a worker
-NAMES = {name: pytest.param(name, marks=pytest.mark.xdist_group(f"invariance of {name}")) for name in SYSTEMS}
+
+
+def cases(*, quick=tuple(SYSTEMS)):
+    """Names of systems: tests of one share its law, and so a worker."""
+    groups = {name: pytest.mark.xdist_group(f"invariance of {name}") for name in SYSTEMS}
+    marks = {name: [groups[name], *([] if name in quick else [pytest.mark.slow])] for name in SYSTEMS}
+    return [pytest.param(name, marks=own) for name, own in marks.items()]
+
+
+ONE_STATE = tuple(name for name in SYSTEMS if name != "populations")
 
 
 @cache
@@ -103,12 +111,12 @@ def supports(law):
     return tuple({law.terms.names[k] for k in np.flatnonzero(row)} for row in law.support)
 
 
-@pytest.mark.parametrize("name", NAMES.values())
+@pytest.mark.parametrize("name", cases())
 def test_the_law_is_found(name):
     assert supports(law_of(name)) == tuple(set(each) for each in SYSTEMS[name].equations)
 
 
-@pytest.mark.parametrize("name", NAMES.values())
+@pytest.mark.parametrize("name", cases())
 @pytest.mark.parametrize("shift", [100.0, -1e4])
 def test_the_origin_of_the_states_changes_the_law_by_its_shift_only(name, shift):
     if name == "pendulum":
@@ -116,7 +124,7 @@ def test_the_origin_of_the_states_changes_the_law_by_its_shift_only(name, shift)
     assert supports(law_of(name, shift=shift)) == SYSTEMS[name].shifted
 
 
-@pytest.mark.parametrize("name", NAMES.values())
+@pytest.mark.parametrize("name", cases(quick=ONE_STATE))
 def test_the_origin_of_time_changes_nothing(name):
     near, far = law_of(name), law_of(name, start=1.7e9)
     assert supports(near) == supports(far)
@@ -124,7 +132,7 @@ def test_the_origin_of_time_changes_nothing(name):
 
 
 @pytest.mark.parametrize(
-    "name", [NAMES[name] for name in SYSTEMS if name != "pendulum"]
+    "name", [each for each in cases(quick=ONE_STATE) if each.values != ("pendulum",)]
 )  # A sine has no unit but radians
 @pytest.mark.parametrize("scale", SCALES)
 def test_the_unit_of_the_states_changes_coefficients_by_its_powers_only(name, scale):

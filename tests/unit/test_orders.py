@@ -59,7 +59,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("noise", [0.05, *(pytest.param(level, marks=pytest.mark.slow) for level in (0.0, 0.01))])
 @pytest.mark.parametrize("name", CASES)
 def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
     simulate, order, library, equations = CASES[name]
