@@ -1,11 +1,14 @@
 """Where a law imitates few measurements, the one is taken that forecasts best what was left out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import commonlaw as cl
 from commonlaw.inference import forecast_choice
 from commonlaw.inference.calibration import StandardizedErrors
+from commonlaw.likelihood import ErrorModel
 
 LEARNED = 9
 
@@ -58,3 +61,24 @@ def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
     assert forecast_choice._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
     assert forecast_choice._score([errors(each / 100, 1.0) for each in missed]) > own
     assert forecast_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
+
+
+def found_under(kind: ErrorModel, *, walks: bool, objects: int) -> SimpleNamespace:
+    trials = SimpleNamespace(objects=["a", "b", "c"][:objects])
+    return SimpleNamespace(
+        state=SimpleNamespace(has_model_error=walks), problem=SimpleNamespace(errors=kind, trials=trials)
+    )
+
+
+@pytest.mark.parametrize("walks", [True, False])
+def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks, monkeypatch):
+    monkeypatch.setattr(forecast_choice, "_are_few", lambda _: False)
+    own = ErrorModel() if walks else ErrorModel(force=np.ones(1), force_time=1.0)
+    one = found_under(own, walks=walks, objects=1)
+    assert forecast_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])
+    assert not forecast_choice._is_in_doubt(one, [errors(np.full(8, 3.0), 1.0)])  # One object may have met with chaos
+    several = found_under(own, walks=walks, objects=3)
+    assert forecast_choice._is_in_doubt(several, [errors(np.full(8, 3.0), 1.0)] * 3)
+    assert not forecast_choice._is_in_doubt(several, [errors(np.full(8, 0.5), 1.0)] * 3)
+    exact = found_under(ErrorModel(), walks=False, objects=1)
+    assert not forecast_choice._is_in_doubt(exact, [errors(np.full(8, np.inf), 1.0)])

@@ -1,7 +1,8 @@
-"""Which law, where few measurements may be imitated by one that forecasts badly: the one that forecasts best.
+"""Which law, where few measurements may be imitated, or no law is exact: the one that forecasts best.
 
 Evidence tells laws apart by how probable they make each measurement after those before it, if one of them is right.
-Where none is, the law that imitates the measurements best may be the one that forecasts worst, beyond what was visited.
+Where none is, the law that imitates the measurements best may be the one that forecasts worst, beyond what was visited,
+or farther ahead than the next measurement: a force that makes up for a law from sample to sample is unknown by then.
 Laws are weighed then by how probable their forecasts make the later parts of trials, or trials, that they were not
 fitted to (Dawid 1984). All errors of a trial go together, so that each trial counts as one observation.
 """
@@ -17,7 +18,7 @@ from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.calibration import StandardizedErrors, standardized_errors
 from commonlaw.inference.error_search import ErrorKind, kind_of
-from commonlaw.inference.hypotheses import GROUPS, Hypothesis, hypotheses, under_each_kind
+from commonlaw.inference.hypotheses import GROUPS, OF_LAWS, Hypothesis, hypotheses, under_each_kind
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.inference.support_search import SAMPLES_FOR_A_TERM
@@ -38,8 +39,8 @@ def best_forecaster(
 ) -> tuple[LawSearch, list[StandardizedErrors]]:
     """Return the law that forecasts best what was left out, and how far its forecasts are off.
 
-    It is the one that was found where there are many measurements, or forecasts are as good as they say. Laws that
-    evidence prefers to another under the same errors are the rivals of that.
+    It is the one that was found where forecasts are as good as they say, or many measurements are explained by a law
+    without errors of its own. Laws that evidence prefers to another under the same errors are the rivals of that.
 
     Parameters
     ----------
@@ -83,13 +84,16 @@ def _weighed(found: LawSearch, less: float) -> LawSearch:
 
 
 def _is_in_doubt(found: LawSearch, errors: Sequence[StandardizedErrors]) -> bool:
-    """Return whether forecasts of several objects are farther off than a law says that few measurements tell.
+    """Return whether forecasts of a law that errs, or that few measurements tell, are farther off than it says.
 
-    It may imitate these. All errors of an object go together: one alone may have met with chaos.
+    It may imitate these. All errors of an object go together: one alone may have met with chaos; but what a law that
+    errs was learned from did not diverge.
     """
-    count = len(found.problem.trials.objects)
+    count, errs = len(found.problem.trials.objects), _errors_of(found) in OF_LAWS
+    if errs and any(np.isinf(each.sizes).any() for each in errors):
+        return True
     finite = [known for each in errors if len(known := each.standardized[np.isfinite(each.sizes)])]
-    if min(count, len(finite)) < 2 or not _are_few(found):
+    if min(count, len(finite)) < 2 or not (errs or _are_few(found)):
         return False
     squares = [np.median(each**2) for each in finite]  # Outliers of the measurements are not the law's
     return float(np.mean(squares)) > 1 + _SURE * float(np.sqrt(2 / count))
@@ -117,8 +121,11 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
 
 @unannounced()
 def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> Iterator[LawSearch]:
-    """Yield laws of no more coefficients with other terms or errors: the likeliest of each size under each errors."""
-    largest, fitted = _size(found), dict[int, LawSearch]()
+    """Yield laws with other terms or errors: the likeliest of each size under each errors.
+
+    Of few measurements those of no more coefficients: larger ones would imitate them all the more.
+    """
+    largest, fitted = _size(found) if _are_few(found) else found.state.supports.size, dict[int, LawSearch]()
     for each in found.rivals:
         fitted.setdefault(_size(each), each)
     yield from (each for size, each in fitted.items() if size <= largest)
