@@ -104,14 +104,14 @@ def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.zeros((3, 1, 2)))
     others = parse_library("saturating").parametric(plain.variables)
-    assert matching_sets(problem, problem.starts, others, [1]) == [[]]
-    assert {each.numbers for each in matching_sets(problem, problem.starts, others, [2])[0]} == {2}
+    assert matching_sets(problem, problem.starts, others, {0: 1}) == {0: []}
+    assert {each.numbers for each in matching_sets(problem, problem.starts, others, {0: 2})[0]} == {2}
 
 
 def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
-    (sets,) = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables), [7])
+    sets = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables), {0: 7})[0]
     found = next(each for each in sets if not each.plain and len(each.others) == 1)
     assert found.others[0].text(plain.variables) == "s/(K + s)"
     start = found.starts[0]

@@ -104,6 +104,11 @@ class Match:
         """Return the columns of one of the others, by its index."""
         return self.others[:, self._of(a)]
 
+    def places_of(self, others: Sequence[int]) -> tuple[Indices, Indices]:
+        """Return the columns of some of the others, by their indices, and how many each of them has."""
+        places = [np.empty(0, dtype=np.intp), *(np.arange(own.start, own.stop) for own in map(self._of, others))]
+        return np.concatenate(places), np.array([*map(len, places[1:])], dtype=np.intp)
+
     def repeats(self, a: int) -> bool:
         """Return whether one of the others is along the curves what a plain term is, as abs(x) where x is positive."""
         columns = self.columns_of(a)

@@ -70,9 +70,10 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
     search, best = _Search(found, _base(found), Offer(())), found
     rows = search.rows_of_found()
     for i, offer in enumerate(offers):
-        if i and not may_be_simpler(best, _FEWEST):
+        fewest = _FEWEST if i else 0
+        if not may_be_simpler(best, fewest):
             break
-        search, best, rows = _with_offer(search.offering(offer), best, rows, progress)
+        search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
     return best_of(search.listed())
 
 
@@ -105,7 +106,7 @@ def _with_offer(
 ) -> "tuple[_Search, LawSearch, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
     curves = _near(search.found)
-    if best is not search.found and not best.beyond_errors:  # Its solutions are as near as can be
+    if not best.beyond_errors:  # Its solutions are as near as can be
         curves = (_without_processes(best, best.state.estimates),)
     while True:
         best, rows = _searched(search, rows, curves, progress)
@@ -130,7 +131,7 @@ def _searched(
         near, *left = left
         if not exact:  # From curves that are as near as can be others propose the same
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-            known = [*search.proposed(near, most), *known]
+            known = [*search.proposed(best, rows, near), *known]
             exact = number > 0 and not best.beyond_errors
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
@@ -223,28 +224,37 @@ def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
 class _Search:
     """What was fitted so far, by the terms of all equations.
 
-    And of the short way: what is `near`, along the same curves, and what a `typical` object loses.
+    And of the short way: what is `near`, along the same curves, and what a `typical` object loses. Equations of a law
+    that noise explains have more than the `fewest` numbers if they may be simpler by what is offered.
     """
 
     found: LawSearch
     base: SearchProblem
     offer: Offer
+    fewest: int = 0
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
     near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
     typical: dict[tuple[TermSet, ...], float] = field(default_factory=dict)
 
-    def proposed(self, estimates: Sequence[Estimate], most: Sequence[int]) -> Iterator[list[list[TermSet]]]:
-        """Yield sets of terms of each equation, of at most so many numbers, the most promising first.
+    def proposed(
+        self, best: LawSearch, rows: Sequence[TermSet], estimates: Sequence[Estimate]
+    ) -> Iterator[list[list[TermSet]]]:
+        """Yield sets of terms of each equation beside the best law so far and its terms, the most promising first.
 
-        With others, and with ratios of sums.
+        With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep
+        their terms.
         """
-        yield matching_sets(self.base, estimates, self.offer.terms, most)
+        most = {j: own for j, own in enumerate(_most(best, rows)) if best.beyond_errors or own > self.fewest + _MORE}
+        listed = [matching_sets(self.base, estimates, self.offer.terms, most)]
         if self.offer.ratios:
-            yield matching_ratios(self.base, estimates, self.offer.ratios, most)
+            listed.append(matching_ratios(self.base, estimates, self.offer.ratios, most))
+        for found in listed:
+            yield [found.get(j, [row]) for j, row in enumerate(rows)]
 
-    def offering(self, offer: Offer) -> "_Search":
+    def offering(self, offer: Offer, fewest: int) -> "_Search":
         """Return the search for laws with something else, which was to choose from, too."""
-        return replace(self, base=replace(self.base, besides=self.base.besides + offer.count), offer=offer)
+        base = replace(self.base, besides=self.base.besides + offer.count)
+        return replace(self, base=base, offer=offer, fewest=fewest)
 
     def rows_of_found(self) -> tuple[TermSet, ...]:
         """Return the terms of the law without others."""

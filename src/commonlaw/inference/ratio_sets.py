@@ -6,7 +6,7 @@ them get another term, and so on. What is compared are measurements with integra
 rates are not multiplied by the denominator, which would make errors of those of the regressors.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations
@@ -44,9 +44,9 @@ _HOPELESS = 30.0
 
 
 def matching_ratios(
-    problem: SearchProblem, estimates: Sequence[Estimate], offered: Sequence[Ratios], most: Sequence[int]
-) -> list[list[TermSet]]:
-    """Return for each equation ratios that fit best for how many numbers they have, the most promising first.
+    problem: SearchProblem, estimates: Sequence[Estimate], offered: Sequence[Ratios], most: Mapping[int, int]
+) -> dict[int, list[TermSet]]:
+    """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ def matching_ratios(
     offered
         The ratios among which is chosen.
     most
-        How many numbers those of each equation have at most.
+        How many numbers those of an equation have at most, by its index.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
-    found: list[list[TermSet]] = []
-    for equation in range(len(problem.noise)):
+    found = dict[int, list[TermSet]]()
+    for equation, numbers in most.items():
         scored = list[tuple[float, TermSet]]()
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, equation, each, sides).best(most[equation]) if sides else []
-        found.append([each for _, each in sorted(scored, key=lambda pair: pair[0])])
+            scored += _Ranked(problem, equation, each, sides, numbers).best() if sides else []
+        found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return found
 
 
@@ -193,21 +193,25 @@ class _Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ranked:
-    """Ratios for an equation by what they leave of the measurements of all objects."""
+    """Ratios for an equation, of so many numbers at most, by what they leave of the measurements of all objects.
+
+    Those with one more number are looked at, too, from which a term may be dropped.
+    """
 
     problem: SearchProblem
     equation: int
     offered: Ratios
     sides: Sequence[_Sides]
+    at_most: int
 
-    def best(self, at_most: int) -> list[tuple[float, TermSet]]:
+    def best(self) -> list[tuple[float, TermSet]]:
         """Return the best shapes of each size, with their criterion."""
         found = self._all()
         groups: dict[int, list[tuple[float, _Shape]]] = {}
         for shape, score in found.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
         most = min(groups, key=lambda numbers: self._criterion(numbers, min(groups[numbers])[0]), default=0)
-        most = min(most, at_most)  # One more is looked at, from which a term may be dropped
+        most = min(most, self.at_most)
         closer: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
             for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
@@ -226,7 +230,7 @@ class _Ranked:
             (self._criterion(numbers, squares), own)
             for numbers, listed in closer.items()
             for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
-            if numbers <= min(enough + 1, at_most) and (not place or squares <= _HOPELESS * least[enough])
+            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= _HOPELESS * least[enough])
             if (own := self._with_starts(shape, found[shape])) is not None
         ]
 
@@ -266,6 +270,9 @@ class _Ranked:
 
     def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
         """Add what all shapes leave of a denominator whose last term is new; the others have these coefficients."""
+        sets = [each for each in self._by_size if each.shape[1] + len(below) - 1 <= self.at_most + 1]
+        if not sets:
+            return
         order, ordered = np.argsort(below), tuple(sorted(below))
         ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
         tried = _BANK if ratio.degree % 2 == 0 else np.concatenate([_BANK, -_BANK])
@@ -275,11 +282,11 @@ class _Ranked:
             here = np.sqrt(np.mean((side.below[:, below[:-1]] @ own) ** 2))
             new = tried * here / (size[below[-1]] or 1.0)  # An input may be zero in all trials of an object
             banks.append(np.column_stack([np.tile(own, (len(new), 1)), new])[:, order])
-        left = in_parallel(lambda each, bank: each.left(ordered, bank, self._by_size), self.sides, banks)
+        left = in_parallel(lambda each, bank: each.left(ordered, bank, sets), self.sides, banks)
         places = [np.argmin(each, axis=0) for each in left]
         squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
         reduced = self.offered.is_reduced((), ordered)  # So is any ratio then
-        for k, terms in enumerate(chain.from_iterable(own.tolist() for own in self._by_size)):
+        for k, terms in enumerate(chain.from_iterable(own.tolist() for own in sets)):
             shape = self._shape(ordered, terms)
             better = shape not in found or squares[k] < found[shape].squares
             counts = shape.numbers <= MOST_NUMBERS and np.isfinite(squares[k])

@@ -6,7 +6,7 @@ trajectories have to judge the best of each size.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, groupby
@@ -88,9 +88,9 @@ class TermSet:
 
 
 def matching_sets(
-    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm], most: Sequence[int]
-) -> list[list[TermSet]]:
-    """Return for each equation sets of terms that fit best for how many numbers they have, the most promising first.
+    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm], most: Mapping[int, int]
+) -> dict[int, list[TermSet]]:
+    """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
     Parameters
     ----------
@@ -101,15 +101,15 @@ def matching_sets(
     others
         Terms with constants inside, or that are not taken together with many plain ones.
     most
-        How many numbers the sets of each equation have at most.
+        How many numbers the sets of an equation have at most, by its index.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
-    found = []
-    for equation in range(len(problem.noise)):
+    found = {}
+    for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        found.append(_Ranked(matches, plain, others).best(len(problem.models), most[equation]))
+        found[equation] = _Ranked(matches, plain, others, numbers).best(len(problem.models))
     return found
 
 
@@ -118,35 +118,64 @@ _Key = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
+class _Compared:
+    """The sums of squares that sets of as many plain terms leave, with others, shape (sets, columns).
+
+    All have those others that are `beside`, and those of a column one more, or none.
+    """
+
+    sets: Sequence[tuple[int, ...]]
+    beside: tuple[int, ...]
+    more: Sequence[tuple[int, ...]]
+    squares: Floats
+
+    def key(self, place: int, column: int) -> _Key:
+        """Return a set by its place, with the others of a column."""
+        return self.sets[place], tuple(sorted((*self.beside, *self.more[column])))
+
+    def best_of(self, column: int) -> tuple[float, _Key]:
+        """Return the set that leaves least with the others of a column, and what it leaves."""
+        place = int(np.argmin(self.squares[:, column]))
+        return float(self.squares[place, column]), self.key(place, column)
+
+
+@dataclass(frozen=True, eq=False)
 class _Ranked:
     """Sets of terms of an equation by what they leave of the measurements of all objects.
 
-    Plain terms are those, by their index, whose coefficients are not known.
+    Plain terms are those, by their index, whose coefficients are not known. Sets have so many numbers at most.
     """
 
     matches: Sequence[Match]
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
+    at_most: int
     values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
     constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
-    def best(self, objects: int, at_most: int) -> list[TermSet]:
+    def best(self, objects: int) -> list[TermSet]:
         """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
         if not self.matches:
             return []
-        sums = self._of_one()
-        sums |= self._of_two(sums)
-        groups: dict[tuple[int, int], list[tuple[float, _Key]]] = {}
-        for key, squares in sums.items():
-            groups.setdefault((self._numbers(key), len(key[1])), []).append((squares, key))
-        coarse = [(numbers, min(listed)[0]) for (numbers, _), listed in groups.items() if 0 < numbers <= at_most]
+        compared = self._of_one()
+        compared += self._of_two(compared)
+        groups: dict[tuple[int, int], list[tuple[_Compared, int]]] = {}
+        for each in compared:
+            for column in range(len(each.more)):
+                key = each.key(0, column)
+                groups.setdefault((self._numbers(key), len(key[1])), []).append((each, column))
+        coarse = [
+            (numbers, min(each.best_of(column)[0] for each, column in listed))
+            for (numbers, _), listed in groups.items()
+            if 0 < numbers <= self.at_most
+        ]
         if not coarse:
             return []
         most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
         ranked = [
-            (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(sorted(listed)))))
-            for (numbers, many), listed in sorted(groups.items())
-            if 0 < numbers <= min(most + 1, at_most)
+            (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(listed))))
+            for (numbers, many), listed in sorted(groups.items(), key=lambda pair: pair[0])
+            if 0 < numbers <= min(most + 1, self.at_most)
         ]
         least = {numbers: np.inf for numbers, _, _ in ranked}
         for numbers, _, listed in ranked:
@@ -160,47 +189,52 @@ class _Ranked:
         ]
         return [self._with_starts(key, objects) for _, key in sorted(kept)]
 
-    def _of_one(self) -> dict[_Key, float]:
-        """Return the sums of squares that plain terms leave, with at most one of the others."""
+    def _of_one(self) -> list[_Compared]:
+        """Return what plain terms leave, with at most one of the others."""
         columns = [match.plain for match in self.matches]
         new = [a for a in range(len(self.others)) if not any(match.repeats(a) for match in self.matches)]
-        found: dict[_Key, float] = {}
-        for plain, row in self._left(columns, _subsets(self.plain, _MOST_SETS)):
-            found[plain, ()] = row[0]
-            found |= {(plain, (a,)): row[1 + a] for a in new}
-        return found
+        return self._compared(columns, _subsets(self.plain, _MOST_SETS), (), (), [(), *((a,) for a in new)])
 
-    def _of_two(self, sums: Mapping[_Key, float]) -> dict[_Key, float]:
+    def _of_two(self, compared: Sequence[_Compared]) -> list[_Compared]:
         """Return the same with two of the others, one of them from the best sets with one, each with another one."""
         best: dict[int, tuple[float, _Key]] = {}
-        for key, squares in sums.items():
-            if key[1]:
-                value = self._criterion(self._numbers(key), squares)
-                best[key[1][0]] = min((value, key), best.get(key[1][0], (np.inf, key)))
-        found: dict[_Key, float] = {}
+        for each in compared:
+            for column, own in enumerate(each.more):
+                for a in own:
+                    squares, key = each.best_of(column)
+                    value = self._criterion(self._numbers(key), squares)
+                    best[a] = min((value, key), best.get(a, (np.inf, key)))
+        found = list[_Compared]()
         for _, key in sorted(best.values())[:_WIDENED]:
             (a,), columns = key[1], []
-            for match in self.matches:
-                (value,) = self._values(match, [key])[key]
-                columns.append(np.column_stack([match.plain, match.columns_of(a)[:, value]]))
-            last = columns[0].shape[1] - 1
-            for plain, row in self._left(
-                columns, [(*own, last) for own in _subsets(self.plain, _MOST_SETS_BESIDE_TWO)]
-            ):
-                for b in best.keys() - {a}:
-                    wider = plain[:-1], (min(a, b), max(a, b))
-                    found[wider] = min(row[1 + b], found.get(wider, np.inf))
+            more = [(b,) for b in best if b != a and self._numbers(((), (a, b))) <= self.at_most]
+            if more:
+                for match in self.matches:
+                    (value,) = self._values(match, [key])[key]
+                    columns.append(np.column_stack([match.plain, match.columns_of(a)[:, value]]))
+                last = columns[0].shape[1] - 1
+                found += self._compared(columns, _subsets(self.plain, _MOST_SETS_BESIDE_TWO), (last,), (a,), more)
         return found
 
-    def _left(
-        self, columns: Sequence[Floats], sets: Sequence[tuple[int, ...]]
-    ) -> Iterator[tuple[tuple[int, ...], list[float]]]:
-        """Yield sets of columns with the sums of squares that they leave, alone and with each of the others."""
-        for _, group in groupby(sets, len):
+    def _compared(
+        self,
+        columns: Sequence[Floats],
+        sets: Sequence[tuple[int, ...]],
+        last: tuple[int, ...],
+        beside: tuple[int, ...],
+        more: Sequence[tuple[int, ...]],
+    ) -> list[_Compared]:
+        """Return what sets of columns leave, by their size: with the last of the columns, for the others beside."""
+        found = list[_Compared]()
+        for size, group in groupby(sets, len):
             listed = list(group)
-            indices = np.array(listed, dtype=int)
-            sums = in_parallel(partial(_left_by_one, indices), self.matches, columns)
-            yield from zip(listed, np.sum(sums, axis=0).tolist(), strict=True)
+            few = [own for own in more if size + self._numbers(((), (*beside, *own))) <= self.at_most]
+            if few:
+                indices = np.array([(*own, *last) for own in listed], dtype=int)
+                chosen = [a for own in few for a in own]
+                sums = np.sum(in_parallel(partial(_left_by_one, indices, chosen), self.matches, columns), axis=0)
+                found.append(_Compared(listed, beside, few, sums if () in few else sums[:, 1:]))
+        return found
 
     def _numbers(self, key: _Key) -> int:
         return len(key[0]) + sum(1 + len(self.others[a].constants) for a in key[1])
@@ -237,21 +271,27 @@ class _Ranked:
             self.constants[key] = [match.closest(*key, each) for match, each in pairs]
         return self.constants[key]
 
-    def _different(self, ordered: Sequence[tuple[float, _Key]]) -> list[_Key]:
-        """Return the first sets of a list, but for those that leave the same as the one before: they say the same.
+    def _different(self, listed: Sequence[tuple[_Compared, int]]) -> list[_Key]:
+        """Return the sets of some columns that leave least, but for those that leave the same as the one before.
 
-        Few have the same terms with constants, or none.
+        They say the same. Few have the same terms with constants, or none.
         """
-        found, before, alike = list[_Key](), 0.0, Counter[tuple[int, ...]]()
-        for squares, key in ordered:
+        found, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
+        squares = np.concatenate([each.squares[:, column] for each, column in listed])
+        firsts = np.cumsum([0, *(len(each.sets) for each, _ in listed)])
+        for k in np.argsort(squares, kind="stable").tolist():
+            group = int(np.searchsorted(firsts, k, side="right")) - 1
+            each, column = listed[group]
+            key = each.key(k - int(firsts[group]), column)
             inside = tuple(a for a in key[1] if self.others[a].constants)
-            if squares > before * (1 + _SAME) and alike[inside] < (_ALIKE if inside else _CLOSE):
-                found.append(key)
+            few = alike[inside] < (_ALIKE if inside else _CLOSE)
+            if few and key not in found and squares[k] > before * (1 + _SAME):
+                found[key] = None
                 alike[inside] += 1
-            before = squares
+            before = squares[k]
             if len(found) == _NEAR:
                 break
-        return found
+        return [*found]
 
     def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
         """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
@@ -286,25 +326,25 @@ class _Ranked:
         return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
 
-def _left_by_one(sets: Indices, match: Match, columns: Floats) -> Floats:
-    """Return the sums of squares that sets of columns leave, alone and with each of the others at its best.
+def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Floats) -> Floats:
+    """Return the sums of squares that sets of columns leave, alone and with each of some of the others at its best.
 
-    Shape (sets, 1 + others), of sets of one size, shape (sets, size).
+    Shape (sets, 1 + chosen), of sets of one size, shape (sets, size).
     """
     gram, inner = columns.T @ columns, columns.T @ match.target
     own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + INSIDE * np.eye(sets.shape[1])
     whiten = np.linalg.inv(np.linalg.cholesky(own))
     known = np.matmul(whiten, inner[sets][..., np.newaxis])
     alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
-    crossed, every = columns.T @ match.others, match.target @ match.others
-    firsts = match.banks.firsts
-    filled = np.flatnonzero(np.diff(firsts))
-    gained = np.zeros((len(sets), len(firsts) - 1))
+    which, counts = match.places_of(chosen)
+    others, squares, filled = match.others[:, which], match.squares[which], np.flatnonzero(counts)
+    crossed, every, firsts = columns.T @ others, match.target @ others, np.cumsum([0, *counts[filled]])[:-1]
+    gained = np.zeros((len(sets), len(chosen)))
     for part in np.array_split(np.arange(len(sets)), -(-len(sets) // _AT_ONCE)) if filled.size else ():
         inside = np.matmul(whiten[part], crossed[sets[part]])
         left = every - np.sum(known[part] * inside, axis=1)
-        each = gains(left, match.squares - np.sum(inside**2, axis=1))
-        gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts[filled], axis=1)
+        each = gains(left, squares - np.sum(inside**2, axis=1))
+        gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts, axis=1)
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
 
 
