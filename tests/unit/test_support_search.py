@@ -10,6 +10,7 @@ from scipy.special import beta
 from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem, law_variables
+from commonlaw.inference import evidence
 from commonlaw.inference.evidence import Measured, minus_twice_log_evidence, rss_with_each
 from commonlaw.inference.prices import Prices, shifted
 from commonlaw.inference.support_search import SupportEvidence
@@ -46,6 +47,20 @@ def test_the_evidence_of_a_single_object_is_the_bic():
         assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), Measured(77)) == pytest.approx(
             expected
         )
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(("apart", "are_told"), [(1e-6, True), (1e-9, False)])
+def test_exact_data_tell_terms_of_a_single_object_that_are_nearly_alike(compiled, apart, are_told, monkeypatch):
+    if not compiled:
+        monkeypatch.setattr(evidence, "kernel", lambda: None)
+    ((library, _),) = rows([[1.0, 1.0]])
+    both = np.column_stack([library[:, 0], library[:, 0] + apart * library[:, 1]])
+    target = 1e3 / apart * (both[:, 1] - both[:, 0])
+    own = factors([(both, target)])
+    alone, together = (minus_twice_log_evidence(own, np.array(k), Measured(40)) for k in ([0], [0, 1]))
+    assert together == (pytest.approx(2 * np.log(40), abs=0.1) if are_told else np.inf)
+    assert together < alone or not are_told
 
 
 def test_noise_of_unknown_scale_is_integrated_out():

@@ -26,6 +26,9 @@ from commonlaw.hierarchy import (
 )
 from commonlaw.kernel import MeasuredStructure, address, kernel
 
+_WORST_OF_ONE = 1e14
+"""Worst condition of the information on one object's coefficients: it is not inverted, so that only rounding counts."""
+
 _UNTOLD = 1e-6
 """Columns of mean square one over objects that are so small in one of them, as of an input that is never on there, tell
 nothing of this object's coefficient; what its trials do not tell is zero, which counts for nothing."""
@@ -135,12 +138,13 @@ def _compiled(
     library: CDLL, factors: Floats, indices: Indices, measured: Measured, needed: float, common: int
 ) -> float:
     """Return the same by the kernel, to rounding."""
+    worst = _worst_condition(len(factors))
     factors, chosen = np.ascontiguousarray(factors), np.ascontiguousarray(indices, dtype=np.int64)
     of_measured = MeasuredStructure(measured.count, measured.freedom, measured.prior, measured.outliers, measured.least)
     tried, result = relative_variances(), np.empty(1)
     failed = library.commonlaw_evidence(
         *(len(factors), factors.shape[2] - 1, address(factors), len(chosen), address(chosen), common),
-        *(of_measured, needed, WORST_CONDITION, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
+        *(of_measured, needed, worst, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
     )
     if failed:
         raise MemoryError
@@ -165,7 +169,7 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
     The noise of the targets has this variance.
     """
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
-    if not np.linalg.cond(information.sum(axis=0)) < WORST_CONDITION:
+    if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
     told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _UNTOLD
     estimates = np.empty(columns.shape[:2])
@@ -174,6 +178,11 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
     projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
     estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
+
+
+def _worst_condition(objects: int) -> float:
+    """Return the worst condition of the information on coefficients that are told."""
+    return WORST_CONDITION if objects > 1 else _WORST_OF_ONE
 
 
 def cost_of_coefficients(size: int, objects: int, measured: Measured) -> float:
