@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import calibration
 from commonlaw.inference.calibration import StandardizedErrors, widening_of
 from commonlaw.law.widening import Widening
 
@@ -103,3 +104,16 @@ def test_trials_that_differ_by_more_than_the_law_says_widen_the_bands_of_what_is
     alike, different = (cl.discover(measured(scatter), library="poly:1", method=white) for scatter in (0.0, 0.3))
     assert alike.uncertainty.widening.factors.max() < 1.5
     assert different.uncertainty.widening.factors.max() > 2
+
+
+def test_the_later_half_of_a_trial_may_forecast_the_earlier_one_too():
+    times = np.arange(11.0)
+    trials = cl.Trials.from_arrays([times] * 2, [np.sin(times)] * 2, object=["a", "b"], names=["x"])
+    forward, both = (list(calibration._folds(trials, way)) for way in (False, True))
+    assert [len(kept[0]) for kept, _ in forward] == [6, 9]
+    *first, (kept, [(left_out, start)]) = both
+    assert [len(kept[0]) for kept, _ in first] == [6, 9]
+    assert start is None
+    for whole, later, earlier in zip(trials, kept, left_out, strict=True):
+        np.testing.assert_array_equal(np.concatenate([earlier.times, later.times]), whole.times)
+        assert len(later) == 6

@@ -113,7 +113,9 @@ def _factor(trials: Sequence[Floats]) -> float:
 
 
 @unannounced()
-def standardized_errors(search: LawSearch, pool: Callable[[Law], Law]) -> list[StandardizedErrors]:
+def standardized_errors(
+    search: LawSearch, pool: Callable[[Law], Law], *, both_ways: bool = False
+) -> list[StandardizedErrors]:
     """Return how far forecasts by a law that was found are off, of trials or parts of trials that were left out.
 
     Parameters
@@ -122,10 +124,12 @@ def standardized_errors(search: LawSearch, pool: Callable[[Law], Law]) -> list[S
         What was measured, and the law with its errors.
     pool
         How coefficients of objects learn from each other.
+    both_ways
+        Whether the earlier half of trials is forecast, too, by what is fitted to the later one.
     """
     template, problem, state = search.fitted(), search.problem, search.state
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
-    for kept, left_out in _folds(problem.trials):
+    for kept, left_out in _folds(problem.trials, both_ways):
         with suppress(CommonlawError, NotPositiveError):
             law = pool(_fitted_to(template, problem, state, kept))
             for own, start in left_out:
@@ -143,7 +147,7 @@ LeftOut = list[tuple[list[Trial], int | None]]
 """Trials that are forecast, and how many of their samples tell the start; None as it is by default."""
 
 
-def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
+def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftOut]]:
     """Yield what laws are fitted to, and what they forecast then."""
     names = [trials.objects[i] for i in evenly_spaced(len(trials.objects), _OBJECTS)]
     groups = [trials.of_object(name) for name in names]
@@ -154,6 +158,12 @@ def _folds(trials: Trials) -> Iterator[tuple[list[Trial], LeftOut]]:
             counts = sorted({count for _, count in cut})
             alike = [([trial for trial, own in cut if own == count], count) for count in counts]
             yield [trial.cut(count) for trial, count in cut], list[tuple[list[Trial], int | None]](alike)
+        if both_ways:
+            whole = [(trial, len(trial) // 2) for group in groups for trial in group]
+            yield (
+                [trial.rows(slice(half, None)) for trial, half in whole],
+                [([trial.cut(half) for trial, half in whole], None)],
+            )
         return
     for fold in range(min(_FOLDS, max(map(len, repeated)))):
         left_out = [group[fold] for group in repeated if fold < len(group)]

@@ -10,6 +10,7 @@ fitted to (Dawid 1984). All errors of a trial go together, so that each trial co
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -57,18 +58,19 @@ def best_forecaster(
     if not _is_in_doubt(found, own):
         return found, own
     progress("comparing forecasts of what was left out")
-    weighed = [(_score(own), found, own)]
+    errors_of = partial(standardized_errors, pool=pool, both_ways=_tell_by_halves(found))
+    weighed = [(_score(errors_of(found)), found)]
     for each in _others(found, kinds, progress):
         with suppress(CommonlawError, NotPositiveError):
-            errors = standardized_errors(each, pool)
+            errors = errors_of(each)
             if len(errors) == len(own):
-                weighed.append((_score(errors), each, errors))
-    most, best, own = max(weighed, key=lambda each: each[0])
+                weighed.append((_score(errors), each))
+    most, best = max(weighed, key=lambda each: each[0])
     if best is found:
         return found, own
     others = sorted((each for each in weighed if _may_be_right(each[1], best)), key=lambda each: -each[0])
-    rivals = tuple(_weighed(each, most - score) for score, each, _ in others)
-    return replace(_weighed(best, 0.0), rivals=rivals), own
+    rivals = tuple(_weighed(each, most - score) for score, each in others)
+    return replace(_weighed(best, 0.0), rivals=rivals), standardized_errors(best, pool)
 
 
 def _may_be_right(other: LawSearch, best: LawSearch) -> bool:
@@ -106,6 +108,11 @@ def _are_few(found: LawSearch) -> bool:
     return bool(sum(problem.measured) < SAMPLES_FOR_A_TERM * numbers)
 
 
+def _tell_by_halves(found: LawSearch) -> bool:
+    """Return whether the later half of each trial tells a law, which may then forecast the earlier one."""
+    return not (_are_few(found) or found.problem.trials.schema.starts)
+
+
 def _score(errors: Sequence[StandardizedErrors]) -> float:
     """Return the logarithm of how probable forecasts make what was left out, with bands as wide as they should be.
 
@@ -121,11 +128,8 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
 
 @unannounced()
 def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> Iterator[LawSearch]:
-    """Yield laws with other terms or errors: the likeliest of each size under each errors.
-
-    Of few measurements those of no more coefficients: larger ones would imitate them all the more.
-    """
-    largest, fitted = _size(found) if _are_few(found) else found.state.supports.size, dict[int, LawSearch]()
+    """Yield laws of no more coefficients with other terms or errors: the likeliest of each size under each errors."""
+    largest, fitted = _size(found), dict[int, LawSearch]()
     for each in found.rivals:
         fitted.setdefault(_size(each), each)
     yield from (each for size, each in fitted.items() if size <= largest)
