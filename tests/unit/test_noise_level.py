@@ -7,6 +7,8 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.differentiation.noise import _covariance, differences, noise_level
+from commonlaw.formulation import law_variables
+from commonlaw.inference.search_problem import prepare
 
 RNG_SEED = 0
 LEVELS = (0.001, 0.01, 0.1)
@@ -153,3 +155,26 @@ def test_rounding_of_a_slow_state_to_coarse_steps_is_not_lost():
 def test_what_cannot_be_judged_is_refused_with_the_reason(times, states, message):
     with pytest.raises(cl.CommonlawError, match=message):
         noise_level(times, states)
+
+
+def measured_of(values):
+    times = np.linspace(0, 5, len(values))
+    trials = cl.Trials.from_arrays([times], [values[:, np.newaxis]], names=["x"])
+    terms = cl.PolynomialLibrary(1).bind(law_variables(trials.schema, 1))
+    return prepare(trials, terms, np.full((1, 1, 2), np.nan))
+
+
+def test_of_exact_measurements_what_leaves_less_counts_for_more():
+    values = np.exp(-np.linspace(0, 5, 100))
+    problem = measured_of(values)
+    assert problem.noise[0] == pytest.approx(1e-4 * values.std())  # What laws are fitted under at least
+    assert problem.least_variance == pytest.approx(1)
+    less, more = (problem.counted.deviance(share**2 * 100, 2) for share in (0.05, 0.2))
+    assert more - less > 50
+
+
+def test_digits_tell_no_less_than_their_steps():
+    problem = measured_of(np.exp(-np.linspace(0, 5, 100)).round(2))
+    assert problem.least_variance == pytest.approx((0.01 / np.sqrt(12) / problem.noise[0]) ** 2)
+    assert problem.counted.least == pytest.approx(problem.least_variance)
+    assert problem.counted.deviance(1e-6, 2) == pytest.approx(problem.counted.deviance(0.0, 2), abs=1e-3)

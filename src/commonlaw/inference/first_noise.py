@@ -21,16 +21,22 @@ _MULTIPLE = 1e-3
 
 
 def noise_floor(trials: Trials) -> Floats:
-    """Return what the noise of each state is at least, shape (d,): a small share of it, or that of rounded values.
+    """Return what noise a law is fitted under at least, shape (d,): a small share of each state, or that of its digits.
 
-    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12). Of a
-    state that nobody measured it is that of its starts.
+    Of a state that nobody measured it is that of its starts.
+    """
+    found = np.maximum(FLOOR * spread_within(trials), noise_of_digits(trials))
+    return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
+
+
+def noise_of_digits(trials: Trials) -> Floats:
+    """Return the noise of each state by the step to which its values were rounded, shape (d,), zero if there is none.
+
+    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
     """
     columns = np.concatenate([trial.states for trial in trials]).T
-    scale = spread_within(trials)
-    steps = [_step(column[np.isfinite(column)]) for column in columns]
-    found = np.maximum(FLOOR * scale, np.array(steps) / np.sqrt(12))
-    return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
+    steps = np.array([_step(column[np.isfinite(column)]) for column in columns])
+    return np.asarray(steps / np.sqrt(12))
 
 
 def _step(values: Floats) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import noise_floor
+from commonlaw.inference.first_noise import noise_floor, noise_of_digits
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
@@ -60,16 +60,17 @@ class Measurements:
         """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
 
         The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
-        distribution of the variance).
+        distribution of the variance). Of exact measurements laws may leave less than what they are fitted under, and
+        then those count for more that leave less; but digits tell no less than their steps.
         """
         if self.noise_is_fixed:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
-        prior = _PRIOR * float(np.sum(1 / inflation))
-        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=self.least_variance(noise))
+        prior, least = _PRIOR * float(np.sum(1 / inflation)), float(np.max(self._digits / noise) ** 2)
+        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=least)
 
     def least_variance(self, noise: Floats) -> float:
-        """Return what the variance of the noise is at least, in units of what it is: digits and steps tell no less."""
+        """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
         return float(np.max(self._floor / noise) ** 2)
 
     def price(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
@@ -109,6 +110,10 @@ class Measurements:
     @cached_property
     def _freedom(self) -> int:
         return sum(each.degrees_of_freedom(self.order) for each in self.meshes)
+
+    @cached_property
+    def _digits(self) -> Floats:
+        return noise_of_digits(self.trials)
 
     @cached_property
     def _floor(self) -> Floats:

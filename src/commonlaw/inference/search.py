@@ -161,8 +161,8 @@ def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProble
 def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
     """Return a problem with white noise of the size that a state leaves, and the state fitted to it.
 
-    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below what
-    the digits of the measurements tell. Levels of other errors were found at their size.
+    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below that
+    which laws are fitted under at least. Levels of other errors were found at their size.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem,
         return problem, state
     evidence = evidence_about(problem, state)
     for _ in range(_ROUNDS):
-        factor = float(np.sqrt(evidence.noise_variance(state.supports)))
+        factor = float(np.sqrt(max(evidence.noise_variance(state.supports), problem.least_variance)))
         if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
             break
         problem, before = problem.noisier(factor, LEFT_BY_LAW), state

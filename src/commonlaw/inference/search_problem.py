@@ -192,7 +192,7 @@ class SearchProblem:
 
     @property
     def least_variance(self) -> float:
-        """What the variance of the noise is at least, in units of what it is: digits and steps tell no less."""
+        """What the variance of the noise that laws are fitted under is at least, in units of what it is."""
         return self.measurements.least_variance(self.noise)
 
     @cached_property
