@@ -169,8 +169,10 @@ def test_of_exact_measurements_what_leaves_less_counts_for_more():
     problem = measured_of(values)
     assert problem.noise[0] == pytest.approx(1e-4 * values.std())  # What laws are fitted under at least
     assert problem.least_variance == pytest.approx(1)
-    less, more = (problem.counted.deviance(share**2 * 100, 2) for share in (0.05, 0.2))
+    least, less, more = (problem.counted.deviance(share**2 * 100, 2) for share in (0.0, 0.2, 0.5))
     assert more - less > 50
+    assert problem.counted.least == pytest.approx(0.01)
+    assert less - least < 300
 
 
 def test_digits_tell_no_less_than_their_steps():

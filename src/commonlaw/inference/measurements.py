@@ -17,6 +17,10 @@ from commonlaw.trials.trial import with_typical
 _PRIOR = 2.0
 """Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
+_EXACT = 0.1
+"""Share of the noise that laws are fitted under at least down to which exact measurements tell them apart: meshes that
+resolve less would have to be much finer."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
@@ -61,13 +65,13 @@ class Measurements:
 
         The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
         distribution of the variance). Of exact measurements laws may leave less than what they are fitted under, and
-        then those count for more that leave less; but digits tell no less than their steps.
+        then those count for more that leave less, down to a share of it; but digits tell no less than their steps.
         """
         if self.noise_is_fixed:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = _PRIOR * float(np.sum(1 / inflation)), float(np.max(self._digits / noise) ** 2)
-        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=least)
+        prior, least = _PRIOR * float(np.sum(1 / inflation)), np.maximum(self._digits, _EXACT * self._floor) / noise
+        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=float(np.max(least) ** 2))
 
     def least_variance(self, noise: Floats) -> float:
         """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import FINAL, SearchState, evidence_about
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
@@ -13,7 +14,9 @@ FINEST = 8
 """Points for each sampling step; laws that need more are not resolved by their samples."""
 
 _RESOLVED = 1.0
-"""What a finer mesh may change in twice the log-likelihood; a term is worth many times that."""
+"""What a finer mesh may change in twice the log-likelihood; a term is worth many times that.
+
+Of exact measurements, of which a law leaves less than the noise that it is fitted under, squares count for more."""
 
 
 def on_finer_mesh(
@@ -24,7 +27,10 @@ def on_finer_mesh(
         return None
     finer = problem.finer()
     estimates = fit_each(finer.models, finer.starts_with(state.estimates), state.supports, model_errors)
-    if _change(problem, state.estimates, finer, estimates) + _moved(problem, state, estimates) < _RESOLVED:
+    evidence = evidence_about(problem, state)
+    least = min(1.0, evidence.noise_variance(state.supports))
+    moved = _moved(problem, evidence.problems, state, estimates)
+    if _change(problem, state.estimates, finer, estimates) + moved < _RESOLVED * least:
         return None
     others = tuple(replace(each, estimates=finer.starts_with(each.estimates)) for each in state.alternatives)
     return finer, replace(state, estimates=estimates, alternatives=others)
@@ -60,10 +66,11 @@ def _change(
     return total
 
 
-def _moved(problem: SearchProblem, state: SearchState, fine: Sequence[Estimate]) -> float:
+def _moved(
+    problem: SearchProblem, problems: Sequence[LeastSquaresProblem], state: SearchState, fine: Sequence[Estimate]
+) -> float:
     """Return the sum of squared changes of coefficients on a finer mesh, relative to how surely they are known."""
     total = 0.0
-    problems = evidence_about(problem, state).problems
     for own, known, one, other in zip(problems, problem.known, state.estimates, fine, strict=True):
         free = state.supports & np.isnan(known)
         change = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
