@@ -24,7 +24,7 @@ from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search import fit_supports, fit_with, to_scale
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import ANY_ERROR, NO_ERROR, PLAUSIBLE, evidence_about, is_settled
-from commonlaw.inference.term_sets import MOST_NUMBERS, Start, TermSet, matching_sets
+from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import TermsOfSets, terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
@@ -44,7 +44,8 @@ fitted in all ways."""
 
 _FAR, _MARGIN = 2.0, 100.0
 """Twice the log-likelihood that a typical object may lose, relative to the law that fits best so far and besides it: a
-law that loses more is not fitted in all ways, whatever the noise is."""
+law that loses more is not fitted in all ways, whatever the noise is. Along curves of a law that noise explains, a set
+of terms that leaves as many times the least sum of squares is not fitted at all."""
 
 _TOGETHER, _MOST_TOGETHER = 3, 4
 """Sets of each equation that are tried with those of the others, and laws of these that are fitted in all ways."""
@@ -108,8 +109,9 @@ def _with_offer(
     curves = _near(search.found)
     if not best.beyond_errors:  # Its solutions are as near as can be
         curves = (_without_processes(best, best.state.estimates),)
+    known = _Known()
     while True:
-        best, rows = _searched(search, rows, curves, progress)
+        best, rows, known = _searched(search, rows, curves, known, progress)
         worse = best.state.value >= search.found.state.value
         finer = search.base.points if worse else resolved(best, progress).problem.points
         if finer <= search.base.points:
@@ -119,25 +121,40 @@ def _with_offer(
         curves = (near,)
 
 
+@dataclass(frozen=True)
+class _Known:
+    """Sets of terms that were proposed for each equation, and whether along curves that are as near as can be."""
+
+    sets: tuple[list[list[TermSet]], ...] = ()
+    are_near: bool = False
+
+
 def _searched(
-    search: "_Search", rows: "tuple[TermSet, ...]", curves: Sequence[Sequence[Estimate]], progress: ProgressCallback
-) -> "tuple[LawSearch, tuple[TermSet, ...]]":
-    """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known."""
+    search: "_Search",
+    rows: "tuple[TermSet, ...]",
+    curves: Sequence[Sequence[Estimate]],
+    known: _Known,
+    progress: ProgressCallback,
+) -> "tuple[LawSearch, tuple[TermSet, ...], _Known]":
+    """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known.
+
+    And the sets of terms that were proposed, beside those that are known.
+    """
     departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
     best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
-    best, known, left, exact = best or search.found, list[list[list[TermSet]]](), list(curves), False
+    best, left = best or search.found, list(curves)
     for number in range(_ROUNDS):
         before, begun, most = best, rows, _most(best, rows)
         near, *left = left
-        if not exact:  # From curves that are as near as can be others propose the same
+        if not known.are_near:  # Others propose the same then
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
-            known = [*search.proposed(best, rows, near), *known]
-            exact = number > 0 and not best.beyond_errors
+            sets = (*search.proposed(best, rows, near), *known.sets)
+            known = _Known(sets, number > 0 and not best.beyond_errors)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
-            best, rows = search.better(best, rows, _joint(known, most), _MOST_TOGETHER, near, done[0])
-        for j, own in enumerate(zip(*known, strict=True)):
+            best, rows = search.better(best, rows, _joint(known.sets, most), _MOST_TOGETHER, near, done[0])
+        for j, own in enumerate(zip(*known.sets, strict=True)):
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
             listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
             best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
@@ -149,7 +166,7 @@ def _searched(
             search.near.clear()
         if not left:
             break
-    return _with_fewer(search, best, rows, progress)
+    return *_with_fewer(search, best, rows, progress), known
 
 
 def _with_fewer(
@@ -216,8 +233,15 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
 
 
 def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
-    """Return how many numbers are looked at in each equation: where noise explains the law, fewer or few more."""
-    return [MOST_NUMBERS if best.beyond_errors else row.numbers + _MORE for row in rows]
+    """Return how many numbers are looked at in each equation: where noise explains the law, fewer or few more.
+
+    There is nothing for more numbers to explain where a law leaves less of exact measurements than tells others apart.
+    """
+    if best.beyond_errors:
+        return [MOST_NUMBERS] * len(rows)
+    left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
+    more = _MORE if left > best.problem.counted.least else 0
+    return [row.numbers + more for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,10 +268,12 @@ class _Search:
         With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep
         their terms.
         """
-        most = {j: own for j, own in enumerate(_most(best, rows)) if best.beyond_errors or own > self.fewest + _MORE}
-        listed = [matching_sets(self.base, estimates, self.offer.terms, most)]
+        sought = [bool(best.beyond_errors) or row.numbers > self.fewest for row in rows]
+        most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
+        hopeless = HOPELESS if best.beyond_errors else _FAR
+        listed = [matching_sets(self.base, estimates, self.offer.terms, most, hopeless)]
         if self.offer.ratios:
-            listed.append(matching_ratios(self.base, estimates, self.offer.ratios, most))
+            listed.append(matching_ratios(self.base, estimates, self.offer.ratios, most, hopeless))
         for found in listed:
             yield [found.get(j, [row]) for j, row in enumerate(rows)]
 

@@ -18,7 +18,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, closest, projected, unit, with_steps
 from commonlaw.inference.poles import with_points_between
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.term_sets import MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
+from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
@@ -39,12 +39,13 @@ _WIDENED = 4
 _CLOSE, _KEPT = 6, 3
 """Sets of as many numbers whose denominators are found to more digits, and of which so many are fitted."""
 
-_HOPELESS = 30.0
-"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
-
 
 def matching_ratios(
-    problem: SearchProblem, estimates: Sequence[Estimate], offered: Sequence[Ratios], most: Mapping[int, int]
+    problem: SearchProblem,
+    estimates: Sequence[Estimate],
+    offered: Sequence[Ratios],
+    most: Mapping[int, int],
+    hopeless: float = HOPELESS,
 ) -> dict[int, list[TermSet]]:
     """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -58,6 +59,8 @@ def matching_ratios(
         The ratios among which is chosen.
     most
         How many numbers those of an equation have at most, by its index.
+    hopeless
+        Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
@@ -67,7 +70,7 @@ def matching_ratios(
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, equation, each, sides, numbers).best() if sides else []
+            scored += _Ranked(problem, equation, each, sides, numbers, hopeless).best() if sides else []
         found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return found
 
@@ -203,6 +206,7 @@ class _Ranked:
     offered: Ratios
     sides: Sequence[_Sides]
     at_most: int
+    hopeless: float
 
     def best(self) -> list[tuple[float, TermSet]]:
         """Return the best shapes of each size, with their criterion."""
@@ -230,7 +234,7 @@ class _Ranked:
             (self._criterion(numbers, squares), own)
             for numbers, listed in closer.items()
             for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
-            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= _HOPELESS * least[enough])
+            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= self.hopeless * least[enough])
             if (own := self._with_starts(shape, found[shape])) is not None
         ]
 

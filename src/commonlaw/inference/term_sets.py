@@ -47,8 +47,9 @@ another; and sets whose constants are then found to more digits, before they are
 _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
 
-_HOPELESS = 30.0
-"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
+HOPELESS = 30.0
+"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size: where curves are
+not those of a law that explains what was measured."""
 
 _SAME = 1e-9
 """Relative differences of sums of squares that are rounding: such sets say the same."""
@@ -88,7 +89,11 @@ class TermSet:
 
 
 def matching_sets(
-    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm], most: Mapping[int, int]
+    problem: SearchProblem,
+    estimates: Sequence[Estimate],
+    others: Sequence[ParametricTerm],
+    most: Mapping[int, int],
+    hopeless: float = HOPELESS,
 ) -> dict[int, list[TermSet]]:
     """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -102,6 +107,8 @@ def matching_sets(
         Terms with constants inside, or that are not taken together with many plain ones.
     most
         How many numbers the sets of an equation have at most, by its index.
+    hopeless
+        Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
@@ -109,7 +116,7 @@ def matching_sets(
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        found[equation] = _Ranked(matches, plain, others, numbers).best(len(problem.models))
+        found[equation] = _Ranked(matches, plain, others, numbers, hopeless).best(len(problem.models))
     return found
 
 
@@ -150,6 +157,7 @@ class _Ranked:
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
     at_most: int
+    hopeless: float
     values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
     constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
@@ -185,7 +193,7 @@ class _Ranked:
             (self._criterion(numbers, squares), key)
             for numbers, many, listed in ranked
             for place, (squares, key) in enumerate(listed[: _KEPT[many]])
-            if numbers <= enough + 1 and (not place or squares <= _HOPELESS * least[enough])
+            if numbers <= enough + 1 and (not place or squares <= self.hopeless * least[enough])
         ]
         return [self._with_starts(key, objects) for _, key in sorted(kept)]
 
