@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.machine import machine
-from commonlaw.library import AbstractLibrary, Variables, parse_library
+from commonlaw.library import AbstractLibrary, Terms, parse_library
 
 Arrays = Sequence[NDArray[np.float64]]
 Score = Mapping[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]
+_LIBRARY = "COMMONLAW_BENCHMARK_LIBRARY"
+"""Of the environment, by which the collection's own program passes candidate terms on to `method`."""
+
 LEVELS = (0.0, 0.001, 0.01, 0.05, 0.1)
 
 _MEASURES = {
@@ -97,11 +100,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--noise", nargs="+", type=float, default=LEVELS, metavar="LEVEL", help="1 %% is 0.01")
     parser.add_argument("--seeds", type=int, default=3, help="of each grouped family (default: %(default)s)")
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these families and systems")
+    parser.add_argument("--library", help="candidate terms (default: those of each problem); others of laws are wrong")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument("--out", type=Path, help="write each problem's scores here, as JSON")
     chosen = parser.parse_args(arguments)
     if not (chosen.problems / "run.py").is_file():
         parser.error(f"no collection in {chosen.problems}: name its folder by --problems or COMMONLAW_BENCHMARKS")
+    os.environ.pop(_LIBRARY, None)
+    if chosen.library:
+        os.environ[_LIBRARY] = chosen.library
     scores: list[Score] = []
     begun = time.perf_counter()
     for bench in chosen.bench:
@@ -140,9 +147,9 @@ def method(objects: Sequence[tuple[Arrays, Arrays]], info: Mapping[str, Any]) ->
         object=[str(i) for i, (all_times, _) in enumerate(objects) for _ in all_times],
         names=[f"x{i}" for i in range(size)],
     )
-    library = library_of(info)
-    law = cl.discover(trials, order=order, library=library)
-    names = library.bind(Variables(tuple(f"x{i}" for i in range(order * size)), (), "t")).names
+    law = cl.discover(trials, order=order, library=os.environ.get(_LIBRARY) or library_of(info))
+    variables = replace(law.terms.variables, states=tuple(f"x{i}" for i in range(order * size)))
+    names = Terms(variables, law.terms.terms).names
     known = [{f"x{size + i}": 1.0} for i in range(size)] if order == 2 else []
     return [[*known, *(_named(names, row) for row in law.coefficients_of(name))] for name in trials.objects]
 
