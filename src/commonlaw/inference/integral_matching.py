@@ -5,7 +5,7 @@ near the true ones in f, coefficients are found by least squares on integrals, w
 Klaassen 2015), and constants inside of terms from a bank of values.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -160,23 +160,30 @@ class Match:
     def _every(self) -> Floats:
         return self.target @ self.others
 
+    def learn_slopes(self, pairs: Iterable[tuple[int, int]]) -> None:
+        """Compute derivatives by the constants at values in banks, by index of a term and of a value, all at once."""
+        own: dict[int, list[int]] = {}
+        for a, index in dict.fromkeys(pairs):
+            if (a, index) not in self.slopes:
+                own.setdefault(a, []).append(index)
+        banks = {a: [with_steps(self.banks.constants[a][index]) for index in each] for a, each in own.items()}
+        columns = self._integrated([*banks], [np.concatenate(each) for each in banks.values()])
+        for (a, indices), found in zip(own.items(), columns, strict=True):
+            for index, each in zip(indices, np.split(found, len(indices), axis=1), strict=True):
+                self.slopes[a, index] = unit(each[:, 1:] - each[:, :1])[0]
+
     def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
-        """Return the least sum of squares to first order about values of the constants, by their indices in banks."""
-        beside = [own for a, i in zip(others, indices, strict=True) for own in (self._column(a, i), self._slopes(a, i))]
+        """Return the least sum of squares to first order about values of the constants, by their indices in banks.
+
+        Their slopes are known.
+        """
+        beside = [own for a, i in zip(others, indices, strict=True) for own in (self._column(a, i), self.slopes[a, i])]
         whole = np.column_stack([self.plain[:, list(plain)], *beside])
         left = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=1e-8)[0]
         return float(left @ left)
 
     def _column(self, a: int, index: int) -> Floats:
         return self.columns_of(a)[:, [index]]
-
-    def _slopes(self, a: int, index: int) -> Floats:
-        """Return derivatives of one of the others by its constants, of unit norm, shape (n, constants)."""
-        if (a, index) not in self.slopes:
-            value = self.banks.constants[a][index]
-            (columns,) = self._integrated([a], [with_steps(value)])
-            self.slopes[a, index] = unit(columns[:, 1:] - columns[:, :1])[0]
-        return self.slopes[a, index]
 
     def fitted(self, plain: Sequence[int], others: Sequence[int], constants: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Return coefficients by least squares, plain terms first, and what is left of the target.

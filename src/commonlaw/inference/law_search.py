@@ -24,7 +24,7 @@ from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
 from commonlaw.inference.search import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
-from commonlaw.inference.search_state import ANY_ERROR, SearchState
+from commonlaw.inference.search_state import ANY_ERROR, PLAUSIBLE, SearchState
 from commonlaw.inference.solutions import follows_solutions, runs_away
 from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
@@ -285,11 +285,16 @@ def with_error_models(
 
 
 def best_of(listed: Sequence[LawSearch]) -> LawSearch:
-    """Return the search whose law has the largest evidence, with the others as its rivals."""
-    best, *others = sorted(
-        (replace(each, rivals=()) for each in listed),
-        key=lambda each: (not follows_solutions(each.problem, each.state), each.state.value),
-    )
+    """Return the search whose law has the largest evidence, with the others as its rivals.
+
+    Laws that are too fast for their steps, of those as likely as this, come last.
+    """
+    ordered = sorted((replace(each, rivals=()) for each in listed), key=lambda each: each.state.value)
+    first, last = list[LawSearch](), list[LawSearch]()
+    for each in ordered:
+        near = not first or each.state.value < first[0].state.value + PLAUSIBLE
+        (last if near and not follows_solutions(each.problem, each.state) else first).append(each)
+    best, *others = [*first, *last]
     return replace(best, rivals=tuple(others))
 
 

@@ -305,6 +305,8 @@ class _Ranked:
         """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
         best = in_parallel(lambda match: self._values(match, keys), self.matches)
         self.values.update({key: [own[key] for own in best] for key in keys})
+        for match, own in zip(self.matches, best, strict=True):
+            match.learn_slopes(pair for key in keys for pair in zip(key[1], own[key], strict=True))
         left = [
             sum(match.left_nearby(*key, own) for match, own in zip(self.matches, self.values[key], strict=True))
             for key in keys
