@@ -13,7 +13,8 @@ from commonlaw.inference import prepare
 from commonlaw.inference.constant_banks import Banks
 from commonlaw.inference.constant_values import frequencies_in_time
 from commonlaw.inference.search_state import SearchState
-from commonlaw.inference.term_sets import matching_sets
+from commonlaw.inference.term_sets import Start, TermSet, matching_sets
+from commonlaw.inference.terms_of_sets import terms_of_sets
 from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library
 
@@ -259,3 +260,23 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it(frequency, told):
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
     state = SearchState(np.ones((1, 2), dtype=bool), (estimate,), 0.0, 0.0)
     assert are_constants_told(problem, state) == told
+
+
+def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
+    variables = Variables(("s",))
+    plain = PolynomialLibrary(1).bind(variables)
+    problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
+    others = tuple(parametric_term(each, variables) for each in ("s/(K + s)", "exp(s/U)"))
+    start = Start(np.arange(12.0).reshape(3, 4), (np.full((3, 1), 5.0), np.full((3, 1), 6.0)))
+    row = TermSet((0, 1), others, (start,))
+    built = terms_of_sets(problem, (row,))
+    names = built.terms.names
+    left_out = [[names[i] for i in built.indices_of(0, row, k)] for k in range(4)]
+    assert left_out == [["1"], ["s"], ["s/(K + s)", "K"], ["exp(s/U)", "U"]]
+    less = row.without(2)
+    assert less == TermSet((0, 1), others[1:])
+    np.testing.assert_array_equal(less.starts[0].coefficients, start.coefficients[:, [0, 1, 3]])
+    assert [each.tolist() for each in less.starts[0].constants] == [[[6.0]] * 3]
+    assert row.without(0) == TermSet((1,), others)
+    np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
+    assert len(row.without(0).starts[0].constants) == 2

@@ -333,9 +333,10 @@ class _Search:
         """Yield the terms of a law but for one that it may do without, by the likelihood linearised about its fit."""
         evidence, built = evidence_about(best.problem, best.state), terms_of_sets(self.base, rows)
         for j, row in enumerate(self.with_coefficients(rows, best)):
-            for k, place in enumerate(built.places[j][: len(row.plain)] if row.numbers > 1 else ()):
+            terms = len(row.plain) + len(row.others)
+            for k in range(terms) if terms > 1 else ():
                 supports = best.state.supports.copy()
-                supports[j, place] = False
+                supports[j, built.indices_of(j, row, k)] = False
                 if evidence.value(supports) < best.state.value + PLAUSIBLE:
                     yield (*rows[:j], row.without(k), *rows[j + 1 :])
 

@@ -7,7 +7,7 @@ trajectories have to judge the best of each size.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations, groupby
 
@@ -82,10 +82,24 @@ class TermSet:
         """How many numbers each object has in it."""
         return len(self.plain) + sum(each.size + len(each.constants) for each in self.others)
 
+    def places_of(self, k: int) -> range:
+        """Return where the coefficients of a term stand, by its place among the plain ones and the others."""
+        if k < len(self.plain):
+            return range(k, k + 1)
+        before, own = self.others[: k - len(self.plain)], self.others[k - len(self.plain)]
+        first = len(self.plain) + sum(each.size for each in before)
+        return range(first, first + own.size)
+
     def without(self, k: int) -> "TermSet":
-        """Return the set without one of its plain terms, by its place among these."""
-        starts = tuple(replace(each, coefficients=np.delete(each.coefficients, k, axis=1)) for each in self.starts)
-        return replace(self, plain=(*self.plain[:k], *self.plain[k + 1 :]), starts=starts)
+        """Return the set without one of its terms, by its place among the plain ones and the others."""
+        places, m = self.places_of(k), k - len(self.plain)
+        kept = [i for i in range(len(self.others)) if i != m]
+        starts = tuple(
+            Start(np.delete(each.coefficients, places, axis=1), tuple(each.constants[i] for i in kept))
+            for each in self.starts
+        )
+        plain = tuple(own for i, own in enumerate(self.plain) if i != k)
+        return TermSet(plain, tuple(self.others[i] for i in kept), starts)
 
 
 def matching_sets(

@@ -24,6 +24,11 @@ class TermsOfSets:
     places: tuple[tuple[int, ...], ...]
     constants: tuple[tuple[tuple[int, ...], ...], ...]
 
+    def indices_of(self, equation: int, row: TermSet, k: int) -> list[int]:
+        """Return the indices of a term of an equation, by its place in the equation's set, and of its constants."""
+        inside = self.constants[equation][k - len(row.plain)] if k >= len(row.plain) else ()
+        return [*(self.places[equation][place] for place in row.places_of(k)), *inside]
+
     def coefficients(self, starts: Sequence[Start]) -> Floats:
         """Return what a fit begins with, shape (objects, equations, terms), from the starts of each equation."""
         found = np.nan_to_num(self.known)
