@@ -71,7 +71,7 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
     search, best = _Search(found, _base(found), Offer(())), found
     rows = search.rows_of_found()
     for i, offer in enumerate(offers):
-        fewest = _FEWEST if i else 0
+        fewest = _FEWEST if i else -1  # The first is tried in any equation
         if not may_be_simpler(best, fewest):
             break
         search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
@@ -255,7 +255,7 @@ class _Search:
     found: LawSearch
     base: SearchProblem
     offer: Offer
-    fewest: int = 0
+    fewest: int = -1
     fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
     near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
     typical: dict[tuple[TermSet, ...], float] = field(default_factory=dict)
