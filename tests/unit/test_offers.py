@@ -27,6 +27,17 @@ class _InTurn(AbstractLibrary):
         return (first, *parse_library(self.later).offers(variables))
 
 
+@dataclass(frozen=True)
+class _Later(AbstractLibrary):
+    """Polynomials; beside them a saturating term, and then a logarithm."""
+
+    def bind(self, variables: Variables) -> Terms:
+        return cl.PolynomialLibrary(2).bind(variables)
+
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        return tuple(Offer((parametric_term(each, variables),)) for each in ("x/(K + x)", "exp(x/U)"))
+
+
 def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
     return -rate * s / (half + s + s**2 / inhibition)
 
@@ -58,6 +69,21 @@ def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_no
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
     law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"))
     assert law.structure() == ("s' = a s",)
+
+
+def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkeypatch):
+    sought = list[dict[int, int]]()
+
+    def proposed(*arguments):
+        _, _, _, most, _ = arguments
+        sought.append(dict(most))
+        return {}
+
+    monkeypatch.setattr(parametric_search, "matching_sets", proposed)
+    trials = cl.datasets.lorenz(samples=120, trials=2, noise=0.02, seed=1)
+    cl.discover(trials, library=_Later(), cache=False)
+    assert sought[0].keys() == {0, 1, 2}  # The first offer
+    assert sought[-1].keys() == {1}  # y' = a x + b y + c x z has three numbers
 
 
 @pytest.mark.parametrize("text", ["auto + terms:exp(s)", "terms:exp(s) + auto"])
