@@ -50,6 +50,9 @@ of terms that leaves as many times the least sum of squares is not fitted at all
 _TOGETHER, _MOST_TOGETHER = 3, 4
 """Sets of each equation that are tried with those of the others, and laws of these that are fitted in all ways."""
 
+_RESOLVED = 1.0
+"""What a finer mesh may take from twice the log-evidence of a law whose curves it leaves as they are."""
+
 _FEWEST, _MORE = 2, 1
 """Coefficients and constants that a ratio has at least; and by how many more than those of an equation that explains
 what was measured another is fitted that may explain it better."""
@@ -123,10 +126,20 @@ def _with_offer(
 
 @dataclass(frozen=True)
 class _Known:
-    """Sets of terms that were proposed for each equation, and whether along curves that are as near as can be."""
+    """Sets of terms that were proposed for each equation.
+
+    And minus twice the log-evidence of a law that explains what was measured, along whose curves they were.
+    """
 
     sets: tuple[list[list[TermSet]], ...] = ()
-    are_near: bool = False
+    value: float = -np.inf
+
+    def suffice(self, best: LawSearch) -> bool:
+        """Return whether others would propose the same, as a law that is as likely was along its own curves.
+
+        A finer mesh may show that it is not.
+        """
+        return best.state.value < self.value + _RESOLVED
 
 
 def _searched(
@@ -146,10 +159,10 @@ def _searched(
     for number in range(_ROUNDS):
         before, begun, most = best, rows, _most(best, rows)
         near, *left = left
-        if not known.are_near:  # Others propose the same then
+        if not known.suffice(best):
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
             sets = (*search.proposed(best, rows, near), *known.sets)
-            known = _Known(sets, number > 0 and not best.beyond_errors)
+            known = _Known(sets, best.state.value if number > 0 and not best.beyond_errors else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
