@@ -92,7 +92,11 @@ def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(run, words, 
     [
         (["--hold-out", "trial=3"], "2 held-out trials of 2 objects"),
         (["--where", "trial=1,2", "--hold-out", "trial=2"], "4 held-out trials of 2 objects"),
-        (["--exclude", "trial=2", "--hold-out", "object=Ball 2"], "2 held-out trials of 1 object"),
+        pytest.param(
+            ["--exclude", "trial=2", "--hold-out", "object=Ball 2"],
+            "2 held-out trials of 1 object",
+            marks=pytest.mark.slow,
+        ),
         (["--learn-until", "1"], "6 trials of 2 objects"),
     ],
 )

@@ -60,6 +60,7 @@ def test_a_squared_velocity_is_found_by_the_other_method_only_and_not_where_ther
     assert found["smallest"]["0.1"]["4"] is None
 
 
+@pytest.mark.slow
 def test_the_averages_of_reynolds_drag_need_the_thresholds_that_the_program_ran_with(reynolds):
     assert [verdict.kind for verdict in reynolds.verdicts] == ["reproduced with correction", "reproduced"]
     found = reynolds.results["reynolds_drag_averages"]

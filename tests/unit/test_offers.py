@@ -134,6 +134,7 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
     assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)
 
 
+@pytest.mark.slow
 def test_constants_inside_are_sought_under_errors_with_a_memory():
     generator, times = np.random.default_rng(3), np.linspace(0, 8, 60)
     states = list[np.ndarray]()
