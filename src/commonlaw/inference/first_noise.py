@@ -25,7 +25,18 @@ def noise_floor(trials: Trials) -> Floats:
 
     Of a state that nobody measured it is that of its starts.
     """
-    found = np.maximum(FLOOR * spread_within(trials), noise_of_digits(trials))
+    return _floor(trials, noise_of_digits(trials))
+
+
+def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
+    """Return the `noise_floor`, and what exact measurements tell: a share of it, but no less than their digits."""
+    digits = noise_of_digits(trials)
+    floor = _floor(trials, digits)
+    return floor, np.maximum(share * floor, digits)
+
+
+def _floor(trials: Trials, digits: Floats) -> Floats:
+    found = np.maximum(FLOOR * spread_within(trials), digits)
     return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import noise_floor, noise_of_digits
+from commonlaw.inference.first_noise import noise_told
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
@@ -70,12 +70,12 @@ class Measurements:
         if self.noise_is_fixed:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = _PRIOR * float(np.sum(1 / inflation)), np.maximum(self._digits, _EXACT * self._floor) / noise
+        prior, least = _PRIOR * float(np.sum(1 / inflation)), self._floors[1] / noise
         return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=float(np.max(least) ** 2))
 
     def least_variance(self, noise: Floats) -> float:
         """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
-        return float(np.max(self._floor / noise) ** 2)
+        return float(np.max(self._floors[0] / noise) ** 2)
 
     def price(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
         """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
@@ -116,12 +116,8 @@ class Measurements:
         return sum(each.degrees_of_freedom(self.order) for each in self.meshes)
 
     @cached_property
-    def _digits(self) -> Floats:
-        return noise_of_digits(self.trials)
-
-    @cached_property
-    def _floor(self) -> Floats:
-        return noise_floor(self.trials)
+    def _floors(self) -> tuple[Floats, Floats]:
+        return noise_told(self.trials, _EXACT)
 
     @cached_property
     def _step(self) -> float:
