@@ -32,6 +32,7 @@ def test_forecasts_of_a_pattern_are_written_file_by_file(run, tmp_path):
     assert sorted(each.name for each in (tmp_path / "f").iterdir()) == [f"forecast-00000{i}.parquet" for i in (1, 2)]
 
 
+@pytest.mark.slow
 def test_forecasts_that_all_run_away_are_listed(run):
     cl.Law.from_text("x' = k x^3", {"k": {"Ball 1": 50.0, "Ball 2": 50.0}}).save("wrong.json")
     code, out, err = run("predict", "wrong.json", "Ball *.parquet")

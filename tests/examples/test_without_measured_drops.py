@@ -62,6 +62,7 @@ def run_tests(tmp_path, proxy):
     return run
 
 
+@pytest.mark.slow
 def test_without_them_tests_are_skipped_after_one_try_and_one_line_says_how_to_get_them(run_tests, proxy):
     done = run_tests("-n", "2", *FILES, "-k", "measured")
     counts = re.search(r"=+ (?:\d+ passed, )?(\d+) skipped in ", done.stdout)

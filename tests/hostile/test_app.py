@@ -60,6 +60,7 @@ def test_however_many_searches_begin_at_once_three_run_and_what_is_cancelled_lea
     assert psutil.STATUS_ZOMBIE not in after.values()
 
 
+@pytest.mark.slow
 def test_strangers_who_connect_and_stay_neither_stop_the_page_nor_take_its_files(app: Served) -> None:
     host, port = app.host.split(":")
     strangers = [socket.create_connection((host, int(port))) for _ in range(400)]
@@ -87,6 +88,7 @@ def test_who_is_not_known_is_told_where_the_address_is(app: Served) -> None:
     assert app.enter(urlsplit(app.address).path + "/") == 200  # again, and with a slash
 
 
+@pytest.mark.slow
 def test_the_browser_is_told_by_a_page_that_is_read_by_its_user_alone_and_opens_once(tmp_path: Path) -> None:
     browser, told, places = tmp_path / "browser", tmp_path / "told", tmp_path / "places"
     places.mkdir()
@@ -145,6 +147,7 @@ def preview(app: Served, to_close: ExitStack) -> None:
 STAGES: tuple[Callable[[Served, ExitStack], None], ...] = (upload, search, preview)
 
 
+@pytest.mark.slow
 def test_the_app_ends_when_told_whatever_it_does_and_leaves_nothing(table: Path, tmp_path: Path) -> None:
     longest = 0.0
     for seed in range(KILLS):

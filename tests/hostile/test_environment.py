@@ -54,6 +54,7 @@ def test_a_working_folder_that_is_gone_is_said(tmp_path: Path, arguments: tuple[
     assert ended.stderr.decode().startswith(f"commonlaw: {GONE[arguments]}")
 
 
+@pytest.mark.slow
 def test_files_whose_names_are_not_utf_8_are_read_written_and_named(folder: Path) -> None:
     (folder / "drops.csv").rename(folder / "\udcfe.csv")
     code, said = run(folder, "predict", "law.json", b"\xfe.csv", "--save", b"\xfd.csv", "--plot", b"\xfd.png")

@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.cases import KINDS
 
-CASES = 12
+CASES = 8
 """Of each kind."""
 
 

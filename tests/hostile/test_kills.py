@@ -86,6 +86,7 @@ def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
     print(f"{command}, {2 * KILLS} times: ended within {longest:.2f} s")
 
 
+@pytest.mark.slow
 def test_an_interrupt_from_a_terminal_ends_all_processes_and_writes_nothing(tmp_path: Path) -> None:
     for i in range(6):
         cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")

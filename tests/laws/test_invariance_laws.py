@@ -185,6 +185,7 @@ def test_regression_does_not_depend_on_how_trials_are_written_down(method, chang
     np.testing.assert_allclose(other.coefficients[order][:, law.support], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{"start": 1000.0}, {"unit": 60.0}, {"scale": -2.54}])
 def test_the_law_of_too_small_a_library_does_not_depend_on_units_and_origins(change):
     law, other = of_too_few_terms(), of_too_few_terms(**change)

@@ -128,6 +128,7 @@ def test_the_group_solver_on_one_object_equals_stlsq(seed, threshold):
         np.testing.assert_array_equal(group.coefficients, single.coefficients)
 
 
+@pytest.mark.slow
 @every_solver
 @few
 @given(seed=st.integers(0, 10_000))

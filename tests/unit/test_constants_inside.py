@@ -88,6 +88,7 @@ def test_constants_are_those_of_least_squares_on_the_solution_in_closed_form(tex
     np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_true_constants_as_often_as_they_say():
     inside = 0
     for seed in range(30):
@@ -267,6 +268,7 @@ def test_what_a_term_does_not_show_of_its_constants_is_said():
     assert "a combination of V and K" in outcome.text
 
 
+@pytest.mark.slow
 def test_bounds_choose_among_values_that_fit_alike():
     text, function, objects, starts, times, states = LAWS["Hill"]
     trials = simulated(function, objects, starts, times, states)

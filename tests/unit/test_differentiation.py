@@ -195,6 +195,7 @@ def test_smoothing_spline_is_scipys_on_uneven_times(strength):
         np.testing.assert_allclose(each, expected, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_smoothing_spline_chooses_the_strength_of_least_cross_validation_score():
     times, x, _, _ = _drop(noise=0.1)
 

@@ -103,6 +103,7 @@ def test_standard_deviations_know_that_the_start_makes_up_for_errors_of_the_coef
     np.testing.assert_allclose(law.predict(trials, start=20, return_std=True).std[0], np.sqrt(squares), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_fitted_start_keeps_a_chaotic_forecast_near_the_truth_for_longer():
     clean, truth = datasets.lorenz(noise=0.0), datasets.lorenz.truth()
     size = clean[0].states.std(axis=0)

@@ -72,6 +72,7 @@ def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(c
         assert abs(forecast.trajectories[k].states[0, 1] - found.x[3]) < 0.5 * bound[3]
 
 
+@pytest.mark.slow
 def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
     *_, trials = drawn("pendulum")
     law = cl.fit(PENDULUM, trials, starts={"omega": "free"})

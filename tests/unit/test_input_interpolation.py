@@ -49,6 +49,7 @@ def test_a_solution_with_its_inputs_has_no_defects(course, points):
     assert again.held == mesh.held == (course == "held")
 
 
+@pytest.mark.slow
 def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
     trials = driven("held")
     law = cl.discover(trials, library="poly:2", method=cl.TrajectoryLikelihood(**KNOWN))

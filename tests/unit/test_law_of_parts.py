@@ -95,6 +95,7 @@ def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole)
     np.testing.assert_allclose(law.covariance, together.covariance, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_other_errors_than_white_noise_are_those_of_all_files(tmp_path, whole):
     rng, trials = np.random.default_rng(5), []
     for each in whole:

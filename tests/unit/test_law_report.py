@@ -204,6 +204,7 @@ def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
     assert not learned
 
 
+@pytest.mark.slow
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
     report = law_report(find(law, drops))

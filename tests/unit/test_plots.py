@@ -346,12 +346,14 @@ def test_nothing_is_clipped_and_no_title_runs_into_another(name: str) -> None:
     assert all(not a.overlaps(b) for i, a in enumerate(titles) for b in [*titles[:i], *legends])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_the_same_data_give_the_same_bytes_without_warnings(name: str) -> None:
     first = render(drawn(name), "svg")
     assert first == render(drawn(name), "svg") == render(EVERY[name](), "svg")
 
 
+@pytest.mark.slow
 def test_names_of_any_kind_are_shown_as_they_are() -> None:
     names = ["_hidden", "US$ 5 $x$", r"\frac{", "мяч №1", "球", "a long name " * 8]
     times = np.arange(40) / 15

@@ -102,6 +102,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
     assert table_of(report, "residuals-by-state")["rms error"].item() > 1
 
 
+@pytest.mark.slow
 def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
     times = np.arange(5.0)
     few = cl.Trials.from_arrays(times, np.exp(-times), units={"t": "s", "x": "m"})

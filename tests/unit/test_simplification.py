@@ -115,6 +115,7 @@ def test_all_replacements_together_may_be_as_improbable_as_one():
     assert found.p_value >= chi2.sf(4, 1)
 
 
+@pytest.mark.slow
 def test_numbers_without_meaning_are_seldom_replaced():
     generator, count = np.random.default_rng(0), 300
     law = law_of("x' = a x + b x^3", {"a": 1.0, "b": 0.739124}, [1e-3, 1e-7])

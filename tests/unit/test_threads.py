@@ -84,6 +84,7 @@ def test_forecasts_at_once_leave_warnings_as_they_were():
     assert warnings.filters == before
 
 
+@pytest.mark.slow
 def test_figures_drawn_at_once_are_those_drawn_one_after_the_other():
     forecast = cl.datasets.truth_of("linear-drag").predict(cl.datasets.linear_drag(noise=0.01))
 

@@ -107,6 +107,7 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     assert step.choice == "exp(-r*t)"
 
 
+@pytest.mark.slow
 def test_the_command_line_asks_for_it(tmp_path, swallowed):
     few = swallowed[1].select(object=list(swallowed[1].objects[:3]))
     few.to_frame().to_csv(tmp_path / "doses.csv", index=False)

@@ -129,6 +129,7 @@ def test_terms_by_parts_need_no_rates():
     assert not np.allclose(plain[:, 3:], coarse[:, 3:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("grid", "order", "library", "truth"),
     [(regular, 1, SWING_TERMS, SWING), (uneven, 2, "terms:x,v,x**3", SWING[1:])],
@@ -207,6 +208,7 @@ def by_rows(form):
     return fit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "order", "problem", "library", "truth", "samples", "length", "gain", "gain_on_strong"), [
         (0.01, 1, "lorenz", LORENZ_TERMS, LORENZ, 500, 5.0, 1.02, 1.15),
