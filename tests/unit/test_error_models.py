@@ -258,3 +258,16 @@ def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
     assert steps["model error"].choice == "none"
     assert "errors with a memory" in steps
     assert law.outcomes == ()
+
+
+@pytest.mark.parametrize(("library", "seed"), [("poly:2", 1), ("poly:1", 3), ("poly:2", 3)])
+def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it(library, seed):
+    times, random, states = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0]), np.random.default_rng(seed), []
+    for _ in range(6):
+        a, b, k, m = random.normal([2.5, 0.6, 1.9, 0.25], [0.3, 0.1, 0.2, 0.03])
+        exact = a * np.exp(-k * times) + b * np.exp(-m * times)
+        states.append(exact * (1 + 0.1 * random.standard_normal(len(times))))
+    trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"), names=["c"])
+    law = cl.discover(trials, order=2, library=library)
+    assert law.structure() == ("c'' = a c + b v",)
+    assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.3)

@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import forecast_choice
 from commonlaw.inference.calibration import StandardizedErrors
+from commonlaw.inference.law_search import LawSearch
 from commonlaw.likelihood import ErrorModel
 
 LEARNED = 9
@@ -72,7 +73,7 @@ def found_under(kind: ErrorModel, *, walks: bool, objects: int) -> SimpleNamespa
 
 @pytest.mark.parametrize("walks", [True, False])
 def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks, monkeypatch):
-    monkeypatch.setattr(forecast_choice, "_are_few", lambda _: False)
+    monkeypatch.setattr(LawSearch, "has_few_measurements", False)
     own = ErrorModel() if walks else ErrorModel(force=np.ones(1), force_time=1.0)
     one = found_under(own, walks=walks, objects=1)
     assert forecast_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])

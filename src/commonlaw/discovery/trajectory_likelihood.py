@@ -251,9 +251,13 @@ class TrajectoryLikelihood(AbstractMethod):
             search = with_parametric_terms_under_errors(search, before, offers, progress)
             screened = found.screened.among(search.among_plain)
             more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
-            if more is None:
-                return _Found(screened, resolved(search, progress), found.steps)
-            found = self._begun(trials, more, progress)
+            if more is not None:
+                found = self._begun(trials, more, progress)
+                continue
+            fine = resolved(search, progress)
+            if self.errors != "auto" or search.reason_for_errors or not fine.reason_for_errors:
+                return _Found(screened, fine, found.steps)
+            found = replace(found, screened=screened, search=fine)  # On a coarse mesh errors of the mesh hid them
 
     def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
         law = finish(

@@ -22,7 +22,6 @@ from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.hypotheses import GROUPS, OF_LAWS, Hypothesis, hypotheses, under_each_kind
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_state import evidence_of
-from commonlaw.inference.support_search import SAMPLES_FOR_A_TERM
 from commonlaw.law import Law
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback
@@ -95,22 +94,15 @@ def _is_in_doubt(found: LawSearch, errors: Sequence[StandardizedErrors]) -> bool
     if errs and any(np.isinf(each.sizes).any() for each in errors):
         return True
     finite = [known for each in errors if len(known := each.standardized[np.isfinite(each.sizes)])]
-    if min(count, len(finite)) < 2 or not (errs or _are_few(found)):
+    if min(count, len(finite)) < 2 or not (errs or found.has_few_measurements):
         return False
     squares = [np.median(each**2) for each in finite]  # Outliers of the measurements are not the law's
     return float(np.mean(squares)) > 1 + _SURE * float(np.sqrt(2 / count))
 
 
-def _are_few(found: LawSearch) -> bool:
-    """Return whether objects have fewer measurements for each coefficient and start than terms need."""
-    problem = found.problem
-    numbers = _size(found) * len(problem.models) + problem.models[0].width * len(problem.trials)
-    return bool(sum(problem.measured) < SAMPLES_FOR_A_TERM * numbers)
-
-
 def _tell_by_halves(found: LawSearch) -> bool:
     """Return whether the later half of each trial tells a law, which may then forecast the earlier one."""
-    return not (_are_few(found) or found.problem.trials.schema.starts)
+    return not (found.has_few_measurements or found.problem.trials.schema.starts)
 
 
 def _score(errors: Sequence[StandardizedErrors]) -> float:
@@ -129,9 +121,9 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
 @unannounced()
 def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> Iterator[LawSearch]:
     """Yield laws of no more coefficients with other terms or errors: the likeliest of each size under each errors."""
-    largest, fitted = _size(found), dict[int, LawSearch]()
+    largest, fitted = found.size, dict[int, LawSearch]()
     for each in found.rivals:
-        fitted.setdefault(_size(each), each)
+        fitted.setdefault(each.size, each)
     yield from (each for size, each in fitted.items() if size <= largest)
     plain = next((each for each in (found, *found.rivals) if each.solver is not None), None)
     if plain is None or plain.solver is None:
@@ -154,10 +146,6 @@ def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCall
 
 def _errors_of(found: LawSearch) -> ErrorKind:
     return "walk" if found.state.has_model_error else kind_of(found.problem.errors)
-
-
-def _size(found: LawSearch) -> int:
-    return int(found.state.supports.sum())
 
 
 def _of_each_size(hypothesis: Hypothesis, solver: AbstractSolver, largest: int) -> Iterable[Bools]:

@@ -26,6 +26,7 @@ from commonlaw.inference.search import beside_alternatives, fit_supports, polish
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.search_state import ANY_ERROR, PLAUSIBLE, SearchState
 from commonlaw.inference.solutions import follows_solutions, runs_away
+from commonlaw.inference.support_search import SAMPLES_FOR_A_TERM
 from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
@@ -92,7 +93,25 @@ class LawSearch:
     @property
     def reason_for_errors(self) -> str:
         """Why errors beside white noise are to be estimated with the law, in words; nothing if they are not."""
-        return self.beyond_errors or ("noise grows with the states" if self.problem.errors else "")
+        if self.problem.errors and not self.beyond_errors:
+            return "noise grows with the states"
+        few = self.has_few_measurements and not self.problem.noise_is_fixed
+        return self.beyond_errors or ("few measurements may hide how noise grows" if few else "")
+
+    @property
+    def size(self) -> int:
+        """How many coefficients an object has."""
+        return int(self.state.supports.sum())
+
+    @property
+    def has_few_measurements(self) -> bool:
+        """Whether objects have fewer measurements for each coefficient and start than terms need.
+
+        A law may follow these, so that what it leaves does not show their errors.
+        """
+        problem = self.problem
+        numbers = self.size * len(problem.models) + problem.models[0].width * len(problem.trials)
+        return bool(sum(problem.measured) < SAMPLES_FOR_A_TERM * numbers)
 
     @property
     def among_plain(self) -> "LawSearch":
@@ -250,7 +269,8 @@ def choose_errors(
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
         if errors == "auto" and not found.beyond_errors:
-            kinds = tuple(each for each in kinds if each in ("white", kind_of(found.problem.errors)))
+            known = kind_of(found.problem.errors) if found.problem.errors else "proportional"
+            kinds = tuple(each for each in kinds if each in ("white", known))
         other = propose(found.among_plain) if found.rivals or found.solver else None
         found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found

@@ -21,11 +21,11 @@ from commonlaw.inference.told_constants import are_constants_told
 from commonlaw.law import Law
 from commonlaw.library import Offer
 from commonlaw.likelihood import Estimate, NotPositiveError
+from commonlaw.parallel import in_parallel
 
-FAR, _MARGIN = 2.0, 100.0
+_FAR, _MARGIN = 2.0, 100.0
 """Twice the log-likelihood that a typical object may lose, relative to the law that fits best so far and besides it: a
-law that loses more is not fitted in all ways, whatever the noise is. Along curves of a law that noise explains, a set
-of terms that leaves as many times the least sum of squares is not fitted at all."""
+law that loses more is not fitted in all ways, whatever the noise is."""
 
 TOGETHER = 3
 """Sets of each equation that are tried with those of the others."""
@@ -92,9 +92,8 @@ class LawsOfSets:
     ) -> tuple[LawSearch, tuple[TermSet, ...]]:
         """Return the law of largest evidence, and its terms: one that is known, or of those listed the likeliest."""
         likely = self.likeliest(listed, estimates, done)[:most]
-        for k, terms in enumerate(likely):
-            done(0.5 + 0.5 * k / len(likely))
-            fitted = self.fit(terms, estimates)
+        fits = in_parallel(lambda each: self.fit(each, estimates), likely, done=_shown(done, 0.5, len(likely)))
+        for terms, fitted in zip(likely, fits, strict=True):
             if fitted is not None and fitted.state.value < best.state.value:
                 best, rows = fitted, terms
         return best, rows
@@ -133,20 +132,25 @@ class LawsOfSets:
         By a short way, which may get stuck in single objects; without those that are hopeless beside what was fitted.
         """
         new, ranked = [each for each in dict.fromkeys(listed) if each not in self.fitted], list[tuple[float, int]]()
+        short = [each for each in new if each not in self.near]
+        near = in_parallel(lambda each: self._shortly(each, estimates), short, done=_shown(done, 0.0, len(short)))
+        self.near.update(zip(short, near, strict=True))
+        price = float(np.log(np.median(self.base.measured)))
         for k, rows in enumerate(new):
-            done(0.5 * k / len(new))
-            with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
-                _, problem, begun = self._posed(rows)
-                if rows not in self.near:
-                    self.near[rows] = best_fits(problem, estimates, begun, short_way)
-                fits = [each.objective for each in self.near[rows]]
-                if np.isfinite(fits).all():  # A root of less than zero is not
-                    self.typical[rows] = float(np.median(fits))
-                    price = sum(row.numbers for row in rows) * float(np.log(np.median(problem.measured)))
-                    ranked.append((self.typical[rows] + price, k))
+            fits = [each.objective for each in self.near[rows]]
+            if fits and np.isfinite(fits).all():  # A root of less than zero is not
+                self.typical[rows] = float(np.median(fits))
+                ranked.append((self.typical[rows] + price * sum(row.numbers for row in rows), k))
         fitted = [self.typical[rows] for rows, found in self.fitted.items() if found and rows in self.typical]
-        most = FAR * min(fitted, default=np.inf) + _MARGIN
+        most = _FAR * min(fitted, default=np.inf) + _MARGIN
         return [new[k] for _, k in sorted(ranked) if self.typical[new[k]] < most]
+
+    def _shortly(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
+        """Return the fit of a law of these terms by a short way, along curves that are near; none if there is none."""
+        with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+            _, problem, begun = self._posed(rows)
+            return best_fits(problem, estimates, begun, short_way)
+        return []
 
     def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[TermsOfSets, SearchProblem, list[Floats]]":
         """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
@@ -191,6 +195,11 @@ class LawsOfSets:
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
         return [self.found, *(each for each in self.fitted.values() if each is not None)]
+
+
+def _shown(done: Callable[[float], None], begun: float, count: int) -> Callable[[int], None]:
+    """Return what takes how many of some pieces of work are done, which are half of a stage."""
+    return lambda many: done(begun + 0.5 * many / count)
 
 
 def without_processes(found: LawSearch, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:

@@ -15,10 +15,10 @@ import numpy as np
 
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.law_search import LawSearch, best_of, resolved, with_error_models
-from commonlaw.inference.laws_of_sets import FAR, TOGETHER, LawsOfSets, without_processes
+from commonlaw.inference.laws_of_sets import TOGETHER, LawsOfSets, without_processes
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
+from commonlaw.inference.term_sets import MOST_NUMBERS, TermSet, matching_sets
 from commonlaw.library import Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
@@ -151,7 +151,7 @@ def _searched(
             known = _Known(sets, best.state.value if number > 0 and not best.beyond_errors else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
-        if len(rows) > 1:
+        if len(rows) > 1 and best.beyond_errors:  # Otherwise each equation may be told beside the others
             best, rows = search.better(best, rows, _joint(known.sets, most), _MOST_TOGETHER, near, done[0])
         for j, own in enumerate(zip(*known.sets, strict=True)):
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
@@ -247,10 +247,10 @@ def _proposed(
     """
     sought = [bool(best.beyond_errors) or row.numbers > search.fewest for row in rows]
     most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
-    hopeless = HOPELESS if best.beyond_errors else FAR
-    listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
+    explains = not best.beyond_errors
+    listed = [matching_sets(search.base, estimates, search.offer.terms, most, explains)]
     if search.offer.ratios:
-        listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))
+        listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, explains))
     for found in listed:
         yield [found.get(j, [row]) for j, row in enumerate(rows)]
 
