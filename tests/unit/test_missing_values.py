@@ -80,7 +80,40 @@ def test_arrays_may_have_gaps_too():
     assert trials[0].times.tolist() == [0, 2, 3, 4, 5, 6]
     assert trials.notes == ("samples without a measured state left out: object, trial 1: 1 (sample 2)",)
     driven = Trials.from_arrays(range(7), states, inputs=np.arange(7.0))
-    assert driven[0].inputs[:, 0].tolist() == [0, 2, 3, 4, 5, 6]
+    assert driven[0].inputs[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6]  # An input is told there
+
+
+def test_rows_of_a_dose_alone_between_measured_ones_are_kept_in_tables_and_arrays(tmp_path):
+    times, doses = np.array([0.0, 1.0, 1.5, 2.0, 3.0, 4.0]), np.array([0.0, 0.0, 5.0, 0.0, 0.0, 2.0])
+    frame = pd.DataFrame({"t": times, "x": [1.0, 0.4, np.nan, 2.0, 0.7, np.nan], "dose": doses})
+    frame.to_csv(tmp_path / "doses.csv", index=False)
+    for trials in (
+        Trials.read(tmp_path / "doses.csv", states=["x"], inputs=["dose"]),
+        Trials.from_frame(frame, states=["x"], inputs=["dose"]),
+        Trials.from_arrays(times, frame["x"], inputs=doses, names=["x", "dose"]),
+    ):
+        assert trials[0].inputs[:, 0].tolist() == doses.tolist()
+        assert trials.notes == ()
+    late = Trials.from_frame(frame.assign(x=[np.nan, 0.4, np.nan, 2.0, 0.7, np.nan]), states=["x"], inputs=["dose"])
+    assert late[0].times.tolist() == times[1:].tolist()
+
+
+def test_a_dose_in_a_row_of_its_own_is_added_to_a_state_that_nobody_measured():
+    ka, k, given = 1.0, 0.3, 2.3
+    times = np.arange(0.5, 10.1, 0.5)
+
+    def absorbed(t):
+        return np.where(t > 0, ka / (ka - k) * (np.exp(-k * t) - np.exp(-ka * t)), 0.0)
+
+    states = 10 * absorbed(times) + 5 * absorbed(times - given)
+    rows = np.append(times, given)
+    order = np.argsort(rows)
+    frame = pd.DataFrame({"t": rows, "conc": np.append(states, np.nan), "dose": np.append(np.zeros_like(times), 5.0)})
+    trials = Trials.from_frame(frame.iloc[order], states=["conc"], inputs=["dose"])
+    text = "depot' = -1 depot + dose; conc' = a depot - k conc"
+    law = cl.fit(text, trials, starts={"depot": 10.0}, starts_at=0.0, doses="dose")
+    own = {name: law.coefficients[0, 0, law.terms.names.index(name)] for name in ("depot", "conc")}
+    assert own == pytest.approx({"depot": ka, "conc": -k}, rel=1e-3)
 
 
 def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):

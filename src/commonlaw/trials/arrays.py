@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
+from commonlaw.trials.grouping import are_used
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
@@ -39,7 +40,7 @@ def trials_from_arrays(
     parts = list(zip(objects, labels, runs, all_states, all_inputs, all_noise, strict=True))
     if not parts:
         raise CommonlawError("there is no trial: the list of times is empty")
-    empty = [_empty(at, values) for _, _, at, values, *_ in parts]
+    empty = [_empty(at, values, own) for _, _, at, values, own, _ in parts]
     made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
     columns = _columns(made[0], names)
     check_measured(made, columns[0])
@@ -56,8 +57,8 @@ def trials_from_arrays(
     return TrialData(made, schema, known.values, (*known.notes, *notes), set(objects) == {"object"})
 
 
-def _empty(times: Any, states: Any) -> NDArray[np.int64]:
-    """Return the indices of samples without a measured state before one; none where `Trial` refuses the arrays."""
+def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
+    """Return the indices of samples that say nothing, see `are_used`; none where `Trial` refuses the arrays."""
     try:
         values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
     except CommonlawError:
@@ -65,9 +66,8 @@ def _empty(times: Any, states: Any) -> NDArray[np.int64]:
     is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
     if not is_fit or np.isfinite(values).all():
         return np.empty(0, dtype=np.int64)
-    measured = np.asarray(np.isfinite(values.reshape(len(values), -1)).any(axis=1))
-    last = len(measured) - int(measured[::-1].argmax())
-    return np.flatnonzero(~measured[:last]) if measured.any() else np.empty(0, dtype=np.int64)
+    used = are_used(values.reshape(len(values), -1), driven=inputs is not None)
+    return np.flatnonzero(~used) if used.any() else np.empty(0, dtype=np.int64)
 
 
 def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
 from commonlaw.trials.columns import Codes, Table
@@ -78,7 +78,7 @@ def trials_of(
     """Return the trials of groups of rows.
 
     Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order or
-    a few single ones out of place, and refused otherwise. Rows before a measured state that have none are left out.
+    a few single ones out of place, and refused otherwise. Rows that say nothing are left out, see `are_used`.
     New trials are counted from 1, in their labels beside the one of the group if it was `named`.
     """
     notes = []
@@ -94,10 +94,8 @@ def trials_of(
     late = [group.label for group in groups if len(_back(cells[0], group))]
     notes += [f"sorted by time: {'; '.join(late)}"] if late else []
     made, row_indices, empty, gaps = [], [], [], []
-    measured = np.asarray(np.isfinite(cells[1]).any(axis=1))
     for group, rows in zip(groups, sorted_rows, strict=True):
-        ahead = np.logical_and.accumulate(~measured[rows][::-1])[::-1]
-        kept = (measured[rows] | ahead) & ~ahead[0]
+        kept = are_used(cells[1][rows], driven=cells[2].shape[1] > 0)
         if not kept.all():
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
@@ -107,6 +105,25 @@ def trials_of(
             empty.append(group.label)
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
     return Grouped(tuple(made), tuple(row_indices), tuple(empty), tuple(notes))
+
+
+def are_used(states: Floats, *, driven: bool) -> Bools:
+    """Return which samples of a trial say something, shape (n,), none where no state was measured.
+
+    Those with a measured state; those after the last, where a law may be asked; and, where there are inputs, all after
+    the first, such as a dose between two measurements.
+
+    Parameters
+    ----------
+    states
+        Shape (n, states).
+    driven
+        Whether there are inputs.
+    """
+    measured = np.asarray(np.isfinite(states).any(axis=1))
+    begun = np.logical_or.accumulate(measured)
+    after = ~np.logical_or.accumulate(measured[::-1])[::-1]
+    return np.asarray(measured | (begun & (after | driven)))
 
 
 def _back(times: Floats, group: Group) -> Codes:

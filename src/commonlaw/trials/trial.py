@@ -341,7 +341,10 @@ def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
     if all(trial.complete for trial in trials):
         return
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
-    least = [min(1 if np.isnan(trial.states[-1]).all() else _LEAST, len(trial)) for trial in trials]
+    samples = [int(np.sum(~np.isnan(trial.states).all(axis=1))) for trial in trials]  # Others have inputs alone
+    least = [
+        min(1 if np.isnan(trial.states[-1]).all() else _LEAST, own) for trial, own in zip(trials, samples, strict=True)
+    ]
     few = (counts < np.array(least)[:, np.newaxis]) & ((counts > 0) | (counts.max(axis=0) == 0))
     if few.any():
         i, j = np.argwhere(few)[0].tolist()
