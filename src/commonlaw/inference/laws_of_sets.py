@@ -23,9 +23,10 @@ from commonlaw.library import Offer
 from commonlaw.likelihood import Estimate, NotPositiveError
 from commonlaw.parallel import in_parallel
 
-_FAR, _MARGIN = 2.0, 100.0
+FAR, _MARGIN = 2.0, 100.0
 """Twice the log-likelihood that a typical object may lose, relative to the law that fits best so far and besides it: a
-law that loses more is not fitted in all ways, whatever the noise is."""
+law that loses more is not fitted in all ways, whatever the noise is. Along curves of a law that noise explains, a set
+of terms that leaves as many times the least sum of squares is not fitted at all."""
 
 TOGETHER = 3
 """Sets of each equation that are tried with those of the others."""
@@ -142,7 +143,7 @@ class LawsOfSets:
                 self.typical[rows] = float(np.median(fits))
                 ranked.append((self.typical[rows] + price * sum(row.numbers for row in rows), k))
         fitted = [self.typical[rows] for rows, found in self.fitted.items() if found and rows in self.typical]
-        most = _FAR * min(fitted, default=np.inf) + _MARGIN
+        most = FAR * min(fitted, default=np.inf) + _MARGIN
         return [new[k] for _, k in sorted(ranked) if self.typical[new[k]] < most]
 
     def _shortly(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> list[Estimate]:

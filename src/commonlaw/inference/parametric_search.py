@@ -15,10 +15,10 @@ import numpy as np
 
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.law_search import LawSearch, best_of, resolved, with_error_models
-from commonlaw.inference.laws_of_sets import TOGETHER, LawsOfSets, without_processes
+from commonlaw.inference.laws_of_sets import FAR, TOGETHER, LawsOfSets, without_processes
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.term_sets import MOST_NUMBERS, TermSet, matching_sets
+from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
 from commonlaw.library import Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
@@ -247,10 +247,10 @@ def _proposed(
     """
     sought = [bool(best.beyond_errors) or row.numbers > search.fewest for row in rows]
     most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
-    explains = not best.beyond_errors
-    listed = [matching_sets(search.base, estimates, search.offer.terms, most, explains)]
+    hopeless = HOPELESS if best.beyond_errors else FAR
+    listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
     if search.offer.ratios:
-        listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, explains))
+        listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))
     for found in listed:
         yield [found.get(j, [row]) for j, row in enumerate(rows)]
 

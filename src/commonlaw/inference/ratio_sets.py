@@ -18,7 +18,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, closest, projected, unit, with_steps
 from commonlaw.inference.poles import with_points_between
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.term_sets import MOST_NUMBERS, OBJECTS, Limits, Start, TermSet, for_all
+from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
@@ -45,7 +45,7 @@ def matching_ratios(
     estimates: Sequence[Estimate],
     offered: Sequence[Ratios],
     most: Mapping[int, int],
-    explains: bool = False,
+    hopeless: float = HOPELESS,
 ) -> dict[int, list[TermSet]]:
     """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -59,8 +59,8 @@ def matching_ratios(
         The ratios among which is chosen.
     most
         How many numbers those of an equation have at most, by its index.
-    explains
-        Whether the states are those of a law that explains what was measured.
+    hopeless
+        Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
@@ -70,7 +70,7 @@ def matching_ratios(
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, equation, each, sides, numbers, explains).best() if sides else []
+            scored += _Ranked(problem, equation, each, sides, numbers, hopeless).best() if sides else []
         found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return found
 
@@ -206,7 +206,7 @@ class _Ranked:
     offered: Ratios
     sides: Sequence[_Sides]
     at_most: int
-    explains: bool
+    hopeless: float
 
     def best(self) -> list[tuple[float, TermSet]]:
         """Return the best shapes of each size, with their criterion."""
@@ -230,12 +230,11 @@ class _Ranked:
                         closer[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
         least = {numbers: min(listed)[0] for numbers, listed in closer.items()}
         enough = min(least, key=lambda numbers: self._criterion(numbers, least[numbers]), default=0)
-        limits = Limits.along(self.explains, self._count)
         return [
             (self._criterion(numbers, squares), own)
             for numbers, listed in closer.items()
             for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
-            if numbers <= min(enough + 1, self.at_most) and squares <= limits[min(place, 1)] * least[enough]
+            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= self.hopeless * least[enough])
             if (own := self._with_starts(shape, found[shape])) is not None
         ]
 
@@ -329,13 +328,8 @@ class _Ranked:
 
     def _criterion(self, numbers: int, squares: float) -> float:
         """Return what ranks shapes of different size: the BIC."""
-        price = numbers * len(self.sides) * float(np.log(self._count))
-        return self._count * float(np.log(max(squares, 1e-300))) + price
-
-    @property
-    def _count(self) -> int:
-        """How many measurements are matched."""
-        return sum(len(each.target) for each in self.sides)
+        count = sum(len(each.target) for each in self.sides)
+        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.sides) * float(np.log(count))
 
     def _closely(self, shape: _Shape, score: _Score) -> _Score:
         """Return a score at the coefficients below that leave least of each object, near those that are known."""

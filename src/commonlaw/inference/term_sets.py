@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations, groupby
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,30 +47,12 @@ another; and sets whose constants are then found to more digits, before they are
 _WIDENED = 4
 """Sets with one term that is not plain, each with another one, to which a second is added."""
 
-_HOPELESS = 30.0
-"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size."""
-
-_FAR, _MARGIN = 2.0, 100.0
-"""Sets that leave so many times the least sum of squares, or lose so much in twice the log-likelihood, are not kept
-along curves of a law that explains what was measured."""
+HOPELESS = 30.0
+"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size: where curves are
+not those of a law that explains what was measured."""
 
 _SAME = 1e-9
 """Relative differences of sums of squares that are rounding: such sets say the same."""
-
-
-class Limits(NamedTuple):
-    """Multiples of the least sum of squares up to which the best set of each size is kept, and others."""
-
-    best: float
-    others: float
-
-    @classmethod
-    def along(cls, explains: bool, count: int) -> "Limits":
-        """Return those along curves of a law, or near what was measured, by so many measurements."""
-        if not explains:
-            return cls(np.inf, _HOPELESS)
-        most = min(_FAR, float(np.exp(min(_MARGIN / count, 1.0))))
-        return cls(most, most)
 
 
 @dataclass(frozen=True)
@@ -126,7 +107,7 @@ def matching_sets(
     estimates: Sequence[Estimate],
     others: Sequence[ParametricTerm],
     most: Mapping[int, int],
-    explains: bool = False,
+    hopeless: float = HOPELESS,
 ) -> dict[int, list[TermSet]]:
     """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -140,8 +121,8 @@ def matching_sets(
         Terms with constants inside, or that are not taken together with many plain ones.
     most
         How many numbers the sets of an equation have at most, by its index.
-    explains
-        Whether the states are those of a law that explains what was measured.
+    hopeless
+        Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
@@ -149,7 +130,7 @@ def matching_sets(
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        found[equation] = _Ranked(matches, plain, others, numbers, explains).best(len(problem.models))
+        found[equation] = _Ranked(matches, plain, others, numbers, hopeless).best(len(problem.models))
     return found
 
 
@@ -190,7 +171,7 @@ class _Ranked:
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
     at_most: int
-    explains: bool
+    hopeless: float
     values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
     constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
@@ -222,12 +203,11 @@ class _Ranked:
         for numbers, _, listed in ranked:
             least[numbers] = min(least[numbers], listed[0][0])
         enough = min(least, key=lambda n: self._criterion(n, least[n]))
-        limits = Limits.along(self.explains, self._count)
         kept = [
             (self._criterion(numbers, squares), key)
             for numbers, many, listed in ranked
             for place, (squares, key) in enumerate(listed[: _KEPT[many]])
-            if numbers <= enough + 1 and squares <= limits[min(place, 1)] * least[enough]
+            if numbers <= enough + 1 and (not place or squares <= self.hopeless * least[enough])
         ]
         return [self._with_starts(key, objects) for _, key in sorted(kept)]
 
@@ -283,13 +263,8 @@ class _Ranked:
 
     def _criterion(self, numbers: int, squares: float) -> float:
         """Return what ranks sets of different size: the BIC."""
-        price = numbers * len(self.matches) * float(np.log(self._count))
-        return self._count * float(np.log(max(squares, 1e-300))) + price
-
-    @property
-    def _count(self) -> int:
-        """How many measurements are matched."""
-        return sum(len(each.target) for each in self.matches)
+        count = sum(len(each.target) for each in self.matches)
+        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.matches) * float(np.log(count))
 
     def _values(self, match: Match, keys: Sequence[_Key]) -> dict[_Key, tuple[int, ...]]:
         """Return the indices, in their banks, of the best values of the others of some sets, found in turn.
