@@ -28,8 +28,8 @@ FAR, _MARGIN = 2.0, 100.0
 law that loses more is not fitted in all ways, whatever the noise is. Along curves of a law that noise explains, a set
 of terms that leaves as many times the least sum of squares is not fitted at all."""
 
-TOGETHER = 3
-"""Sets of each equation that are tried with those of the others."""
+_TOGETHER, _LAWS = 3, 27
+"""Sets of each equation that are tried with those of the others, and laws of these, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class LawsOfSets:
                 for terms, found in self.fitted.items()
                 if found is not None and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
             }
-            best.append(sorted(own, key=lambda each: own[each])[:TOGETHER])
+            best.append(sorted(own, key=lambda each: own[each])[: tried_together(len(rows))])
         return list(product(*best))
 
     def likeliest(
@@ -196,6 +196,11 @@ class LawsOfSets:
     def listed(self) -> list[LawSearch]:
         """Return all that was fitted, and the law without others."""
         return [self.found, *(each for each in self.fitted.values() if each is not None)]
+
+
+def tried_together(equations: int) -> int:
+    """Return how many sets of each equation are tried with those of the others."""
+    return next(count for count in range(_TOGETHER, 0, -1) if count == 1 or count**equations <= _LAWS)
 
 
 def _shown(done: Callable[[float], None], begun: float, count: int) -> Callable[[int], None]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.law_search import LawSearch, best_of, resolved, with_error_models
-from commonlaw.inference.laws_of_sets import FAR, TOGETHER, LawsOfSets, without_processes
+from commonlaw.inference.laws_of_sets import FAR, LawsOfSets, tried_together, without_processes
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
@@ -151,7 +151,7 @@ def _searched(
             known = _Known(sets, best.state.value if number > 0 and not best.beyond_errors else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
-        if len(rows) > 1 and best.beyond_errors:  # Otherwise each equation may be told beside the others
+        if len(rows) > 1:
             best, rows = search.better(best, rows, _joint(known.sets, most), _MOST_TOGETHER, near, done[0])
         for j, own in enumerate(zip(*known.sets, strict=True)):
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
@@ -216,7 +216,7 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
     """
     found = dict[tuple[TermSet, ...], None]()
     for proposed in known:
-        found |= dict.fromkeys(product(*(own[:TOGETHER] for own in proposed)))
+        found |= dict.fromkeys(product(*(own[: tried_together(len(proposed))] for own in proposed)))
     in_turn = [_in_turn(own) for own in zip(*known, strict=True)]
     for numbers in range(1, max(most) + 1):
         small = [[each for each in own if each.numbers <= numbers] for own in in_turn]
