@@ -219,13 +219,14 @@ class TrajectoryLikelihood(AbstractMethod):
         with threads(self.n_jobs):
             found, refused = of_best_order(begun, possible, lambda each: each.evidence)
             best = min(found, key=lambda each: each.evidence)
+            if self.errors == "auto" and not best.search.reason_for_errors:  # A coarse mesh may hide one
+                found = [replace(each, search=resolved(each.search, progress)) for each in found]
+                best = min(found, key=lambda each: each.evidence)
             if self.errors != "auto" or best.search.reason_for_errors:
                 found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
                 refused += failed
                 if not found:
                     raise refused[-1]
-            else:
-                found = [replace(each, search=resolved(each.search, progress)) for each in found]
             best, *others = sorted(found, key=lambda each: each.evidence)
             law = self._finished(trials, best, progress)
         return with_order_said(law, [(each.order, each.evidence - best.evidence) for each in others], refused)
@@ -243,7 +244,11 @@ class TrajectoryLikelihood(AbstractMethod):
         return _Found(screened, search, steps)
 
     def _with_errors(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> "_Found":
-        """Choose errors, and search again where terms that were left out improve the law under these."""
+        """Choose errors, and search again where terms that were left out improve the law under these.
+
+        They are chosen again on the mesh that the law needs if a coarser one hid what speaks against white noise.
+        """
+        may_hide = self.errors == "auto"
         while True:
             propose = partial(_by_derivatives, trials, found.screened, progress)
             search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
@@ -255,9 +260,10 @@ class TrajectoryLikelihood(AbstractMethod):
                 found = self._begun(trials, more, progress)
                 continue
             fine = resolved(search, progress)
-            if self.errors != "auto" or search.reason_for_errors or not fine.reason_for_errors:
-                return _Found(screened, fine, found.steps)
-            found = replace(found, screened=screened, search=fine)  # On a coarse mesh errors of the mesh hid them
+            found = _Found(screened, fine, found.steps)
+            if not may_hide or search.reason_for_errors or not fine.reason_for_errors:
+                return found
+            may_hide = False
 
     def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
         law = finish(
