@@ -66,7 +66,7 @@ def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
     is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
     if not is_fit or np.isfinite(values).all():
         return np.empty(0, dtype=np.int64)
-    used = are_used(values.reshape(len(values), -1), driven=inputs is not None)
+    used = are_used(values.reshape(len(values), -1), driven=inputs is not None and np.size(inputs) > 0)
     return np.flatnonzero(~used) if used.any() else np.empty(0, dtype=np.int64)
 
 

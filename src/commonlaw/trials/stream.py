@@ -166,8 +166,8 @@ class TrialStream:
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
         """Return the trials of Parquet files in which the rows of each trial follow each other.
 
-        Rows without a measured state are left out, and with them trials that have no other row. A trial lies in one
-        file: what goes on in the next counts as a further one.
+        Rows without a measured state are left out, but for those with inputs after the first measured one, and with
+        them trials that have no other row. A trial lies in one file: what goes on in the next counts as a further one.
 
         Parameters
         ----------
