@@ -50,3 +50,14 @@ def test_laws_of_different_orders_are_compared(decays):
     found = cl.compare(laws, decays).set_index("law")["2 log B"]
     assert list(found.index) == ["x' = -k x", "x'' = -k v", "x'' = -k x"]
     assert 6 < found["x'' = -k v"] < found["x'' = -k x"]  # Of second order, rates at starts are found besides
+
+
+def test_laws_without_coefficients_are_compared(decays):
+    texts = "x' = 0", "x' = -0.7 x", "x' = -k x"
+    laws = {text: cl.fit(text, decays) for text in texts}
+    found = cl.compare(laws, decays)
+    assert found["law"].tolist() == list(texts[::-1])
+    assert found["coefficients"].tolist() == [1, 0, 0]
+    assert str(laws["x' = 0"]).splitlines()[0] == "x' = 0"
+    assert cl.Law.from_json(laws["x' = 0"].to_json()).structure() == ("x' = 0",)
+    assert np.array_equal(cl.Law.from_text("x' = 0").simulate([0.0, 1.0], [2.0])["object"].states[:, 0], [2.0, 2.0])

@@ -23,7 +23,7 @@ X, XYZ = cl.Schema(("x",)), cl.Schema(("x", "y", "z"))
         ("x[k+1] = r x[k] (1 - x[k])", 0, ("x*(1 - x)",), [nan], {"r": 1}),
         ("x' = 2 a x^2/3 - growth x**-1 + 1/2 x", 1, ("x^2", "1/x", "x"), [nan, nan, 0.5], {"a": 2 / 3, "growth": -1}),
         ("x' = -x/3/tau", 1, ("x",), [nan], {"tau": -1 / 3}),
-        ("x' = 0", 1, (), [], {}),
+        ("x' = 0", 1, ("1",), [0], {}),
     ],
 )
 def test_an_equation_is_read_as_people_write_it(text, order, terms, known, coefficients):

@@ -170,7 +170,8 @@ def _value_of(orders: Set[Order]) -> Callable[[LawSearch], float]:
 
 def written_alike(law: Law, schema: Schema) -> Law:
     """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
-    before, used = law.terms.variables, law.support.any(axis=0)
+    before, used = law.terms.variables, np.any(law.support, axis=0)
+    used |= (np.arange(used.size) == 0) & ~used.any()  # A law has a term, if only with a coefficient of zero
     wider = {*law.schema.inputs} <= {*schema.inputs}
     after = replace(before, inputs=schema.inputs) if wider else before
     own = law.terms.take(np.flatnonzero(used).tolist()).terms

@@ -11,9 +11,10 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import AbstractTerm, Constant, Order, Terms, Variables, one_order, with_rates
+from commonlaw.library import Constant, Order, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
+from commonlaw.library.parse import parse_term
 from commonlaw.trials import Schema
 
 
@@ -130,7 +131,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     variables = with_constants(variables, ordered, state_rates, meanings)
     while True:
         rows = [each.summands(variables, state_rates, meanings) for each in ordered]
-        listed: list[AbstractTerm] = list(dict.fromkeys(each.term for row in rows for each in row))
+        listed = list(dict.fromkeys(each.term for row in rows for each in row)) or [parse_term("1", variables)]
         products = [
             Product(j, listed.index(each.term), each.factor, each.coefficients)
             for j, row in enumerate(rows)

@@ -303,6 +303,8 @@ class Law(AbstractDelegates):
             return [*self.equations()]
         if self.explanation is not None:
             return self._explained_body()
+        if self.shared and not self.letters:
+            return [*self.structure()]
         if self.shared:
             return [*self.structure(), "", *text.coefficient_table(self.objects, self._heads(), *self.letter_values())]
         return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
