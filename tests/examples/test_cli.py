@@ -122,11 +122,11 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
     law = cl.Law.load(tmp_path / "law.json")
     replace(law, uncertainty=replace(law.uncertainty, noise=[0.01])).save("law.json")
     found = {}
-    for start in (1, 15):
+    for start in (1, 15, "all"):
         code, out, err = run("predict", "law.json", "drops.csv", "--start", str(start), "--json")
         assert (code, err) == (0, "")
         found[start] = np.mean([row["rms error"] for row in json.loads(out)["errors"]])
-    assert found[15] < found[1] / 2
+    assert found["all"] < found[15] < found[1] / 2
     code, _, err = run("predict", "law.json", "drops.csv", "--start", "0")
     assert (code, "start is 0: give how many first samples" in err) == (1, True)
 

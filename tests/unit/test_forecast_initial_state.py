@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import least_squares
 
 from commonlaw import datasets
 from commonlaw.differentiation import default_differentiation, parse_differentiation
@@ -80,9 +81,27 @@ def test_without_any_force_height_and_rate_are_those_of_the_straight_line_of_lea
 def test_more_samples_than_a_trial_has_are_all_of_them():
     trials = datasets.linear_drag(noise=0.05)[[0]]
     law = measured(datasets.linear_drag.truth(), [0.05])
-    np.testing.assert_array_equal(
-        start_of(law.predict(trials, start=1000)), start_of(law.predict(trials, start=len(trials[0])))
-    )
+    for start in (1000, "all"):
+        np.testing.assert_array_equal(
+            start_of(law.predict(trials, start=start)), start_of(law.predict(trials, start=len(trials[0])))
+        )
+
+
+@pytest.mark.parametrize("noise", [[0.02], [0.0], None])
+def test_initial_conditions_fitted_to_whole_trials_are_those_of_least_squares_whatever_is_known_of_the_noise(noise):
+    """Logistic growth whose first measurement is below zero: a forecast from there diverges, the fit does not."""
+    times, rng = np.linspace(0, 12, 60), np.random.default_rng(1)
+
+    def solution(begin):
+        return 1 / (1 + (1 / begin - 1) * np.exp(-times))
+
+    states = solution(0.002) + 0.02 * rng.standard_normal(60)
+    states[0] = -0.01
+    law = law_of("terms:x,x^2", ("x",), [[1.0, -1.0]], noise)
+    forecast = law.predict(trials_of(law, states, times=times), start="all")
+    expected = least_squares(lambda begin: solution(begin) - states, 0.005, x_scale=0.001).x
+    np.testing.assert_allclose(start_of(forecast), expected, rtol=1e-3)
+    np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], solution(expected), atol=2e-5)
 
 
 def test_standard_deviations_know_that_the_start_makes_up_for_errors_of_the_coefficients():
@@ -223,13 +242,15 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
         law.predict(trials, start=8)
     with pytest.raises(CommonlawError, match="start is 0: give how many first samples tell the start, 1 or more"):
         law.predict(trials, start=0)
+    with pytest.raises(CommonlawError, match="start is 'first': give a number of first samples, 1 or more, or 'all'"):
+        law.predict(trials, start="first")
     with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or use start=1"):
         replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials, start=15)
     with pytest.raises(CommonlawError, match=r"says that a state has no noise, .*above zero"):
         replace(law, uncertainty=replace(law.uncertainty, noise=[0.1, 0.0])).predict(trials, start=15)
     discrete = replace(law, order=0)
     with pytest.raises(CommonlawError, match="discrete time starts at the first sample: use start=1"):
-        discrete.predict(trials, start=15)
+        discrete.predict(trials, start="all")
     roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
     with pytest.raises(CommonlawError, match="tank, trial 0: the law is not finite on a curve through the first 15"):
         roots.predict(trials_of(roots, -1 - times, times=times), start=15)

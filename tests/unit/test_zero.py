@@ -91,6 +91,11 @@ def test_a_law_that_leaves_zero_or_never_was_there_is_not(equation, state, input
     assert said(fitted(equation, course(state, inputs=inputs)), OutcomeKind.START) == []
 
 
+def test_growth_from_below_the_noise_leaves_zero_by_its_law():
+    grown = 5 / (1 + 5000 * np.exp(-1.5 * TIMES)) + 0.1 * np.random.default_rng(0).standard_normal(len(TIMES))
+    assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
+
+
 def test_refining_says_it_once_and_discovery_says_it_too():
     trials = course(COOLING, "degC")
     law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 import numpy as np
@@ -31,16 +31,25 @@ _BYTES_A_VALUE = 200
 """Of a forecast, with what is made of it on the way."""
 
 
+class _FirstSamples(click.types.IntParamType):
+    """A number of first samples, or all."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a number, or ``"all"``."""
+        return value if value == "all" else super().convert(value, param, ctx)
+
+
 @command
 @click.argument("law_path", metavar="LAW.json", type=ReadFile())
 @with_source
 @click.option(
     "--start",
-    type=int,
-    metavar="N",
+    type=_FirstSamples(),
+    metavar="N|all",
     help="How many of a trial's first samples tell where its forecast starts: 1 for the first as measured; to more the"
-    " law is fitted.  [default: 1, or for laws of second order that know their noise, what first rates would be "
-    "estimated from; all that were measured where rows follow that were not]",
+    " law is fitted, and with all to the whole trial: the fitted curve.  [default: 1, or for laws of second "
+    "order that know their noise, what first rates would be estimated from; all that were measured where rows follow "
+    "that were not]",
 )
 @click.option(
     "--from",
@@ -79,7 +88,7 @@ _BYTES_A_VALUE = 200
 def predict(
     law_path: str,
     source: Source,
-    start: int | None,
+    start: int | Literal["all"] | None,
     from_time: float | None,
     input_between: str | None,
     discrepancy: bool,

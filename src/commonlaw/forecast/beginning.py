@@ -1,6 +1,7 @@
 """Where the forecasts of trials begin: at which sample, in which state, and how well that is known."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial_state, fit_initial_state
+from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial_state, fit_initial_state, with_weights
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.library import with_rates
@@ -63,7 +64,7 @@ def begin(
     law: Law,
     trials: Trials,
     times: ArrayLike | None,
-    start: int | None,
+    start: int | Literal["all"] | None,
     from_time: float | None,
     input_between: str | None,
 ) -> tuple[Trials, list[Beginning]]:
@@ -71,8 +72,12 @@ def begin(
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
         raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
-    if start is not None and start < 1:
+    if isinstance(start, str) and start != "all":
+        raise CommonlawError(f"start is {start!r}: give a number of first samples, 1 or more, or 'all'")
+    if isinstance(start, int) and start < 1:
         raise CommonlawError(f"start is {start}: give how many first samples tell the start, 1 or more")
+    if start == "all":
+        law, start = with_weights(law, trials), max(map(len, trials))
     if from_time is not None and not np.isfinite(from_time):
         raise CommonlawError(f"from_time={from_time} is not finite: give the time from which to forecast")
     found, lost = [], []

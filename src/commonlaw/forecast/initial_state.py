@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.differentiation import RobustSpline
+from commonlaw.differentiation import RobustSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.model_error import MODEL_ERRORS, POINTS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
@@ -21,7 +21,7 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
-from commonlaw.trials import Trial
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
 MIN_SAMPLES = 5
@@ -132,6 +132,22 @@ def _not_finite(trial: Trial) -> str:
 def can_fit_initial_state(law: Law) -> bool:
     """Whether the law knows what samples are worth, so that a start can be fitted to them."""
     return law.order != 0 and law.noise is not None and bool(law.noise.all())
+
+
+def with_weights(law: Law, trials: Trials) -> Law:
+    """Return a law whose noise weighs the samples of every state, so that starts can be fitted to them.
+
+    Noise that the law does not know, or says is zero, is estimated from differences of neighbouring samples, and is as
+    large as rounding errors at least.
+    """
+    known = np.zeros(len(law.states)) if law.noise is None else law.noise
+    if law.order == 0 or known.all():
+        return law
+    largest = np.fmax.reduce(np.abs(np.concatenate([each.states for each in trials])), axis=0, initial=0.0)
+    levels = [np.sqrt(np.finfo(float).eps) * np.where(largest > 0, largest, 1.0)]
+    levels += [noise_level(each.times, each.states) for each in trials if each.complete]
+    noise = np.where(known > 0, known, np.max(levels, axis=0))
+    return replace(law, uncertainty=replace(law.uncertainty, noise=noise))
 
 
 def _unmeasured(law: Law, trial: Trial) -> list[str]:

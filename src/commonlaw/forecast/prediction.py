@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +30,7 @@ def predict(
     trials: Trials,
     *,
     times: ArrayLike | None = None,
-    start: int | None = None,
+    start: int | Literal["all"] | None = None,
     from_time: float | None = None,
     return_std: bool = False,
     method: str = "auto",

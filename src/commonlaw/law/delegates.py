@@ -94,7 +94,7 @@ class AbstractDelegates(AbstractAverages):
         trials: Trials,
         *,
         times: ArrayLike | None = None,
-        start: int | None = None,
+        start: int | Literal["all"] | None = None,
         from_time: float | None = None,
         return_std: bool = False,
         method: str = "auto",
@@ -119,8 +119,10 @@ class AbstractDelegates(AbstractAverages):
             measured, and the rates of those of second order that the law's differentiation estimates there. 2 or more:
             the law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its
             noise; states may be missing. More samples leave less noise in the start, and make it matter more that the
-            law is right. Default: 1, but if the noise is known all that were measured where others follow, those that
-            first rates would be estimated from, or as many as tell what the first sample lacks.
+            law is right. ``"all"``: the initial conditions are fitted to the whole trial, so that the trajectories are
+            the fit of the law and no forecasts; noise that the law does not know is estimated from differences of
+            samples. Default: 1, but if the noise is known all that were measured where others follow, those that first
+            rates would be estimated from, or as many as tell what the first sample lacks.
         from_time
             When the forecasts begin: what was measured before tells the initial state, all of it, or the last `start`
             samples, and everything from then on is forecast. Trials without samples on both sides are left out, which
@@ -308,7 +310,7 @@ class AbstractDelegates(AbstractAverages):
         """
         return cast("Residuals", resolve_name("commonlaw.discrepancy:residuals")(self, trials))
 
-    def score(self, trials: Trials, start: int | None = None) -> float:
+    def score(self, trials: Trials, start: int | Literal["all"] | None = None) -> float:
         """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
         return self.predict(trials, start=start).score()
 

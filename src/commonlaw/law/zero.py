@@ -82,6 +82,7 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
         return  # Rates and states that are not measured may set it going
     noise = np.zeros(len(law.states)) if law.noise is None else law.noise
     starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
+    starting = [trial for trial in starting if not _starts_near_zero(law, trials.with_trials([trial]), noise)]
     if starting:
         names = " or ".join(law.states)
         began = f"{counted(len(starting), 'trial')} began at zero, within the noise"
@@ -93,6 +94,19 @@ def _leaves_zero(trial: Trial, noise: Floats) -> bool:
     """Return whether all states are zero at first, and later some state is not."""
     begins = np.abs(trial.states[:1]) <= _NOISES * with_typical(trial.noise[:1], noise)
     return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * with_typical(trial.noise, noise)))
+
+
+def _starts_near_zero(law: Law, trial: Trials, noise: Floats) -> bool:
+    """Return whether the initial condition that is fitted to the whole trial is zero within the noise, too.
+
+    Exponential growth, for instance, is below the noise at first, and leaves it by the law.
+    """
+    if law.order == 0:
+        return False
+    with suppress(CommonlawError):
+        begins = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
+        return bool(np.all(np.abs(begins) <= _NOISES * with_typical(trial[0].noise[:1], noise)))
+    return False
 
 
 def _rests(law: Law, trial: Trial) -> bool:
