@@ -122,7 +122,11 @@ def test_labels_are_the_same_however_they_are_written():
         (lambda: ramp(name=" "), "label of the object or of the trial is empty"),
         (lambda: ramp(samples=0), "ball, trial 1 has no sample"),
         (lambda: Trial("ball", "1", [0, 1, 2], [0, 1]), "ball, trial 1: 3 times, 2 rows of states"),
-        (lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2]), "time 1 of sample 3 does not come after 1"),
+        (lambda: Trial("ball", "1", [0, 2, 1], [0, 1, 2]), "time 1 of sample 3 comes before 2: sort the samples"),
+        (
+            lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]),
+            "inputs differ at time 1, in samples 2 and 3",
+        ),
         (lambda: Trial("ball", "1", [0, 1], [0, np.inf]), "ball, trial 1: state is inf in sample 2, state 1"),
         (lambda: Trial("ball", "1", [0, 1], [0, 1], [0, np.nan]), "ball, trial 1: input is nan in sample 2, input 1"),
         (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), "ball, trial 1: no state was measured in sample 1; leave"),

@@ -14,7 +14,6 @@ from commonlaw.law import Law
 from commonlaw.law.meeting import matched
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
-from commonlaw.trials.trial import with_typical
 
 
 def residuals(law: Law, trials: Trials) -> Residuals:
@@ -48,7 +47,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     states, errors = len(law.states), law.uncertainty.error_model
     standardized = []
     for trial, own in zip(forecast.trials, fitted, strict=True):
-        std = errors.measurement_std(own[:, :states], with_typical(trial.noise, noise))
+        std = errors.measurement_std(own[:, :states], trial.std(noise))
         standardized.append((trial.states - own[:, :states]) / std)
     found = Residuals(forecast.trials, fitted, tuple(standardized), law.rates, ())
     counts = np.array([[len(trials.of_object(name))] for name in trials.objects])

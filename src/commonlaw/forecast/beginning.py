@@ -155,8 +155,14 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     order = np.argsort(grid)
     states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
     noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
+    rows = np.flatnonzero(order < len(trial))
     return replace(
-        trial, times=grid[order], states=states[order], inputs=inputs.at(grid[order]), noise=np.stack(noise, axis=1)
+        trial,
+        times=grid[order],
+        states=states[order],
+        inputs=inputs.at(grid[order]),
+        noise=np.stack(noise, axis=1),
+        repeats=trial.repeats and trial.repeats.placed(rows, len(grid)),
     )
 
 

@@ -69,7 +69,7 @@ class FittedInitialState:
         samples = np.searchsorted(trajectory.times, self.trial.times)
         by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
         noise = self.observation_model.noise
-        scale = with_typical(self.trial.noise, noise) / noise
+        scale = self.trial.std(noise) / noise
         weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states], scale)
         rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[samples, :states]
         rows = rows[np.isfinite(rows).all(axis=2)]
@@ -108,7 +108,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         return filtered
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
     (mesh,) = meshes([trial], POINTS, len(trial))
-    mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) / noise)
+    mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) * mesh.averaging / noise)
     model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
     own = law.coefficients_of(trial.object)
     found = fit(

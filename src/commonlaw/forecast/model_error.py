@@ -120,7 +120,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     mesh, found = mesh.with_inputs(inputs), Estimate((states,), own)
     model_errors = MODEL_ERRORS if errors.walk is None else (1.0,)
     for _ in range(errors.rounds):
-        white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise))
+        white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
         mesh = replace(mesh, scale=white / noise)
         model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
         model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))

@@ -22,7 +22,6 @@ from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.property_inputs import with_property_inputs
-from commonlaw.trials.trial import with_typical
 
 
 def predict(
@@ -169,7 +168,7 @@ class _Forecaster:
         for own, trajectory in zip(self.beginnings, found, strict=True):
             known = covariance[law.index(own.trial.object)]
             if own.fitted is None:
-                each = errors.measurement_std(own.start_samples.states, with_typical(own.start_samples.noise, noise))
+                each = errors.measurement_std(own.start_samples.states, own.start_samples.std(noise))
                 std = trajectory_std(trajectory, known, start_covariance(law, own.start_samples, each, self.seed))
             else:
                 carried, initial = own.fitted.propagated(trajectory)

@@ -66,12 +66,12 @@ def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | N
     """
     if problem.noise_given:
         return None
-    counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in problem.trials])
+    counts = np.array([trial.counts.sum(axis=0) for trial in problem.trials])
     free = np.array([(each.coefficients != 0) & np.isnan(known) for each, known in _pairs(problem, state)])
     starts = np.array(problem.models[0].order) * (counts > 0)
     left = (counts - starts).sum(axis=0) - free.sum(axis=(0, 2))
     if np.array_equal(problem.noise, problem.first_noise) and problem.tells_noise:
-        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own)) for own in counts.T.tolist()])
+        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own)) for own in counts.T.astype(int).tolist()])
     return np.asarray(np.maximum(left, 1.0))
 
 

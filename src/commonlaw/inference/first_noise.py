@@ -5,16 +5,20 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.unmeasured import EXACT, scales_of_starts, spread_within
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.repeats import pure_error
 
 FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
+
+_LEAST_FREEDOM = 4
+"""Degrees of freedom of repeated measurements whose scatter tells the noise: its estimate is then off by a third."""
 
 _MULTIPLE = 1e-3
 """Differences that are so near to multiples of a step are multiples."""
@@ -113,16 +117,27 @@ NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] 
 """How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
 
 
+def told_by_repeats(trials: Trials) -> Bools:
+    """Return of which states repeated measurements estimate the noise, shape (states,)."""
+    freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
+    return np.asarray(freedom >= _LEAST_FREEDOM)
+
+
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:
     """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from.
 
     Of states that nobody measured it is NaN.
     """
     squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
-    reasons = []
+    repeated, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))
+    by_repeats, reasons = told_by_repeats(trials), list[str]()
     for j, name in enumerate(trials.schema.states):
         if name in trials.schema.starts:
             squares[:, j], weights[:, j] = np.nan, 1.0
+            continue
+        if by_repeats[j]:
+            squares[:, j], weights[:, j] = repeated[j] / freedom[j], 1.0
+            reasons.append("from repeated measurements")
             continue
         pairs = [(trial.times, trial.states[:, j]) for trial in trials]
         measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]

@@ -12,6 +12,7 @@ from commonlaw.inference.first_noise import noise_told
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
+from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
 
 _PRIOR = 2.0
@@ -58,7 +59,7 @@ class Measurements:
         States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
         """
         std = errors.white_std(self._usual_states, with_typical(self._given, noise))
-        return np.where(self._still, with_typical(self._given, self.first_noise), std)
+        return np.where(self._still, with_typical(self._given, self.first_noise), std) * self._averaging
 
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
         """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
@@ -71,7 +72,9 @@ class Measurements:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
         prior, least = _PRIOR * float(np.sum(1 / inflation)), self._floors[1] / noise
-        return Measured(self.count, self._freedom + _PRIOR * len(inflation), prior, least=float(np.max(least) ** 2))
+        squares, freedom = self.pure_error
+        prior, freedom = prior + float(np.sum(squares / noise**2)), self._freedom + freedom + _PRIOR * len(inflation)
+        return Measured(self.count, freedom, prior, least=float(np.max(least) ** 2))
 
     def least_variance(self, noise: Floats) -> float:
         """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
@@ -89,7 +92,7 @@ class Measurements:
 
         It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
         """
-        variance = noise**2 * np.mean((std / with_typical(self._given, noise)) ** 2, axis=0)
+        variance = noise**2 * np.mean((std / (with_typical(self._given, noise) * self._averaging)) ** 2, axis=0)
         if errors.correlated is not None:
             variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
         return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
@@ -108,8 +111,18 @@ class Measurements:
         return np.concatenate([np.broadcast_to(each.noise, each.measured.shape) for each in self.meshes])
 
     @cached_property
+    def _averaging(self) -> Floats:
+        return np.concatenate([np.broadcast_to(each.averaging, each.measured.shape) for each in self.meshes])
+
+    @cached_property
     def _still(self) -> Bools:
         return np.concatenate([each.still for each in self.meshes])
+
+    @cached_property
+    def pure_error(self) -> tuple[Floats, float]:
+        """The squares of repeated measurements of each state, shape (d,), and all their degrees of freedom."""
+        squares, freedom = pure_error([trial.repeats for trial in self.trials], len(self.first_noise))
+        return squares, float(freedom.sum())
 
     @cached_property
     def _freedom(self) -> int:

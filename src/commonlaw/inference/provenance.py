@@ -250,6 +250,7 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
         levels = levels_in_words(errors.correlated, schema)
         found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
+    deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
     return (
         *found,
         model_error_step(problem, state),

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor
+from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, told_by_repeats
 from commonlaw.inference.known_starts import (
     begun_at_starts,
     with_exact_starts,
@@ -105,8 +105,10 @@ class SearchProblem:
 
     @property
     def tells_noise(self) -> bool:
-        """Whether some trial is so long that differences of its samples tell the noise of a state."""
-        return any(np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials)
+        """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
+        return bool(told_by_repeats(self.trials).any()) or any(
+            np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
+        )
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
@@ -329,7 +331,7 @@ def prepare(
         begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
         starts, as_good = _begun_along_curves(models, groups, curves, begins), []
     typical = typical_states(curves)
-    measured = tuple(int(sum(np.isfinite(trial.states).sum() for trial in group)) for group in groups)
+    measured = tuple(int(sum(trial.counts.sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
     problem = SearchProblem(
         trials,
@@ -352,7 +354,9 @@ def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
     """Return a mesh on which starts of states that nobody measured are as exact as they are."""
     if not started.any():
         return mesh
-    return mesh.with_scale(np.where(started & mesh.observed, with_typical(mesh.noise, levels) / levels, 1.0))
+    return mesh.with_scale(
+        np.where(started & mesh.observed, with_typical(mesh.noise, levels) * mesh.averaging / levels, 1.0)
+    )
 
 
 def _begun_along_curves(

@@ -17,7 +17,6 @@ from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import as_measured, natural
-from commonlaw.trials.trial import with_typical
 from commonlaw.wording import counted
 
 if TYPE_CHECKING:
@@ -242,8 +241,7 @@ class Forecast(ShownInNotebooks):
             return tuple(own * np.where(columns, states, 1.0) for own, states in pairs)
         errors = self.error_model.white_std if white else self.error_model.measurement_std
         return tuple(
-            errors(states, with_typical(trial.noise, self.noise))
-            for trial, states in zip(self.trials, self._states(), strict=True)
+            errors(states, trial.std(self.noise)) for trial, states in zip(self.trials, self._states(), strict=True)
         )
 
     def as_measured(self, measured: Trials) -> "Forecast":

@@ -11,7 +11,6 @@ from commonlaw.law.law import Law
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.conversion import Conversion
-from commonlaw.trials.trial import with_typical
 from commonlaw.trials.units import parse_unit, registry
 from commonlaw.wording import counted
 
@@ -92,8 +91,8 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
 
 def _leaves_zero(trial: Trial, noise: Floats) -> bool:
     """Return whether all states are zero at first, and later some state is not."""
-    begins = np.abs(trial.states[:1]) <= _NOISES * with_typical(trial.noise[:1], noise)
-    return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * with_typical(trial.noise, noise)))
+    begins = np.abs(trial.states[:1]) <= _NOISES * trial.std(noise)[:1]
+    return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * trial.std(noise)))
 
 
 def _starts_near_zero(law: Law, trial: Trials, noise: Floats) -> bool:
@@ -105,7 +104,7 @@ def _starts_near_zero(law: Law, trial: Trials, noise: Floats) -> bool:
         return False
     with suppress(CommonlawError):
         begins = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
-        return bool(np.all(np.abs(begins) <= _NOISES * with_typical(trial[0].noise[:1], noise)))
+        return bool(np.all(np.abs(begins) <= _NOISES * trial[0].std(noise)[:1]))
     return False
 
 

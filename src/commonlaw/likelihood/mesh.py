@@ -40,6 +40,8 @@ class Mesh:
         Standard deviations of the measurements relative to the noise of their states, shape (n, d).
     noise
         Standard deviations that were given of single measurements, shape (n, d), NaN for others.
+    averaging
+        By what the noise of each measurement is lower, as it is the mean of several, see `Trial.averaging`.
     middle
         Inputs in the middle between each point and the next one, shape (n - 1, inputs); without them on straight lines.
     held
@@ -52,6 +54,7 @@ class Mesh:
     contiguous: Bools
     scale: Floats | float = 1.0
     noise: Floats | float = np.nan
+    averaging: Floats | float = 1.0
     middle: Floats | None = None
     held: bool = False
 
@@ -204,6 +207,10 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
         np.concatenate([_spaced(values_of(trial)[segment], points) for trial, segment in group])
         for values_of in (attrgetter("states"), attrgetter("noise"))
     )
+    averaging: Floats | float = 1.0
+    if any(trial.repeats is not None for trial, _ in group):
+        parts = [np.broadcast_to(trial.averaging, trial.states.shape)[segment] for trial, segment in group]
+        averaging = np.nan_to_num(np.concatenate([_spaced(each, points) for each in parts]), nan=1.0)
     courses = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
     inputs, middle = (
         np.concatenate([values_of(course, grid) for course, grid in zip(courses, times, strict=True)])
@@ -212,7 +219,16 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
     contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
     contiguous[np.cumsum([len(each) for each in times])[:-1] - 1] = False
     held = any(each.held for each in courses)
-    return Mesh(np.concatenate(times), measured, inputs, contiguous, noise=noise, middle=middle[:-1], held=held)
+    return Mesh(
+        np.concatenate(times),
+        measured,
+        inputs,
+        contiguous,
+        noise=noise,
+        averaging=averaging,
+        middle=middle[:-1],
+        held=held,
+    )
 
 
 def _in_middle(inputs: Inputs, times: Floats) -> Floats:

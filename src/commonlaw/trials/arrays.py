@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
-from commonlaw.trials.grouping import are_used
+from commonlaw.trials.grouping import are_used, repeats_in_words
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
@@ -54,7 +54,9 @@ def trials_from_arrays(
         if len(here)
     ]
     notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
-    return TrialData(made, schema, known.values, (*known.notes, *notes), set(objects) == {"object"})
+    return TrialData(
+        made, schema, known.values, (*known.notes, *notes, *repeats_in_words(made)), set(objects) == {"object"}
+    )
 
 
 def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
@@ -72,11 +74,11 @@ def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
 
 def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:
     """Return a trial without its samples that are empty."""
-    others = [np.empty((0, 0)) if each is None else each for each in (inputs, noise)]
+    inputs, noise = (np.empty((0, 0)) if each is None else each for each in (inputs, noise))
     if len(empty):
         times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
-        others = [np.delete(each, empty, axis=0) if np.size(each) else each for each in others]
-    return Trial(name, run, times, states, *others)
+        inputs, noise = (np.delete(each, empty, axis=0) if np.size(each) else each for each in (inputs, noise))
+    return Trial(name, run, times, states, inputs, noise)
 
 
 def _is_one(times: Any) -> bool:

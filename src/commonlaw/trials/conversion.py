@@ -111,7 +111,10 @@ def _converted(trial: Trial, how: _Conversions) -> Trial:
         noise[:, j] *= 1.0 if is_logarithm else abs(each.scale)
     for j, each in enumerate(how.inputs):
         inputs[:, j] = each.of(inputs[:, j])
-    return replace(trial, times=how.time.of(trial.times), states=states, noise=noise, inputs=inputs)
+    factors = [1.0 if log else each.scale for each, log in zip(how.states, how.logarithmic, strict=True)]
+    repeats = None if trial.repeats is None else trial.repeats.scaled(np.array(factors))
+    times = how.time.of(trial.times)
+    return replace(trial, times=times, states=states, noise=noise, inputs=inputs, repeats=repeats)
 
 
 def _property(value: Property, how: Conversion | None) -> Property:

@@ -53,8 +53,10 @@ def _with_moments(trial: Trial) -> Trial:
     times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
     order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
     inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
+    rows = np.flatnonzero(order < len(trial))
     return replace(
         trial,
+        repeats=trial.repeats and trial.repeats.placed(rows, len(times)),
         times=times[order],
         states=_longer(trial.states, len(times))[order],
         inputs=inputs[order],

@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.trial import Schema, Trial
+from commonlaw.wording import counted
 
 Restarts = Literal["trials", "sort"]
 """What times that go back mean: new trials, or rows of one trial that are out of order."""
@@ -88,7 +89,7 @@ def trials_of(
         notes = [f"a trial begins wherever the time goes back: {'; '.join(begun)}"] if begun else []
     sorted_rows = [group.rows[np.argsort(cells[0][group.rows], kind="stable")] for group in groups]
     for group, rows in zip(groups, sorted_rows, strict=True):
-        _refuse_twice(table, cells[0], rows, group, groups)
+        _refuse_twice(table, cells, rows, group, groups, may_be_apart=restarts == "sort")
     if restarts is None:
         _refuse_restarts(table, cells[0], groups)
     late = [group.label for group in groups if len(_back(cells[0], group))]
@@ -99,11 +100,13 @@ def trials_of(
         if not kept.all():
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
-            made.append(Trial(group.object, group.trial, *(each[rows[kept]] for each in cells)))
+            times, states, inputs, noise = (each[rows[kept]] for each in cells)
+            made.append(Trial(group.object, group.trial, times, states, inputs, noise))
             row_indices.append(rows[kept])
         else:
             empty.append(group.label)
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
+    notes += repeats_in_words(made)
     return Grouped(tuple(made), tuple(row_indices), tuple(empty), tuple(notes))
 
 
@@ -195,14 +198,19 @@ def _single_rows_late(times: Floats) -> Codes | None:
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:
     """Return how to tell trials apart where times start again."""
-    owners = np.concatenate([np.full(len(group.rows), i) for i, group in enumerate(groups)])
-    rows = np.concatenate([group.rows for group in groups])
-    telling = [name for name in table.columns if _tells_apart(table, name, times[rows], owners, rows)]
+    numbered = _numbered(times, groups)
+    telling = [name for name in table.columns if _tells_apart(table, name, *numbered)]
     hint = f" (column {' or '.join(map(repr, telling))} would do)" if telling else ""
     return (
         f"name the columns that tell trials and objects apart with trial=... and object=...{hint}, or say "
         "restarts='trials' if a trial begins wherever the time goes back"
     )
+
+
+def _numbered(times: Floats, groups: Sequence[Group]) -> tuple[Floats, Codes, Codes]:
+    """Return the time of each row, the number of its group, and its index in the table."""
+    rows = np.concatenate([group.rows for group in groups])
+    return times[rows], np.repeat(np.arange(len(groups)), [len(group.rows) for group in groups]), rows
 
 
 def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes) -> bool:
@@ -216,13 +224,42 @@ def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Co
     return bool(np.mean(same) > 0.5 and (codes >= 0).all() and (np.diff(times[order]) > 0)[same].all())
 
 
-def _refuse_twice(table: Table, times: Floats, rows: Codes, group: Group, groups: Sequence[Group]) -> None:
-    """Refuse a group in which a time is there twice; its `rows` are sorted by time."""
-    own = times[rows]
+def _refuse_twice(
+    table: Table, cells: Cells, rows: Codes, group: Group, groups: Sequence[Group], *, may_be_apart: bool
+) -> None:
+    """Refuse a group in which a time is there twice, but for repeated measurements; its `rows` are sorted by time.
+
+    These have not all the same values, no column tells them apart, and they stand below each other, unless they are
+    said to be of one trial.
+    """
+    own = cells[0][rows]
     twice = np.flatnonzero(own[1:] == own[:-1])
-    if len(twice):
-        here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])
+    if not len(twice):
+        return
+    here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])
+    what = f"{table.source}: {group.label}: the time {own[twice[0]]:g} is there twice, in {here} and in {there}"
+    places = np.searchsorted(group.rows, rows)
+    together = may_be_apart or bool(np.all(places[twice + 1] - places[twice] == 1))
+    if together and all(np.array_equal(each[rows[twice]], each[rows[twice + 1]], equal_nan=True) for each in cells[1:]):
+        raise CommonlawError(f"{what}, with the same values wherever a time is: remove rows that are copies")
+    if not together or any(_tells_apart(table, name, *_numbered(cells[0], groups)) for name in table.columns):
         raise CommonlawError(
-            f"{table.source}: {group.label}: the time {own[twice[0]]:g} is there twice, in {here} and in {there}; "
-            f"remove a row, or {_remedy(table, times, groups)}"
+            f"{what}; remove a row, {_remedy(table, cells[0], groups)}, or restarts='sort' if they are repeated "
+            "measurements"
         )
+
+
+def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
+    """Return a note on trials with several measurements at one time, if there are any."""
+    found = [each for each in trials if each.repeats is not None]
+    if not found:
+        return []
+    rows, times = (sum(int(own) for own in each) for each in zip(*map(_counts, found), strict=True))
+    where = f"at {times} times in {counted(len(found), 'trial')}"
+    return [f"{rows} measurements {where} are averaged, weighted by their number"]
+
+
+def _counts(trial: Trial) -> tuple[int, int]:
+    """Return how many measurements are repeated, and at how many times and of how many states."""
+    several = trial.counts > 1
+    return int(trial.counts[several].sum()), int(several.sum())

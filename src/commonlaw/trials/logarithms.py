@@ -44,7 +44,8 @@ def _at_times(measured: Trial, wanted: Trial) -> Trial:
     there = np.isin(wanted.times, measured.times)
     rows = np.searchsorted(measured.times, wanted.times[there])
     states[there], noise[there] = measured.states[rows], measured.noise[rows]
-    return replace(wanted, states=states, noise=noise)
+    repeats = measured.repeats and measured.repeats.taken(rows).placed(np.flatnonzero(there), len(wanted))
+    return replace(wanted, states=states, noise=noise, repeats=repeats)
 
 
 def natural(states: Floats, schema: Schema) -> Floats:
@@ -58,7 +59,7 @@ def natural(states: Floats, schema: Schema) -> Floats:
 
 
 def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str]) -> Trial:
-    states, noise = trial.states.copy(), trial.noise.copy()
+    states, noise, factors = trial.states.copy(), trial.noise.copy(), np.ones(trial.states.shape)
     for j in columns:
         low = np.flatnonzero(states[:, j] <= 0)
         if len(low):
@@ -69,5 +70,6 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
                 "take a law without positive=..."
             )
         noise[:, j] /= states[:, j]
+        factors[:, j] = 1 / states[:, j]
         states[:, j] = np.log(states[:, j])
-    return replace(trial, states=states, noise=noise)
+    return replace(trial, states=states, noise=noise, repeats=trial.repeats and trial.repeats.scaled(factors))

@@ -57,12 +57,12 @@ def rates_in_words(rates: Mapping[str, str]) -> str:
 def _with_columns(trial: Trial, kept: list[int], names: tuple[str, ...]) -> Trial:
     """Return a trial with some of its states, without samples in which only others were measured."""
     states, measured = trial.states[:, kept], np.isfinite(trial.states).any(axis=1)
-    rows = np.isfinite(states).any(axis=1) | ~measured
+    rows = np.asarray(np.isfinite(states).any(axis=1) | ~measured)
     if not np.isfinite(states).any():
         raise CommonlawError(
             f"{trial.label}: {', '.join(names)} was measured in no sample, and the law is of nothing else: leave the "
             "trial out"
         )
-    return replace(
-        trial, times=trial.times[rows], states=states[rows], inputs=trial.inputs[rows], noise=trial.noise[rows][:, kept]
-    )
+    found = trial.rows(rows)
+    repeats = found.repeats and found.repeats.taken((slice(None), kept))
+    return replace(found, states=found.states[:, kept], noise=found.noise[:, kept], repeats=repeats)

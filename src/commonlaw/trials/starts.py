@@ -79,8 +79,10 @@ def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
     unknown = np.full((len(times), len(values)), np.nan)
     starts = unknown.copy()
     starts[0] = values
+    repeats = trial.repeats and trial.repeats.placed(np.arange(len(times) - len(trial), len(times)), len(times))
     return replace(
         trial,
+        repeats=repeats and repeats.wider(len(values)),
         times=times[:, 0],
         states=np.column_stack([states, starts]),
         inputs=inputs,

@@ -20,6 +20,7 @@ from commonlaw.trials.choosing import Named, Until, all_begin_later, all_fit, la
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.parquet import batch_tables, opened
+from commonlaw.trials.repeats import joined
 from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
@@ -304,7 +305,9 @@ class _TrialsOfFile:
                 )
             done.add(key)
             arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
-            trial = Trial(*key, *map(np.concatenate, arrays)) if len(parts) > 1 else parts[0]
+            times, states_of, inputs, noise = map(np.concatenate, arrays)
+            repeats = joined([(each.repeats, each.states.shape) for each in parts])
+            trial = Trial(*key, times, states_of, inputs, noise, repeats) if len(parts) > 1 else parts[0]
             check_measured([trial], states[0])
             yield trial
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.identifiers import label, plain
+from commonlaw.trials.repeats import Repeats, merged
 from commonlaw.wording import counted
 
 Property = float | str
@@ -121,7 +122,7 @@ class Trial:
     name
         The trial's label, unique among the trials of its object; kept as `label` writes it.
     times
-        Sample times, strictly increasing, shape (n,).
+        Sample times, increasing, shape (n,). Several measurements at one time become one sample, see `Repeats`.
     states
         Measured states, shape (n, number of states); NaN where a state was not measured, or is to be forecast.
     inputs
@@ -129,12 +130,15 @@ class Trial:
     noise
         Standard deviation of each measured state, shape (n, number of states), NaN where it is not known: nowhere, or
         everywhere where a state was measured. Default: not known.
+    repeats
+        How many measurements each state is the mean of, and how they scatter; None where each is one.
 
     Raises
     ------
     CommonlawError
         If there is no sample or no label, shapes disagree, a value is not finite, the first sample has no measured
-        state, a measurement lacks its standard deviation, or the times do not increase; the message names the sample.
+        state, a measurement lacks its standard deviation, times go back, or inputs differ at one time; the message
+        names the sample.
     """
 
     object: str
@@ -143,6 +147,7 @@ class Trial:
     states: Floats
     inputs: Floats = field(default_factory=lambda: np.empty((0, 0)))
     noise: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    repeats: Repeats | None = None
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
@@ -162,6 +167,8 @@ class Trial:
         self._check()
         if not unknown:
             self._check_noise()
+        if (np.diff(self.times) == 0).any():
+            self._merge()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -196,7 +203,41 @@ class Trial:
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
         parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise")}
-        return replace(self, **parts)
+        return replace(self, **parts, repeats=None if self.repeats is None else self.repeats.taken(chosen))
+
+    def std(self, typical: Floats) -> Floats:
+        """Return the standard deviation of each state, shape (n, states).
+
+        Where it is not known it follows from the typical one of a single measurement, shape (states,).
+        """
+        return with_typical(self.noise, typical) * self.averaging
+
+    @property
+    def averaging(self) -> Floats | float:
+        """By what repeats lower a noise that is not known, shape (n, states), or 1."""
+        return 1.0 if self.repeats is None else np.where(np.isnan(self.noise), self.repeats.counts**-0.5, 1.0)
+
+    @property
+    def counts(self) -> Floats:
+        """How many measurements of each state there are at each sample, shape (n, states)."""
+        return np.isfinite(self.states) * (1.0 if self.repeats is None else self.repeats.counts)
+
+    def _merge(self) -> None:
+        """Make one sample of those at one time."""
+        first = np.flatnonzero(np.diff(self.times, prepend=-np.inf) > 0)
+        rows = np.repeat(first, np.diff(first, append=len(self)))
+        differ = (self.inputs != self.inputs[rows]).any(axis=1)
+        if differ.any():
+            i = int(np.argmax(differ))
+            raise CommonlawError(
+                f"{self.label}: inputs differ at time {self.times[i]:g}, in samples {rows[i] + 1} and {i + 1}: give "
+                "one row for each time at which an input changes"
+            )
+        states, noise, repeats = merged(first, self.states, self.noise, self.repeats)
+        found = (self.times[first], 1), (states, 2), (self.inputs[first], 2), (noise, 2)
+        for name, values in zip(("times", "states", "inputs", "noise"), found, strict=True):
+            object.__setattr__(self, name, _frozen(*values))
+        object.__setattr__(self, "repeats", repeats)
 
     def _check(self) -> None:
         if not self.object or not self.name:
@@ -222,12 +263,13 @@ class Trial:
 
     def _check_times(self) -> None:
         steps = np.diff(self.times)
+        steps = steps[steps != 0]
         smallest, largest = steps.min(initial=np.inf), max(abs(self.times[0]), abs(self.times[-1]))
-        if smallest <= 0:
-            i = int(np.argmax(steps <= 0))
+        if smallest < 0:
+            i = int(np.argmax(steps < 0))
             raise CommonlawError(
-                f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} does not come after {self.times[i]:g}; "
-                "sort the samples and keep one for each time"
+                f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} comes before {self.times[i]:g}: sort the "
+                "samples by time"
             )
         if largest > _EXTREME or smallest < 1 / _EXTREME:
             what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
