@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=1, help="of each system (default: %(default)s)")
     parser.add_argument("--objects", type=int, help="of each system (default: as many as the collection has)")
     parser.add_argument("--seconds", type=int, default=10, help="of Operon for an equation (default: %(default)s)")
-    parser.add_argument("--library", help="candidate terms of commonlaw, its default if none is named")
+    parser.add_argument("--library", default="auto", help="candidate terms of commonlaw (default: %(default)s)")
     parser.add_argument("--without", nargs="+", default=(), choices=("operon", "commonlaw"), help="leave one out")
     chosen = parser.parse_args(arguments)
     path = chosen.problems / "any_law" / "systems.py"
@@ -220,7 +220,7 @@ def model(formulas: Sequence[tuple[Formula, int]], driven: bool) -> Model:
     )
 
 
-def ours(problem: Any, library: str | None) -> list[Model]:
+def ours(problem: Any, library: str) -> list[Model]:
     """Return the law that commonlaw finds, as the model of each object."""
     listed = [(i, *trial) for i, trials in enumerate(problem.objects) for trial in trials]
     trials = cl.Trials.from_arrays(

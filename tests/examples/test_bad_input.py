@@ -167,6 +167,7 @@ def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(monkeypa
         library="terms:height**2",
         method=cl.DerivativeRegression(solver="stlsq:0"),
         known={"height^2": 1.0},
+        order=1,
     )
     law.save("law.json")
     monkeypatch.setattr("sys.argv", ["commonlaw", "predict", "law.json", "drops.csv", "--save", "forecast.csv"])

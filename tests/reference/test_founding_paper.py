@@ -160,7 +160,10 @@ def test_the_averages_of_reynolds_dependent_drag_with_the_seed_100(noise, expect
 def test_the_nonlinear_oscillator():
     trials = cl.datasets.nonlinear_oscillator()
     law = cl.discover(
-        trials, library="poly:5", method=cl.DerivativeRegression(differentiation="centered", solver="stlsq:0.05")
+        trials,
+        library="poly:5",
+        method=cl.DerivativeRegression(differentiation="centered", solver="stlsq:0.05"),
+        order=1,
     )
     assert law.equations(digits=3) == ("x' = -0.1 x^3 + 2 y^3", "y' = -2 x^3 - 0.0995 y^3")
     (x, y), names = law.coefficients[0], law.terms.names
@@ -174,7 +177,7 @@ def fall(trials, solver):
     speeds = [cl.Trial(trial.object, trial.name, trial.times, form.rates(trial).derivatives[0]) for trial in trials]
     trials = cl.Trials(tuple(speeds), cl.Schema(("v",)))
     return cl.discover(
-        trials, library="poly:2", method=cl.DerivativeRegression(differentiation="centered", solver=solver)
+        trials, library="poly:2", method=cl.DerivativeRegression(differentiation="centered", solver=solver), order=1
     )
 
 

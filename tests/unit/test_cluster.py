@@ -128,7 +128,7 @@ def test_other_versions_are_refused_by_name(client, monkeypatch):
 
 def test_a_stream_is_what_a_cluster_takes(client):
     with pytest.raises(cl.CommonlawError, match=r"give TrialStream.from_parquet"):
-        cl.discover(cl.datasets.linear_drag(), order=2, client=client)
+        cl.discover(cl.datasets.linear_drag(), order=2, client=client, library="poly:3")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "local:0", "nowhere:at:all"])

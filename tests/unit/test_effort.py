@@ -19,9 +19,9 @@ def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
 def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch):
     monkeypatch.setattr(effort, "PATIENCE", 0.01)
     with pytest.warns(cl.LongWorkWarning, match="choosing from 10 terms for 1 equation and 5 objects will take about"):
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression())
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(), library="poly:3")
     with pytest.warns(cl.LongWorkWarning, match=r"or a solver with its value such as 'group-stlsq:1'"):
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_resamples=0))
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_resamples=0), library="poly:3")
     with pytest.warns(cl.LongWorkWarning, match="likelihood of 10 trials of 5 objects .*take fewer trials, or method="):
         cl.discover(DROPS, order=2, library="poly:1")
 
@@ -93,7 +93,8 @@ def test_numbers_of_processes_and_resamples_are_bounded(option, message):
 def test_as_many_processes_start_as_there_are_cores():
     settings = {"differentiation": "finite:2", "solver": "group-stlsq:1.5"}
     laws = [
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_jobs=jobs, **settings)) for jobs in (1, 100_000)
+        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_jobs=jobs, **settings), library="poly:3")
+        for jobs in (1, 100_000)
     ]
     np.testing.assert_array_equal(*(each.coefficients for each in laws))
 

@@ -16,7 +16,7 @@ STAGES = {"noise", "library", "mesh", "model error", "coefficients"}
 
 def found(trials, truth, **settings):
     """The law that is found, of which the support is checked, and that coefficients are near the truth."""
-    law = cl.discover(trials, **settings)
+    law = cl.discover(trials, **{"order": truth.order, "library": "poly:3"} | settings)
     expected = np.zeros_like(law.coefficients)
     for k, term in enumerate(truth.terms.names):
         expected[:, :, law.terms.index(term)] = truth.select(law.objects).coefficients[:, :, k]
@@ -133,7 +133,9 @@ def test_a_trial_at_rest_is_taken_among_others_that_move():
     moving = [2 * np.exp(-0.7 * times), np.exp(-0.7 * times)]
     generator = np.random.default_rng(1)
     states = [(each + 0.01 * generator.standard_normal(80))[:, np.newaxis] for each in moving] + [np.zeros((80, 1))]
-    law = cl.discover(cl.Trials.from_arrays([times] * 3, states, object=["cup"] * 3, names=["x"]), library="poly:2")
+    law = cl.discover(
+        cl.Trials.from_arrays([times] * 3, states, object=["cup"] * 3, names=["x"]), library="poly:2", order=1
+    )
     assert law.structure() == ("x' = a x",)
     assert law.noise == pytest.approx([0.01], rel=0.2)
     assert law.coefficients[0, 0, law.terms.index("x")] == pytest.approx(-0.7, abs=0.02)
@@ -217,7 +219,7 @@ def test_a_law_may_be_known_altogether(drops):
 
 def test_what_does_not_move_by_itself_has_no_terms():
     states = np.random.default_rng(0).standard_normal((200, 1))
-    law = cl.discover(cl.Trials.from_arrays([np.arange(200.0)], [states], names=["x"]), library="poly:2")
+    law = cl.discover(cl.Trials.from_arrays([np.arange(200.0)], [states], names=["x"]), library="poly:2", order=1)
     assert not law.support.any()
     assert law.noise == pytest.approx([1], rel=0.2)
     assert law.history[3].choice == "none"
@@ -243,7 +245,7 @@ def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
     trials, truth = oscillator(noise=0.005), datasets.nonlinear_oscillator.truth()
     law = found(trials, truth)
     for method in (cl.DerivativeRegression(), cl.WeakRegression()):
-        other = cl.discover(trials, method=method)
+        other = cl.discover(trials, method=method, order=1, library="poly:3")
         np.testing.assert_array_equal(other.support, law.support)
         np.testing.assert_allclose(other.coefficients, law.coefficients, atol=0.06)
         assert other.covariance is None
@@ -281,7 +283,7 @@ def test_what_does_not_fit_is_refused(drops, settings, message):
 def test_a_trial_that_is_too_short_is_named(drops):
     few = replace(drops, trials=(*drops.trials[:-1], kept(drops, lambda n: np.arange(n) < 1).trials[-1]))
     with pytest.raises(CommonlawError, match=drops.trials[-1].name):
-        cl.discover(few, order=2)
+        cl.discover(few, order=2, library="poly:3")
 
 
 def test_short_trials_among_long_ones_do_not_change_the_noise(drops):
@@ -292,9 +294,11 @@ def test_short_trials_among_long_ones_do_not_change_the_noise(drops):
 
 def test_the_noise_of_a_state_may_be_named_with_its_unit():
     trials = cl.Trials.from_arrays(np.arange(9.0), np.exp(-np.arange(9.0)), names=["U"], units={"U": "V"})
-    assert cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"U [V]": 0.03})).noise == pytest.approx([0.03])
+    assert cl.discover(
+        trials, method=cl.TrajectoryLikelihood(noise={"U [V]": 0.03}), order=1, library="poly:3"
+    ).noise == pytest.approx([0.03])
     with pytest.raises(CommonlawError, match="unknown state 'I': Known: U"):
-        cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"I": 0.03}))
+        cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"I": 0.03}), order=1, library="poly:3")
 
 
 def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
@@ -338,8 +342,8 @@ def test_units_do_not_matter(drops, drag, length, duration):
 
 def test_units_of_one_state_do_not_matter():
     trials = oscillator(noise=0.02)
-    one = cl.discover(trials)
-    other = cl.discover(with_states(trials, lambda states: states * [1000.0, 1.0]))
+    one = cl.discover(trials, order=1, library="poly:3")
+    other = cl.discover(with_states(trials, lambda states: states * [1000.0, 1.0]), order=1, library="poly:3")
     np.testing.assert_array_equal(one.support, other.support)
     cubes = [other.terms.index("x^3"), other.terms.index("y^3")]
     factors = np.array([[1000.0 / 1e9, 1000.0], [1e-9, 1.0]])
@@ -360,4 +364,4 @@ def test_a_state_that_changes_between_trials_only_is_refused():
     times = np.linspace(0, 1, 20)
     still = cl.Trials.from_arrays([times] * 2, [np.full(20, level) for level in (1.0, 2.0)], names=["x"])
     with pytest.raises(CommonlawError, match="the state 'x' changes within no trial: take its column as a property"):
-        cl.discover(still)
+        cl.discover(still, order=1, library="poly:3")

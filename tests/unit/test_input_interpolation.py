@@ -52,7 +52,7 @@ def test_a_solution_with_its_inputs_has_no_defects(course, points):
 @pytest.mark.slow
 def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
     trials = driven("held")
-    law = cl.discover(trials, library="poly:2", method=cl.TrajectoryLikelihood(**KNOWN))
+    law = cl.discover(trials, library="poly:2", method=cl.TrajectoryLikelihood(**KNOWN), order=1)
     assert law.structure() == ("x' = a + b x + c u",)
     inside = law.support[0]
     missed = (law.coefficients[0, 0, inside] - [0.2, -0.8, 1.0]) / law.standard_errors[0, 0, inside]

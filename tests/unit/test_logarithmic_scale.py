@@ -30,7 +30,7 @@ def growing(starts=(2.0, 3.0, 1.0, 4.0, 6.0), share=0.08, seed=0, names=("w",)):
 
 @pytest.fixture(scope="module")
 def law():
-    return cl.discover(growing(), method=cl.TrajectoryLikelihood(positive=["w"]))
+    return cl.discover(growing(), method=cl.TrajectoryLikelihood(positive=["w"]), order=1, library="poly:3")
 
 
 @pytest.mark.parametrize("logarithmic", [("x",), ("y",), ("y", "x")])
@@ -171,8 +171,8 @@ def test_a_state_that_a_law_drives_below_zero_diverges():
 def test_several_states_may_have_scales_of_their_own():
     trials = cl.datasets.lotka_volterra(noise=0.01)[:2]
     library = "terms:1,x,y,x*y"
-    plain = cl.discover(trials, library=library)
-    mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(positive=["y"]))
+    plain = cl.discover(trials, library=library, order=1)
+    mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(positive=["y"]), order=1)
     assert mixed.structure() == plain.structure()
     inside = plain.coefficients != 0
     np.testing.assert_allclose(mixed.coefficients[inside], plain.coefficients[inside], rtol=0.05)
@@ -186,14 +186,22 @@ def test_what_does_not_go_with_it_is_refused(law):
     likelihood = cl.TrajectoryLikelihood
     cases = [
         (
-            lambda: cl.discover(zero, method=likelihood(positive=["w"])),
+            lambda: cl.discover(zero, method=likelihood(positive=["w"]), order=1, library="poly:3"),
             "plant, trial 1: w is 0 in sample 4, at 0.923.*2 v",
         ),
         (lambda: law.predict(zero), "empty the cell, remove the row, or take a law without positive="),
-        (lambda: cl.discover(trials, method=likelihood(positive=["x"])), "unknown state 'x'"),
-        (lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"])), "goes with laws of order 1, and not"),
         (
-            lambda: cl.discover(trials, method=likelihood(positive=["w"], errors="proportional")),
+            lambda: cl.discover(trials, method=likelihood(positive=["x"]), order=1, library="poly:3"),
+            "unknown state 'x'",
+        ),
+        (
+            lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"]), library="poly:3"),
+            "goes with laws of order 1, and not",
+        ),
+        (
+            lambda: cl.discover(
+                trials, method=likelihood(positive=["w"], errors="proportional"), order=1, library="poly:3"
+            ),
             "errors='proportional'",
         ),
         (lambda: cl.compare({"a": law, "b": on_log_scale(law, [])}, trials), "logarithmic scale are w and none, and"),

@@ -84,5 +84,5 @@ def test_another_method_is_taken_where_objects_are_too_many_only_and_that_is_sai
     many = cl.Trials.from_arrays([np.arange(220.0)] * 260, [np.zeros(220)] * 260, object=[*map(str, range(260))])
     assert can_be_carried(long)
     assert not can_be_carried(many)
-    assert isinstance(default_method(long, ModelStructure(1)), cl.TrajectoryLikelihood)
-    assert isinstance(default_method(many, ModelStructure(1)), cl.DerivativeRegression)
+    assert isinstance(default_method(long), cl.TrajectoryLikelihood)
+    assert isinstance(default_method(many), cl.DerivativeRegression)

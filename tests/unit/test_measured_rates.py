@@ -141,5 +141,7 @@ def test_a_rate_that_has_an_equation_of_its_own_stays():
 
 
 def test_first_order_keeps_the_rate_as_a_state():
-    law = cl.discover(pendulum(noise=0.0), library="poly:1", method=cl.DerivativeRegression(solver="stlsq:0.05"))
+    law = cl.discover(
+        pendulum(noise=0.0), library="poly:1", method=cl.DerivativeRegression(solver="stlsq:0.05"), order=1
+    )
     assert law.states == ("theta", "omega")

@@ -33,8 +33,10 @@ def cells(noise="0.1", state="5"):
 def test_a_constant_column_is_the_noise_of_the_state():
     trials = cups(0.1)
     by_column, given = (
-        cl.discover(trials),
-        cl.discover(trials.without_noise(), method=cl.TrajectoryLikelihood(noise={"T": 0.1})),
+        cl.discover(trials, order=1, library="poly:3"),
+        cl.discover(
+            trials.without_noise(), method=cl.TrajectoryLikelihood(noise={"T": 0.1}), order=1, library="poly:3"
+        ),
     )
     np.testing.assert_array_equal(by_column.coefficients, given.coefficients)
     np.testing.assert_array_equal(by_column.covariance, given.covariance)
@@ -70,7 +72,7 @@ def test_coefficients_and_errors_are_those_of_weighted_least_squares_on_the_solu
 def test_the_law_is_found_and_its_intervals_hold_the_truth():
     missed = []
     for seed in range(12):
-        law = cl.discover(cups(seed=seed), library="poly:2")
+        law = cl.discover(cups(seed=seed), library="poly:2", order=1)
         assert law.structure() == ("T' = a + b T",)
         missed.append((law.coefficients[0, 0, :2] - [0.6, -0.3]) / law.standard_errors[0, 0, :2])
     assert np.mean(np.abs(missed) < 1.96) >= 20 / 24
@@ -173,8 +175,14 @@ def test_what_does_not_go_together_is_refused():
         (lambda: trials.with_trials(bare.trials), "cup, trial 1 lacks standard deviations of T, column T noise"),
         (lambda: cl.Schema(("x",), noise_columns={"y": "s"}), "unknown state 'y'"),
         (lambda: cl.Schema(("x",), noise_columns={"x": "x"}), "the name 'x' stands for two columns"),
-        (lambda: cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"T": 1.0})), "'T' is given twice"),
-        (lambda: cl.discover(trials, method=cl.DerivativeRegression()), "do not go with DerivativeRegression: leave"),
+        (
+            lambda: cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"T": 1.0}), order=1, library="poly:3"),
+            "'T' is given twice",
+        ),
+        (
+            lambda: cl.discover(trials, method=cl.DerivativeRegression(), order=1, library="poly:3"),
+            "do not go with DerivativeRegression: leave",
+        ),
     ]
     for case, message in cases:
         with pytest.raises(CommonlawError, match=message):

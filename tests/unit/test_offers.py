@@ -57,7 +57,7 @@ def inhibited() -> cl.Trials:
 
 def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
     library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
-    law = cl.discover(inhibited, library=library)
+    law = cl.discover(inhibited, library=library, order=1)
     assert law.structure() == ("s' = a s/(K + L*s + s^2)",)
     np.testing.assert_allclose(law.letter_values()[0][:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
@@ -67,7 +67,7 @@ def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_no
     times = np.linspace(0, 3, 60)
     noise = 0.01 * np.random.default_rng(2).standard_normal((60, 1))
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
-    law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"))
+    law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"), order=1)
     assert law.structure() == ("s' = a s",)
 
 
@@ -81,7 +81,7 @@ def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkey
 
     monkeypatch.setattr(parametric_search, "matching_sets", proposed)
     trials = cl.datasets.lorenz(samples=120, trials=2, noise=0.02, seed=1)
-    cl.discover(trials, library=_Later(), cache=False)
+    cl.discover(trials, library=_Later(), cache=False, order=1)
     assert sought[0].keys() == {0, 1, 2}  # The first offer
     assert sought[-1].keys() == {1}  # y' = a x + b y + c x z has three numbers
 
@@ -90,8 +90,10 @@ def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkey
 def test_a_sum_offers_what_each_of_its_libraries_does(text):
     variables = Variables(("s",))
     alone, library = parse_library("auto"), parse_library(text)
-    (first, ratios), (_, more) = alone.offers(variables), library.offers(variables)
-    assert library.offers(variables)[0] == first
+    (first, families, ratios), offers = alone.offers(variables), library.offers(variables)
+    assert offers[:2] == (first, families)
+    assert first.count == 0
+    more = offers[2]
     assert [each.text(variables.names) for each in ratios.ratios[0].beside] == ["1", "s"]
     assert [each.text(variables.names) for each in more.ratios[0].beside] == ["1", "s", "exp(s)"]
     assert library.seeks_unmeasured
@@ -110,7 +112,7 @@ def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited
         return best, rows
 
     monkeypatch.setattr(parametric_search, "_with_fewer", with_one_more_first)
-    cl.discover(inhibited, library="poly:1 + terms:s/(K + s + s^2/L)", cache=False)
+    cl.discover(inhibited, library="poly:1 + terms:s/(K + s + s^2/L)", cache=False, order=1)
     rows, found = seen[-1]
     assert rows[0].plain == ()
     assert found == rows
@@ -129,7 +131,9 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
     times, generator = np.linspace(0, 10, 512), np.random.default_rng(3)
     states = solve_ivp(respiration, (0, 10), (0.1, 30.4), t_eval=times, rtol=1e-9).y.T
     measured = states * (1 + 0.05 * generator.standard_normal(states.shape))
-    law = cl.discover(cl.Trials.from_arrays([times], [measured], names=["x", "y"]), library="auto", cache=False)
+    law = cl.discover(
+        cl.Trials.from_arrays([times], [measured], names=["x", "y"]), library="auto", cache=False, order=1
+    )
     found = law.simulate(times, states[0])[law.objects[0]].states
     assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)
 
@@ -144,7 +148,7 @@ def test_constants_inside_are_sought_under_errors_with_a_memory():
         states.append(found.y.T + errors)
     trials = cl.Trials.from_arrays([times] * 2, states, object=["a", "a"], names=["s"])
     method = cl.TrajectoryLikelihood(errors="correlated")
-    law = cl.discover(trials, library="poly:1 + terms:s/(K+s)", method=method)
+    law = cl.discover(trials, library="poly:1 + terms:s/(K+s)", method=method, order=1)
     assert law.structure() == ("s' = a s/(K + s)",)
     assert law.uncertainty.error_model.correlated is not None
     np.testing.assert_allclose(law.letter_values()[0][0], [-1.0, 0.7], rtol=0.15)

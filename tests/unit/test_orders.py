@@ -8,9 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 import commonlaw as cl
-from commonlaw.discovery import orders
+from commonlaw.discovery import orders, trajectory_likelihood
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.inference import evidence_of_order, prepare
+from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search import fit_with
 from commonlaw.library import parse_library
 
@@ -68,8 +69,11 @@ def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
     assert law.structure() == equations
     step = law.history[0]
     assert (step.stage, step.choice) == ("order", str(order))
-    assert f"against the best law of order {3 - order}" in step.reason
-    assert all(float(each.split()[4]) > 10 for each in step.reason.split("; "))
+    if order == 1:
+        assert step.reason == "it leaves nothing for laws of higher order to explain"
+    else:
+        assert "against the best law of order 1" in step.reason
+        assert all(float(each.split()[4]) > 10 for each in step.reason.split("; "))
 
 
 @pytest.mark.parametrize("noise", [0.01, *(pytest.param(level, marks=pytest.mark.slow) for level in (0.0, 0.05))])
@@ -81,7 +85,7 @@ def test_falling_balls_accelerate(noise):
 
 
 def test_a_state_beside_its_rate_needs_no_second_search(monkeypatch):
-    monkeypatch.delattr(cl.TrajectoryLikelihood, "find_order")
+    monkeypatch.setattr(trajectory_likelihood, "with_order_said", lambda *_: pytest.fail("orders were compared"))
     law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
     assert law.structure() == ("x'' = a y + b sin(x)",)
     assert (law.history[0].choice, law.history[0].reason) == ("2", "y is the rate of x")
@@ -116,14 +120,53 @@ def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
     ("settings", "message"),
     [
         ({"library": "terms:1,w"}, "'w'"),
-        ({"known": "x'' = -9.8"}, "known physics is of one order: give it"),
-        ({"method": cl.WeakRegression()}, "does not go with WeakRegression, which has no evidence"),
+        ({"known": lambda v: -v}, "known physics does not say its order here: give it"),
+        ({"known": "-9.8"}, "known physics does not say its order here: give it"),
         ({"order": "first"}, "order 'first' is not supported"),
     ],
 )
 def test_what_an_order_cannot_be_found_with_is_refused(settings, message):
     with pytest.raises(cl.CommonlawError, match=message):
         discover(cl.datasets.linear_drag(drag=(-0.1,), trials=1), **settings)
+
+
+@pytest.mark.parametrize("known", ["x'' = -9.8", cl.Law.from_text("x'' = -9.8")])
+def test_the_order_is_that_of_known_physics(known):
+    law = discover(cl.datasets.linear_drag(drag=(-0.1,), trials=1), known=known, library="poly:1")
+    assert law.order == 2
+
+
+@pytest.mark.parametrize("method", [cl.DerivativeRegression(), cl.WeakRegression()])
+def test_regressions_take_the_first_order_and_polynomials_and_say_so(method):
+    law = cl.discover(relaxations(0.01), method=method, cache=False)
+    assert law.order == 1
+    assert law.terms.names == ("1", "x", "x^2", "x^3")
+    (said,) = [each for each in law.outcomes if each.kind == "method"]
+    assert said.text.startswith(f"order 1 was taken: by {type(method).__name__} no evidence")
+    assert not [
+        each for each in cl.discover(relaxations(0.01), method=method, order=1).outcomes if each.kind == "method"
+    ]
+
+
+def test_discrete_time_has_the_order_of_its_method():
+    law = cl.discover(relaxations(0.0), method=cl.DiscreteTimeRegression(), library="poly:1", cache=False)
+    assert law.order == 0
+
+
+def test_streams_are_of_the_first_order_and_say_so(tmp_path):
+    relaxations(0.01).to_parquet(tmp_path / "cups.parquet")
+    law = cl.discover(cl.TrialStream.from_parquet(tmp_path / "cups.parquet"))
+    assert law.order == 1
+    assert law.terms.names == ("1", "x", "x^2", "x^3")
+    assert any(each.text.startswith("order 1 was taken: in a stream") for each in law.outcomes)
+
+
+def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
+    tried = []
+    search = cl.TrajectoryLikelihood._search
+    monkeypatch.setattr(cl.TrajectoryLikelihood, "_search", lambda *args: tried.append(args[1]) or search(*args))
+    assert cl.discover(relaxations(0.05), cache=False).structure() == ("x' = a + b x",)
+    assert [each.whole.order for each in tried] == [1]
 
 
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():
@@ -160,3 +203,13 @@ def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(poi
     first = log_density(0.7 * times, 0.0)
     second = log_density(-0.15 * times**2, np.mean(rates**2) * np.outer(times, times))
     assert found[1] - found[2] == pytest.approx(2 * (second - first), abs=0.2)
+
+
+def test_a_law_that_leaves_many_times_the_noise_does_not_explain():
+    times = np.linspace(0, 6, 60)
+    trials = cl.Trials.from_arrays([times] * 2, [np.sin(times), np.cos(times)], names=["x"])
+    structure = ModelStructure(1, parse_library("terms:1"))
+    terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
+    problem = prepare(trials, terms, known, noise=None, huber_threshold=4.0)
+    state = fit_with(problem, problem.allowed, 0.0)
+    assert unexplained(problem, state) == "residuals of x are mostly more than 4 standard deviations of its noise"

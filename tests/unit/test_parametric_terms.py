@@ -45,7 +45,7 @@ def enzymes():
 
 @pytest.fixture(scope="module")
 def law(enzymes):
-    return cl.discover(enzymes, library="poly:2 + poly:1 * saturating + exponential", cache=False)
+    return cl.discover(enzymes, library="poly:2 + poly:1 * saturating + exponential", cache=False, order=1)
 
 
 @pytest.mark.parametrize("library", ["poly:1 + saturating", "poly:1 + ratio(poly:1, poly:1)"])
@@ -54,7 +54,7 @@ def test_coefficients_that_are_known_stay_in_laws_with_constants_inside(library)
         return saturation(s, rate, half) + 0.3
 
     fed = simulated(rates, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
-    law = cl.discover(fed, library=library, known={"1": 0.25}, cache=False)
+    law = cl.discover(fed, library=library, known={"1": 0.25}, cache=False, order=1)
     assert law.terms.variables.constants
     column = law.terms.index("1")
     assert (law.coefficients[:, 0, column] == 0.25).all()
@@ -79,12 +79,12 @@ def test_a_constant_has_a_name_that_no_variable_has():
 @pytest.mark.parametrize("library", ["saturating", "terms:s/(K+s)"])
 def test_terms_with_constants_inside_alone_are_refused(library, enzymes):
     with pytest.raises(CommonlawError, match=r"offer others beside them, as in \"poly:1 \+ saturating\""):
-        cl.discover(enzymes, library=library)
+        cl.discover(enzymes, library=library, order=1)
 
 
 def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
     with pytest.raises(CommonlawError, match=r"here s/\(K \+ s\), do not go with DerivativeRegression"):
-        cl.discover(enzymes, library="poly:1 + saturating", method=cl.DerivativeRegression())
+        cl.discover(enzymes, library="poly:1 + saturating", method=cl.DerivativeRegression(), order=1)
 
 
 def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
@@ -158,7 +158,7 @@ def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_p
 
 def test_a_plain_law_stays_where_it_is_as_good():
     decay = simulated(lambda s, rate: -rate * s, {"a": (0.5,), "b": (0.9,)}, [4.0, 2.0], np.linspace(0, 4, 40), 0.02)
-    law = cl.discover(decay, library="auto", cache=False)
+    law = cl.discover(decay, library="auto", cache=False, order=1)
     assert law.structure() == ("s' = a s",)
     assert not law.terms.variables.constants
 
@@ -172,7 +172,7 @@ def test_a_function_without_constants_is_found_beside_plain_terms():
         0.01,
         state="n",
     )
-    law = cl.discover(growth, library="poly:2 + poly:1 * logarithm", cache=False)
+    law = cl.discover(growth, library="poly:2 + poly:1 * logarithm", cache=False, order=1)
     assert law.structure() == ("n' = a n + b n*log(n)",)
 
 
@@ -190,7 +190,7 @@ def test_equations_share_a_term_without_constants(tmp_path):
             noisy = dict(zip("xy", exact + 0.02 * generator.standard_normal(exact.shape), strict=True))
             parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | noisy))
     trials = cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["x", "y"])
-    law = cl.discover(trials, library="poly:1 + trigonometric", cache=False)
+    law = cl.discover(trials, library="poly:1 + trigonometric", cache=False, order=1)
     assert law.structure() == ("x' = a + b sin(x - y)", "y' = c + d sin(x - y)")
     assert len(set(law.terms.names)) == len(law.terms)
     law.save(tmp_path / "law.json")
@@ -211,7 +211,7 @@ def test_equations_are_put_right_together_where_polynomials_make_up_for_each_oth
             states.append(solve_ivp(rates, (0, 12), start, t_eval=times, rtol=1e-10, atol=1e-12).y.T)
             names.append(f"vessel {o}")
     trials = cl.Trials.from_arrays([times] * 6, states, object=names, names=["s", "x"])
-    law = cl.discover(trials, library="poly:2 + poly:1 * saturating")
+    law = cl.discover(trials, library="poly:2 + poly:1 * saturating", order=1)
     assert law.structure() == ("s' = a + b s + c s x/(K + s)", "x' = d x + f s x/(K2 + s)")
 
 
@@ -227,7 +227,7 @@ def test_a_course_that_turns_by_a_force_over_the_speed_is_found():
     ).y.T
     measured = clean + 0.01 * np.random.default_rng(0).standard_normal(clean.shape)
     trials = cl.Trials.from_arrays(times, measured, names=["v", "a"])
-    law = cl.discover(trials, library="poly:2 + trigonometric + polar", cache=False)
+    law = cl.discover(trials, library="poly:2 + trigonometric + polar", cache=False, order=1)
     assert law.structure() == ("v' = b v^2 + c sin(a)", "a' = d v + f cos(a)/v")
 
 

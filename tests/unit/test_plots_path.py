@@ -87,6 +87,7 @@ def test_each_equation_has_its_own_column() -> None:
         pairs,
         library="poly:2",
         method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(shared=False), n_resamples=0),
+        order=1,
     )
     figure = plot_path(law, "smallest coefficient")
     assert len(figure.axes) == 4

@@ -89,7 +89,7 @@ def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
 def test_in_noise_nothing_is_found_and_that_is_said(seed):
     states = np.random.default_rng(seed).normal(size=(4, 60))
     noise = cl.Trials.from_arrays([TIMES] * 4, list(states), units={"t": "s", "x": "m"})
-    law = cl.discover(noise)
+    law = cl.discover(noise, order=1, library="poly:3")
     report = law_report(find(law, noise))
     top = top_of(report)
     assert top.startswith("**Do not use this law for forecasts: ")
@@ -106,7 +106,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
 def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
     times = np.arange(5.0)
     few = cl.Trials.from_arrays(times, np.exp(-times), units={"t": "s", "x": "m"})
-    top = top_of(law_report(find(cl.discover(few), few)))
+    top = top_of(law_report(find(cl.discover(few, order=1, library="poly:3"), few)))
     assert top.startswith("**Whether this law can be used for forecasts could not be judged: too few, 4 measurements")
     assert "It has as many terms as so few samples can tell apart." in top
     assert "bands" not in top
@@ -116,7 +116,7 @@ def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
 def test_a_state_that_never_changes_has_no_law():
     constant = cl.Trials.from_arrays(TIMES, np.full(60, 3.0))
     with pytest.raises(cl.CommonlawError, match="never changes: nothing can be learned from it"):
-        cl.discover(constant)
+        cl.discover(constant, order=1, library="poly:3")
 
 
 def test_of_several_states_those_that_are_forecast_no_better_are_named():

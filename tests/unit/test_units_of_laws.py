@@ -101,7 +101,7 @@ def test_a_known_law_has_its_own_units_kept(law, drops):
         lambda law, trials: law.report(trials),
         lambda law, trials: cl.refine(law, trials),
         lambda law, trials: cl.compare({"law": law}, trials),
-        lambda law, trials: cl.discover(trials, order=2, known=law),
+        lambda law, trials: cl.discover(trials, order=2, known=law, library="poly:3"),
     ],
 )
 def test_what_has_no_conversion_is_refused_by_everything_that_takes_law_and_trials(law, drops, ask):

@@ -43,7 +43,7 @@ def swallowed():
 
 @pytest.fixture(scope="module")
 def law(swallowed):
-    return cl.discover(swallowed[1], library="poly:2", unmeasured=1)
+    return cl.discover(swallowed[1], library="poly:2", unmeasured=1, order=1)
 
 
 def test_a_depot_is_found_with_its_coefficients(law, swallowed):
@@ -74,7 +74,7 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
 @pytest.mark.slow
 def test_the_susceptible_are_found_by_the_infected():
     truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
-    law = cl.discover(trials, library="poly:2", unmeasured=1)
+    law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
     assert law.structure() == ("I' = a I + b I u", "u' = c I u")
     values, errors = law.letter_values()
     b, g = truth.T
@@ -83,7 +83,7 @@ def test_the_susceptible_are_found_by_the_infected():
 
 def test_a_law_that_needs_no_such_state_is_found_without():
     _, trials = trials_of(decay, (0.3,), [0.0, 2.0], 12, "x", count=4)
-    law = cl.discover(trials, library="poly:2", unmeasured=1)
+    law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
     assert law.structure() == ("x' = a x",)
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]
     assert step.choice == "none"
@@ -119,6 +119,6 @@ def test_the_command_line_asks_for_it(tmp_path, swallowed):
 
 def test_what_asks_for_it_in_vain_is_refused(swallowed):
     with pytest.raises(cl.CommonlawError, match="unmeasured=1 does not go with DerivativeRegression"):
-        cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1)
+        cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1, order=1, library="poly:3")
     with pytest.raises(cl.CommonlawError, match="unmeasured"):
         cl.TrajectoryLikelihood(unmeasured=2)

@@ -24,7 +24,7 @@ def swings(measured=(True, True, False)):
 
 @pytest.fixture(scope="module")
 def law():
-    return cl.discover(swings(), library="poly:1")
+    return cl.discover(swings(), library="poly:1", order=1)
 
 
 def test_the_law_of_all_objects_is_found_with_true_errors(law):

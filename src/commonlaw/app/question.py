@@ -74,8 +74,8 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     table: str
     columns: Columns = Columns()
-    order: Literal[1, 2, "auto"] = 1
-    library: str = "poly:3"
+    order: Literal[1, 2, "auto"] = "auto"
+    library: str = "auto"
     hold_out: HoldOut = HoldOut()
     known: Mapping[str, float] = {}
     explain: bool = False

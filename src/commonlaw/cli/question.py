@@ -37,17 +37,19 @@ _OPTIONS = (
         "--order",
         type=_Order(0, 2),
         metavar="ORDER",
-        default=1,
+        default="auto",
         help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by state, "
-        "theta=2,i=1; auto for 1 or 2 for each state, whichever the measurements make more probable.",
+        "theta=2,i=1; auto for 1 where that leaves nothing but noise, else 1 or 2 for each state, whichever the "
+        "measurements make more probable; 1 for streams and regressions.",
     ),
     _law(
         "--library",
         metavar="SPEC",
+        default="auto",
         help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with constants inside such as "
         "saturating, sums such as 'poly:2 + saturating', ratios of sums as in 'ratio(poly:2, poly:2)', or auto for "
-        "all that occurs in laws.  "
-        "[default: poly:3]",
+        "poly:3, and for all that occurs in laws where that leaves more than noise; for streams and regressions poly:3 "
+        "alone.",
     ),
     _law(
         "--known",
@@ -88,7 +90,7 @@ class Question:
     """What these options say."""
 
     order: "AskedOrder"
-    library: str | None
+    library: str
     known: tuple[str, ...]
     universal: tuple[str, ...]
     unmeasured: int

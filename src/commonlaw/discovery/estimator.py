@@ -12,7 +12,7 @@ from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.discovery.kept_laws import found_once
-from commonlaw.discovery.known_physics import Base, with_base
+from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.orders import AskedOrder, possible_orders
@@ -25,7 +25,7 @@ from commonlaw.law.domain import Domain
 from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
-from commonlaw.library import AbstractLibrary, PolynomialLibrary, one_order, parse_library
+from commonlaw.library import AbstractLibrary, one_order, order_of_each, parse_library
 from commonlaw.names import shown
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -48,12 +48,14 @@ class LawDiscovery:
     ----------
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
-        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 or 2 for each
-        state, whichever has the law of larger evidence; `Law.history` says by how much. States that were measured
-        beside their rates are of order 2.
+        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law
+        leaves nothing but noise, else 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
+        says by how much. States that were measured beside their rates are of order 2, and known physics is of its own
+        order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
     library
-        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"`` or
-        ``"auto"``, see `parse_library`. Default: polynomials of degree 3.
+        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
+        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these leave more than noise, see
+        `AutoLibrary`; in streams and by the regressions polynomials alone.
     method
         The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
         `DiscreteTimeRegression`. Default: see `default_method`.
@@ -95,8 +97,8 @@ class LawDiscovery:
 
     def __init__(
         self,
-        order: AskedOrder = 1,
-        library: AbstractLibrary | str | None = None,
+        order: AskedOrder = "auto",
+        library: AbstractLibrary | str = "auto",
         method: AbstractMethod | None = None,
         known: Base | None = None,
         universal: Sequence[Key] = (),
@@ -147,20 +149,24 @@ class LawDiscovery:
         return self._found(trials, progress)
 
     def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
+        method, instead = (self.method, ()) if self.method else _default(trials, self.order)
+        method = with_unmeasured(method, self.unmeasured)
+        library = parse_library(self.library) if isinstance(self.library, str) else self.library
         trials, possible, told, rates = possible_orders(trials, self.order)
-        first = one_order([each[0] for each in possible])
-        library, known = self._library(), self.known or {}
+        known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
-            if any(len(each) > 1 for each in possible):
-                raise CommonlawError('known physics is of one order: give it, order=1 or order=2, in place of "auto"')
             if isinstance(known, Law) and known.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
-            library, known = with_base(library, known, first, trials)
-        structure = ModelStructure(first, library, known, self.universal)
-        method, instead = (self.method, ()) if self.method else _default(trials, structure)
-        method = with_unmeasured(method, self.unmeasured)
+            if self.order == "auto":
+                own = order_of_base(known, trials)
+                possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
+            library, known = with_base(library, known, one_order([each[0] for each in possible]), trials)
+        if isinstance(trials, TrialStream) or not isinstance(method, TrajectoryLikelihood):
+            possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
+            instead = (*instead, *without)
+        structure = ModelStructure(one_order([each[0] for each in possible]), library, known, self.universal)
         copies: tuple[Outcome, ...] = ()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
@@ -239,11 +245,6 @@ class LawDiscovery:
             raise CommonlawError("no law was found yet: call fit first")
         return self.law_
 
-    def _library(self) -> AbstractLibrary:
-        if self.library is None:
-            return PolynomialLibrary(3)
-        return parse_library(self.library) if isinstance(self.library, str) else self.library
-
 
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
@@ -261,27 +262,23 @@ def _law_of_some_order(
     """Return the law that a method finds; of the order of largest evidence, if there are several."""
     if all(len(each) == 1 for each in possible):
         return method.find(trials, structure, progress)
-    if not isinstance(method, TrajectoryLikelihood):
-        raise CommonlawError(
-            f'order="auto" does not go with {type(method).__name__}, which has no evidence to choose by: give order=1 '
-            "or order=2, or use method=TrajectoryLikelihood()"
-        )
+    assert isinstance(method, TrajectoryLikelihood)
     assert isinstance(trials, Trials)
     return method.find_order(trials, structure, possible, progress)
 
 
-def default_method(trials: Trials | TrialStream, structure: ModelStructure) -> AbstractMethod:
+def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> AbstractMethod:
     """Return the method that is used when none is named.
 
     `TrajectoryLikelihood`, but `DerivativeRegression` for streams and for so many objects that less than 200 samples
     of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
     """
-    return _default(trials, structure)[0]
+    return _default(trials, order)[0]
 
 
-def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
+def _default(trials: Trials | TrialStream, order: AskedOrder) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
     """Return the method that is used when none is named, and what to know if it is another than most are found by."""
-    if structure.order == 0:
+    if order == 0:
         return DiscreteTimeRegression(), ()
     if isinstance(trials, TrialStream):
         why = "trials came from a stream"
@@ -292,6 +289,21 @@ def _default(trials: Trials | TrialStream, structure: ModelStructure) -> tuple[A
     text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
     remedy = "take fewer objects, or refine the law: commonlaw.refine(law, trials)"
     return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
+
+
+def _without_evidence(
+    method: AbstractMethod, possible: Sequence[tuple[int, ...]], is_stream: bool
+) -> tuple[tuple[tuple[int, ...], ...], tuple[Outcome, ...]]:
+    """Return one order for each state where no evidence compares laws, and what to know if there was a choice."""
+    if all(len(each) == 1 for each in possible):
+        return tuple(possible), ()
+    if method.orders == (0,):
+        return ((0,),) * len(possible), ()
+    chosen = tuple(each[:1] for each in possible)
+    what = "in a stream" if is_stream else f"by {type(method).__name__}"
+    order = one_order([each for (each,) in chosen])
+    text = f"order {order} was taken: {what} no evidence compares laws of different orders"
+    return chosen, (Outcome(OutcomeKind.METHOD, "", text, "give order=2 where forces act: x'' = ..."),)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

@@ -55,6 +55,21 @@ def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials
     return library + ExpressionLibrary(*texts), dict(whole.items())
 
 
+def order_of_base(base: str | Law | Callable[..., Any], trials: Trials) -> Order:
+    """Return the order of the law that known physics is a part of.
+
+    Raises
+    ------
+    CommonlawError
+        If it does not say that, or cannot be read.
+    """
+    if isinstance(base, Law):
+        return base.order
+    if isinstance(base, str) and "=" in base:
+        return read_equations(base, trials.schema).order
+    raise CommonlawError("known physics does not say its order here: give it, order=1 or order=2")
+
+
 def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     states = trials.schema.states
     if law.order != order or law.states != states:

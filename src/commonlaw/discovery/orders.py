@@ -39,11 +39,11 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
     Raises
     ------
     CommonlawError
-        If there is no such order, orders by state do not fit the states, or are to be found in a stream.
+        If there is no such order, or orders by state do not fit the states.
     """
     if asked == "auto":
         if isinstance(trials, TrialStream):
-            raise CommonlawError('of a stream the order is not found: give order=1 or order=2 in place of "auto"')
+            return Orders(trials, ((1, 2),) * len(trials.schema.states))
         return _told_by_rates(trials)
     outcomes: tuple[Outcome, ...] = ()
     if isinstance(asked, tuple):
@@ -98,12 +98,15 @@ def _told_by_rates(trials: Trials) -> Orders:
 
 
 def of_best_order(
-    find: Callable[[Order], Found], possible: Sequence[Sequence[int]], value: Callable[[Found], float]
+    find: Callable[[Order], Found],
+    possible: Sequence[Sequence[int]],
+    value: Callable[[Found], float],
+    enough: Callable[[Found], bool],
 ) -> tuple[list[Found], list[CommonlawError]]:
     """Return what is found for each order that is tried, and why nothing is found for others.
 
-    Tried are the lowest orders of all states and the highest, and then from the best those that differ in one state, as
-    long as one of them is better.
+    Tried are the lowest orders of all states; if what is found of them is not enough the highest, and then from the
+    best those that differ in one state, as long as one of them is better.
 
     Parameters
     ----------
@@ -113,26 +116,31 @@ def of_best_order(
         The orders that each state may have, from low to high.
     value
         Of what is found: less is better.
+    enough
+        Whether what is found of the lowest orders leaves nothing for others to explain.
 
     Raises
     ------
     CommonlawError
         If nothing is found for any: the last reason.
     """
-    listed = [tuple(map(min, possible)), tuple(map(max, possible))]
+    lowest, highest = tuple(map(min, possible)), tuple(map(max, possible))
     tried, refused = dict[tuple[int, ...], Found | None](), list[CommonlawError]()
-    best = None
+    listed, best = [lowest], None
     while True:
         for orders in listed:
             found, failed = those_found(lambda own: find(one_order(own)), [orders])
             tried |= {orders: found[0] if found else None}
             refused += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
+        if highest not in tried and not (every and enough(every[lowest])):
+            listed = [highest]
+            continue
         if not every:
             raise refused[-1]
         before, best = best, min(every, key=lambda orders: value(every[orders]))
         listed = [each for each in _neighbours(best, possible) if each not in tried]
-        if best == before or not listed:
+        if highest not in tried or best == before or not listed:
             return list(every.values()), refused
 
 
@@ -169,7 +177,8 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     named = [(order_in_words(order, states), each) for order, each in others]
     against = [f"2 log B is {each:.3g} against the best law of order {order}" for order, each in named]
     choice = order_in_words(law.order, states)
-    step = Step("order", choice, "; ".join([*against, *(f"of another none was found: {e}" for e in refused)]))
+    reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
+    step = Step("order", choice, "; ".join(reasons) or "it leaves nothing for laws of higher order to explain")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if each < _STRONG]
     said = tuple(
         Outcome(

@@ -30,12 +30,15 @@ from commonlaw.inference import (
     drives,
     error_kinds,
     evidence_of_order,
+    explains_simply,
     finish,
     known_noise,
+    may_be_of_lower_order,
     may_be_simpler,
     resolved,
     search_supports,
     with_drive_said,
+    with_interpolation,
     with_parametric_terms,
     with_parametric_terms_under_errors,
     with_unmeasured_state,
@@ -43,7 +46,7 @@ from commonlaw.inference import (
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Offer, Order, ParametricTerm, highest_order
+from commonlaw.library import Offer, Order, ParametricTerm, highest_order, order_of_each
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -161,9 +164,10 @@ class TrajectoryLikelihood(AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure)
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
+        orders = order_of_each(structure.order, len(trials.schema.states))
         with threads(self.n_jobs):
-            begun = self._begun(trials, Screened.of(with_logarithms(trials, self.positive), structure), progress)
-            return self._finished(trials, self._with_errors(trials, begun, progress), progress)
+            best, *_ = self._ranked(trials, structure, [(each,) for each in orders], progress)[0]
+            return self._finished(trials, best, progress)
 
     def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of objects that are fitted part by part, under white noise if nothing else is named."""
@@ -190,8 +194,9 @@ class TrajectoryLikelihood(AbstractMethod):
     ) -> Law:
         """Return the law of largest evidence among those of several orders, each as probable beforehand.
 
-        All have white noise, if that explains what the best of them leaves; else each has the errors of its own largest
-        evidence. An order of which no law can be found is left out.
+        Higher orders are tried where a plain law of the lowest may be wrong or could be simpler, and richer terms where
+        the best plain law may. All laws have white noise, if that explains what the best of them leaves; else each has
+        the errors of its own largest evidence. An order of which no law can be found is left out.
 
         Parameters
         ----------
@@ -209,39 +214,112 @@ class TrajectoryLikelihood(AbstractMethod):
         CommonlawError
             If no law of any order can be found: what `find` says of the last.
         """
-
-        def begun(order: Order) -> _Found:
-            own = replace(structure, order=order)
-            progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
-            refuse_what_does_not_fit(self, trials, own)
-            return self._begun(trials, Screened.of(with_logarithms(trials, self.positive), own), progress)
-
         with threads(self.n_jobs):
-            found, refused = of_best_order(begun, possible, lambda each: each.evidence)
-            best = min(found, key=lambda each: each.evidence)
-            if self.errors == "auto" and not best.search.reason_for_errors:  # A coarse mesh may hide one
-                found = [replace(each, search=resolved(each.search, progress)) for each in found]
-                best = min(found, key=lambda each: each.evidence)
-            if self.errors != "auto" or best.search.reason_for_errors:
-                found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
-                refused += failed
-                if not found:
-                    raise refused[-1]
-            best, *others = sorted(found, key=lambda each: each.evidence)
+            (best, *others), refused = self._ranked(trials, structure, possible, progress)
             law = self._finished(trials, best, progress)
         return with_order_said(law, [(each.order, each.evidence - best.evidence) for each in others], refused)
 
-    def _begun(self, trials: Trials, screened: Screened, progress: ProgressCallback) -> "_Found":
-        """Search among terms that were kept, with the interpolation of inputs that is chosen."""
-        followed = as_followed(trials, self.positive, self.input_between)
-        search, steps = begin_search(
-            partial(self._search_all, screened),
-            followed,
-            input_between=self.input_between,
-            errors=self.errors,
-            progress=progress,
+    def _ranked(
+        self,
+        trials: Trials,
+        structure: ModelStructure,
+        possible: Sequence[Sequence[int]],
+        progress: ProgressCallback,
+    ) -> "tuple[list[_Found], list[CommonlawError]]":
+        """Return the best law of each order that is tried, the largest evidence first, and why others have none."""
+
+        def begun(order: Order) -> _Found:
+            own = replace(structure, order=order)
+            if any(len(each) > 1 for each in possible):
+                progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
+            refuse_what_does_not_fit(self, trials, own)
+            return self._begun(trials, Screened.of(with_logarithms(trials, self.positive), own), progress)
+
+        found, refused = of_best_order(
+            begun, possible, lambda each: each.evidence, lambda each: explains_simply(each.search)
         )
-        return _Found(screened, search, steps)
+        found = self._with_richer_terms(found, progress)
+        best = min(found, key=lambda each: each.evidence)
+        if len(found) > 1 and self.errors == "auto" and not best.search.reason_for_errors:
+            # A coarse mesh may hide a reason
+            found = [self._resolved(each, progress) for each in found]
+            best = min(found, key=lambda each: each.evidence)
+        if len(found) == 1 or self.errors != "auto" or best.search.reason_for_errors:
+            found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
+            refused += failed
+            if not found:
+                raise refused[-1]
+        return sorted(found, key=lambda each: each.evidence), refused
+
+    def _resolved(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+        """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
+        return found if found.search.beyond_errors else replace(found, search=resolved(found.search, progress))
+
+    def _begun(self, trials: Trials, screened: Screened, progress: ProgressCallback) -> "_Found":
+        """Search among terms that were kept, and what is offered first, with the interpolation of inputs chosen."""
+        followed = as_followed(trials, self.positive, self.input_between)
+        first = self._offers(screened)[1][0]
+        return self._found(screened, followed, None, bool(first.count or self.unmeasured), progress)
+
+    def _with_richer_terms(self, found: "Sequence[_Found]", progress: ProgressCallback) -> "list[_Found]":
+        """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
+
+        The best law first, or where that is what a law of lower order implies this one.
+        """
+        left, done = sorted(found, key=lambda each: each.evidence), list[_Found]()
+        while left:
+            best = min([*done, *left], key=lambda each: each.evidence)
+            lower = min(left, key=lambda each: sum(order_of_each(each.order, 1)))
+            if explains_simply(best.search) and (best is lower or not may_be_of_lower_order(best.search)):
+                break
+            chosen = lower if may_be_of_lower_order(best.search) else left[0]
+            left = [each for each in left if each is not chosen]
+            done.append(self._richer(chosen, progress))
+        return [*done, *left]
+
+    def _richer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+        """Return the law of largest evidence among richer terms, too."""
+        if found.has_richer or not any(each.count for each in self._offers(found.screened)[1]):
+            return found
+        return self._found(found.screened, found.followed, found.search, True, progress)
+
+    def _found(
+        self,
+        screened: Screened,
+        followed: Trials,
+        plain: LawSearch | None,
+        richer: bool,
+        progress: ProgressCallback,
+    ) -> "_Found":
+        """Search for a law with the interpolation of inputs that is chosen.
+
+        Parameters
+        ----------
+        screened
+            What is sought.
+        followed
+            What was measured, as the law follows it.
+        plain
+            The search among plain terms, if it is done.
+        richer
+            Whether terms are sought, too, that are offered beside plain ones.
+        progress
+            Takes what is being done.
+        """
+
+        def begin(trials: Trials, progress: ProgressCallback) -> LawSearch:
+            done = plain if trials is followed else None
+            if not richer:
+                return done or self._search(screened, trials, progress)
+            done = done or self._search(screened, trials, part(progress, 0.0, _PLAIN))
+            return self._search_richer(screened, done, trials, part(progress, _PLAIN, 1.0))
+
+        between = self.input_between
+        search, steps = begin_search(begin, followed, input_between=between, errors=self.errors, progress=progress)
+        chosen = search.problem.trials.schema.input_between
+        if chosen != followed.schema.input_between:
+            followed = with_interpolation(followed, chosen)
+        return _Found(screened, search, steps, followed, richer)
 
     def _with_errors(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> "_Found":
         """Choose errors, and search again where terms that were left out improve the law under these.
@@ -252,15 +330,16 @@ class TrajectoryLikelihood(AbstractMethod):
         while True:
             propose = partial(_by_derivatives, trials, found.screened, progress)
             search = choose_errors(found.search, errors=self.errors, propose=propose, progress=progress)
-            offers, before = self._offers(found.screened)[1], found.search.problem.errors
-            search = with_parametric_terms_under_errors(search, before, offers, progress)
+            if found.has_richer:
+                offers, before = self._offers(found.screened)[1], found.search.problem.errors
+                search = with_parametric_terms_under_errors(search, before, offers, progress)
             screened = found.screened.among(search.among_plain)
             more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
             if more is not None:
-                found = self._begun(trials, more, progress)
+                found = self._found(more, found.followed, None, found.has_richer, progress)
                 continue
             fine = resolved(search, progress)
-            found = _Found(screened, fine, found.steps)
+            found = replace(found, screened=screened, search=fine)
             if not may_hide or search.reason_for_errors or not fine.reason_for_errors:
                 return found
             may_hide = False
@@ -278,22 +357,19 @@ class TrajectoryLikelihood(AbstractMethod):
         steps = (*found.screened.steps, *found.steps, *law.history)
         return replace(law, provenance=replace(law.provenance, history=steps))
 
-    def _search_all(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
+    def _search_richer(
+        self, screened: Screened, found: LawSearch, trials: Trials, progress: ProgressCallback
+    ) -> LawSearch:
         """Search for the law of largest evidence among all that is offered, also terms with constants inside."""
-        order, library = screened.whole.order, screened.whole.library
         driven, offers = self._offers(screened)
-        seeks = bool(self.unmeasured) or library.seeks_unmeasured
-        only_plain = not (any(each.count for each in offers) or seeks)
-        found = self._search(screened, trials, progress if only_plain else part(progress, 0.0, _PLAIN))
-        progress = part(progress, _PLAIN, 1.0)
         if any(each.count for each in offers):
             found = with_parametric_terms(found, offers, progress)
         if driven:
             found = with_drive_said(found, driven)
-        few = (
-            len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
-        )  # One trial alone has no other start to tell it by
-        if order == 1 and (self.unmeasured or (seeks and few and may_be_simpler(found, _MANY))):
+        # One trial alone has no other start to tell such a state by
+        few = len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
+        seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(found, _MANY)
+        if screened.whole.order == 1 and (self.unmeasured or seeks):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
 
@@ -342,11 +418,16 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What is chosen: the terms that were kept, the law among them, and what to say of the way there."""
+    """What is chosen: the terms that were kept, the law among them, and what to say of the way there.
+
+    And the trials as the law follows them, and whether terms were sought that are offered beside plain ones.
+    """
 
     screened: Screened
     search: LawSearch
     steps: Sequence[Step]
+    followed: Trials
+    has_richer: bool
 
     @property
     def order(self) -> Order:

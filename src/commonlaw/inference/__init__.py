@@ -10,6 +10,7 @@ from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.finishing import finish
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.fit_setup import as_followed
+from commonlaw.inference.input_interpolation import with_interpolation
 from commonlaw.inference.law_search import (
     CHOSEN,
     PATH,
@@ -20,8 +21,9 @@ from commonlaw.inference.law_search import (
     search_supports,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
-from commonlaw.inference.orders import evidence_of_order
+from commonlaw.inference.orders import evidence_of_order, may_be_of_lower_order
 from commonlaw.inference.parametric_search import (
+    explains_simply,
     may_be_simpler,
     with_parametric_terms,
     with_parametric_terms_under_errors,
@@ -63,11 +65,13 @@ __all__ = [
     "drives",
     "error_kinds",
     "evidence_of_order",
+    "explains_simply",
     "finish",
     "fit_supports",
     "known_noise",
     "law_of_all",
     "levels_in_words",
+    "may_be_of_lower_order",
     "may_be_simpler",
     "missed_terms",
     "outcomes_of_constants",
@@ -79,6 +83,7 @@ __all__ = [
     "typical",
     "with_constants_found",
     "with_drive_said",
+    "with_interpolation",
     "with_parametric_terms",
     "with_parametric_terms_under_errors",
     "with_unmeasured_state",

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, promised
 from commonlaw.library import with_rates
@@ -28,3 +29,16 @@ def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
             starts = found[mesh.first, states : model.width]
             value += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
     return value
+
+
+def may_be_of_lower_order(found: LawSearch) -> bool:
+    """Return whether a law of second order is what one of first order implies: x' = f(x) has x'' = f'(x) x'.
+
+    Then each term has a rate as a factor, and nothing moves that is at rest.
+    """
+    terms, order, supports = found.template.terms, found.template.order, found.state.supports
+    states = len(supports)
+    second = with_rates(order, states)
+    rates = {*range(states, states + len(second))}
+    chosen = np.flatnonzero((supports[second] & terms.is_factor).any(axis=0))
+    return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)

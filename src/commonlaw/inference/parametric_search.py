@@ -19,7 +19,7 @@ from commonlaw.inference.laws_of_sets import FAR, LawsOfSets, tried_together, wi
 from commonlaw.inference.ratio_sets import matching_ratios
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.term_sets import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
-from commonlaw.library import Offer
+from commonlaw.library import Monomial, Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
 
@@ -44,6 +44,11 @@ _FEWEST, _MORE = 2, 1
 what was measured another is fitted that may explain it better."""
 
 
+_POWERS = 3
+"""Powers of one variable that may be the beginning of a series: one more than a function with a constant inside has
+numbers."""
+
+
 def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback) -> LawSearch:
     """Return the law of largest evidence with some of what is offered or without, with the others as its rivals.
 
@@ -61,7 +66,9 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
     rows = search.rows_of_found()
     for i, offer in enumerate(offers):
         fewest = _FEWEST if i else -1  # The first is tried in any equation
-        if not may_be_simpler(best, fewest):
+        if not offer.count:
+            continue
+        if i and not may_be_simpler(best, fewest):
             break
         search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
     return best_of(search.listed())
@@ -83,6 +90,27 @@ def with_parametric_terms_under_errors(
     again = with_parametric_terms(plain, offers, progress)
     again = with_error_models(again, None, (kind_of(errors),), progress)
     return best_of([found, *found.rivals, again, *again.rivals])
+
+
+def explains_simply(found: LawSearch) -> bool:
+    """Return whether a law leaves nothing but noise, in terms that are no beginning of a series.
+
+    Powers of one variable with the same factor, `_POWERS` of them, may be the beginning of one: a function with a
+    constant inside says as much in two numbers.
+    """
+    if found.beyond_errors:
+        return False
+    for support in found.state.supports & found.template.terms.is_factor:
+        listed = [found.template.terms.terms[k] for k in np.flatnonzero(support)]
+        powers = Counter(
+            (column, (*each.exponents[:column], *each.exponents[column + 1 :]))
+            for each in listed
+            if isinstance(each, Monomial)
+            for column in range(len(each.exponents))
+        )
+        if max(powers.values(), default=0) >= _POWERS:
+            return False
+    return True
 
 
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:

@@ -16,30 +16,35 @@ def unexplained(problem: SearchProblem, state: SearchState) -> str:
     """
     if state.has_model_error:
         return "the measurements depart from every law of this library by more than their noise"
-    floor = noise_floor(problem.trials)
-    found = []
-    for j, name in enumerate(problem.trials.schema.states):
-        if (
-            problem.noise[j] > 1.001 * floor[j] and name not in problem.trials.schema.starts
-        ):  # Below, what is left is not of the measurements
-            found += [f"residuals of {name} {what}" for what in _of_state(problem, state, j)]
-    return "; ".join(found)
+    # At the floor, what is left is not of the measurements
+    measured = problem.noise > 1.001 * noise_floor(problem.trials)
+    return "; ".join(
+        f"residuals of {name} {what}"
+        for j, name in enumerate(problem.trials.schema.states)
+        if name not in problem.trials.schema.starts
+        for what in _of_state(problem, state, j, bool(measured[j]))
+    )
 
 
-def _of_state(problem: SearchProblem, state: SearchState, j: int) -> list[str]:
-    """Return what is odd about the residuals of one state."""
-    squares, sizes, lags, count = [], [], [], 0
+def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool) -> list[str]:
+    """Return what is odd about the residuals of one state, and about their pattern if they are of measurements."""
+    squares, sizes, lags, count, whole = [], [], [], 0, 0
     for model, estimate in zip(problem.models, state.estimates, strict=True):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
             usual = np.abs(standard) <= OUTLIER
+            whole += len(usual)
             seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)
             sizes.append(np.abs(states[seen, j]))
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
+    if 2 * count < whole:
+        return [f"are mostly more than {OUTLIER:g} standard deviations of its noise"]
+    if not is_measured:
+        return []
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
     if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:

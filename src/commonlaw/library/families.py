@@ -298,22 +298,27 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
 class AutoLibrary(AbstractLibrary):
     """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
 
-    Polynomials of degree 3 first; beside few of these, functions of all families, alone and as factors of a state or
-    an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree 2, beside
-    linear terms; then, in laws of first order of several trials of at most ten objects, a state that nobody measured. A
-    law takes them where its evidence pays for the larger choice.
+    Polynomials of degree 3 first. Where the best of these laws leaves more than noise, or has three or more powers of
+    one variable, which may be the beginning of a series: beside few of these, functions of all families, alone and as
+    factors of a state or an input. Where these laws leave something, or need many numbers, ratios of sums of terms up
+    to degree 2, beside linear terms; then, in laws of first order of several trials of at most ten objects, a state
+    that nobody measured. A law takes them where its evidence pays for the larger choice.
 
     Examples
     --------
-    >>> library = AutoLibrary()
-    >>> len(library.bind(Variables(("x", "v")))), len(library.parametric(Variables(("x", "v"))))
-    (10, 93)
+    >>> library, variables = AutoLibrary(), Variables(("x", "v"))
+    >>> len(library.bind(variables)), [each.count for each in library.offers(variables)]
+    (10, [0, 93, 12])
     """
 
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+        ratios = PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
+        return Offer(()), Offer(self._families(variables)), *ratios.offers(variables)
+
+    def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
         factors = [
             FamilyLibrary(name)
@@ -322,10 +327,6 @@ class AutoLibrary(AbstractLibrary):
         driven = FamilyLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * each for each in factors), driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
-
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
-        ratios = PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
-        return (*super().offers(variables), *ratios.offers(variables))
 
     @property
     def seeks_unmeasured(self) -> bool:

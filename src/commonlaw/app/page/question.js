@@ -4,13 +4,13 @@ import { showMeasured } from "./curves.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
-  ["poly:3", "products of up to three variables, like x, x², x² y (usual)"],
+  ["auto", "products like x, x², x² y; saturation, roots, exponentials, powers where these are not enough (usual)"],
+  ["poly:3", "products of up to three variables, like x, x², x² y"],
   ["poly:2", "products of up to two variables, like x, x², x y"],
   ["poly:1", "the variables themselves, like x, y"],
   ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", "2"],
   ["poly:1 + fourier:1", "the variables, and sines and cosines of them"],
   ["ratio(poly:2, poly:2)", "ratios of sums of these, like x/(K + x)"],
-  ["auto", "all that occurs in laws: also saturation, roots, exponentials, powers (minutes)"],
 ];
 
 export function showLibraries() {
