@@ -27,7 +27,7 @@ class Problem(NamedTuple):
 
     trials: cl.Trials
     order: int
-    library: str | None = None
+    library: str = "poly:3"
 
     def law(self, method: cl.TrajectoryLikelihood = ONE_THREAD) -> cl.Law:
         """Find the law."""

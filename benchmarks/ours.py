@@ -109,6 +109,7 @@ def _discovered(trials: cl.Trials | cl.TrialStream, problem: Problem) -> Floats:
     solver = cl.STLSQ(problem.thresholds[0], shared=False)
     law = cl.discover(
         trials,
+        order=1,
         library=cl.PolynomialLibrary(problem.degree),
         method=cl.DerivativeRegression(differentiation=cl.FiniteDifference(), solver=solver),
     )

@@ -109,7 +109,7 @@ def default_forecasts(drops: Trials) -> Forecasts:
     each = {drop: drops.select(trial=drop) for drop in OTHER_DROP}
     laws = {model: {drop: learned(trials, model) for drop, trials in each.items()} for model in MODELS}
     laws[DEFAULT] = {drop: _default(trials, OFFERED) for drop, trials in each.items()}
-    laws[CUBIC] = {drop: _default(trials, None) for drop, trials in each.items()}
+    laws[CUBIC] = {drop: _default(trials, "poly:3") for drop, trials in each.items()}
     started = {model: laws[model] for model in (LINEAR, DEFAULT)}
     return Forecasts(
         laws,
@@ -120,7 +120,7 @@ def default_forecasts(drops: Trials) -> Forecasts:
     )
 
 
-def _default(trials: Trials, library: str | None) -> Law:
+def _default(trials: Trials, library: str) -> Law:
     """Return the default's law, whose forecasts start with the paper's rate."""
     law = discover(trials, order=2, library=library, progress=lambda _: None)
     return replace(law, provenance=replace(law.provenance, differentiation=parse_differentiation(DIFFERENTIATION)))

@@ -82,6 +82,7 @@ def learned_oscillator() -> Example:
     (whole,) = nonlinear_oscillator(samples=samples)
     law = discover(
         nonlinear_oscillator(samples=learned_from),
+        order=1,
         library=OSCILLATOR_LIBRARY,
         method=DerivativeRegression(**OSCILLATOR),
     )
@@ -97,6 +98,7 @@ def learned_fall(name: str, viscosity: float = PRINTED_VISCOSITY) -> Example:
     trials = Trials(tuple(speeds), Schema(("v",), units={"v": "m/s", "t": "s"}))
     law = discover(
         trials,
+        order=1,
         library="poly:2",
         method=DerivativeRegression(differentiation="centered", solver=STLSQ(EXAMPLE_THRESHOLDS[name], shared=False)),
     )

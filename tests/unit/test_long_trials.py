@@ -5,7 +5,6 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import default_method
-from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.inference import can_be_carried
 from commonlaw.inference.long_trials import as_many_as_are_carried
 from commonlaw.outcomes import OutcomeKind
