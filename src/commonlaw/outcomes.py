@@ -9,6 +9,8 @@ class OutcomeKind(StrEnum):
 
     AMBIGUOUS = "ambiguous"
     """Other coefficients fit the measurements as well."""
+    APPROXIMATION = "approximation"
+    """The law with the best solutions, where no law of the library fits the measurements within their noise."""
     CHOSEN = "chosen"
     """The terms of an equation were chosen from candidates; the text says why these."""
     COPIES = "copies"

@@ -7,11 +7,12 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws, with_rivals
-from commonlaw.inference.calibration import widening_of
+from commonlaw.inference.calibration import standardized_errors, widening_of
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.explanation import approximated, with_approximation
 from commonlaw.inference.forecast_choice import best_forecaster
-from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.law_search import ChosenBy, LawSearch
 from commonlaw.inference.provenance import (
     ComparedTerms,
     alternatives,
@@ -62,7 +63,11 @@ def finish(
     def pooled(law: Law) -> Law:
         return law.partial_pooling(universal(law), partial_pooling)
 
-    found, errors = best_forecaster(found, kinds, pooled, progress)
+    found = approximated(found, progress) or found
+    if found.chosen_by is ChosenBy.SOLUTIONS:
+        errors = standardized_errors(found, pooled)
+    else:
+        found, errors = best_forecaster(found, kinds, pooled, progress)
     template, problem, state = found.template, found.problem, found.state
     progress("judging terms and coefficients")
     compared = compared_terms(found)
@@ -78,7 +83,7 @@ def finish(
             template.provenance,
             outcomes=(
                 *template.provenance.outcomes,
-                *outcomes(template, problem, state),
+                *with_approximation(found, outcomes(template, problem, state)),
                 *differing_trials(problem, state),
             ),
             alternatives=alternatives(template, compared),

@@ -20,15 +20,12 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.calibration import StandardizedErrors, standardized_errors
 from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.hypotheses import GROUPS, OF_LAWS, Hypothesis, hypotheses, under_each_kind
-from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.law_search import ChosenBy, LawSearch
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.law import Law
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
-
-_FORECASTS = "best forecasts of what was left out"
-"""What laws are chosen by here."""
 
 _SURE = 2.0
 """Standard errors from which on forecasts are farther off than they say."""
@@ -80,7 +77,11 @@ def _may_be_right(other: LawSearch, best: LawSearch) -> bool:
 def _weighed(found: LawSearch, less: float) -> LawSearch:
     """Return a law that is less probable by the logarithm of the probability of what was left out."""
     return replace(
-        found, state=replace(found.state, value=2 * less, alternatives=()), solver=None, rivals=(), chosen_by=_FORECASTS
+        found,
+        state=replace(found.state, value=2 * less, alternatives=()),
+        solver=None,
+        rivals=(),
+        chosen_by=ChosenBy.FORECASTS,
     )
 
 

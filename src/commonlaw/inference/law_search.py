@@ -5,6 +5,7 @@ Each step returns what the next one takes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from typing import Literal
 
@@ -16,7 +17,7 @@ from commonlaw.inference.error_choice import candidates, chosen
 from commonlaw.inference.error_search import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.inference.few_samples import few_of, search_by_few
 from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.hypotheses import hypotheses, under_each_kind
+from commonlaw.inference.hypotheses import OF_LAWS, hypotheses, under_each_kind
 from commonlaw.inference.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.noise_growth import with_growing_noise
@@ -42,8 +43,14 @@ after which the law is chosen. They are only shown, while it works."""
 _RIVALS = 2
 """Laws of other terms that are fitted under each kind of errors, too."""
 
-EVIDENCE = "largest evidence"
-"""What laws are chosen by."""
+
+class ChosenBy(StrEnum):
+    """What a law is chosen by, in the words of its history."""
+
+    EVIDENCE = "largest evidence"
+    FORECASTS = "best forecasts of what was left out"
+    SOLUTIONS = "largest evidence without process noise, as solutions with it explain less of whole trials"
+
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -68,6 +75,8 @@ class LawSearch:
         offered; the largest evidence first.
     chosen_by
         What the law and its rivals are weighed by.
+    approximation
+        Of a law with process noise: the law of largest evidence under white noise, which solutions fit best.
     """
 
     template: Law
@@ -76,7 +85,8 @@ class LawSearch:
     solver: AbstractSolver | None
     found: Sequence[SearchState]
     rivals: "tuple[LawSearch, ...]" = ()
-    chosen_by: str = EVIDENCE
+    chosen_by: ChosenBy = ChosenBy.EVIDENCE
+    approximation: "LawSearch | None" = None
 
     def fitted(self) -> Law:
         """Return the law with its coefficients and their errors."""
@@ -300,8 +310,14 @@ def with_error_models(
     problem, state = best.problem, best.state
     if best.kind != "white":  # Levels about the law itself, to the last digits: units and origins do not show
         problem, state = with_errors_of_kind(problem, state, best.kind)
-    alike = [each.state for each in compared if each.kind == best.kind]
-    return replace(found, problem=problem, state=state.with_alternatives(alike))
+    alike = {kind: [each.state for each in compared if each.kind == kind] for kind in kinds}
+    plain, approximation = [each for each in compared if each.kind == "white" and best.kind in OF_LAWS], None
+    if plain:
+        exact = chosen(plain)
+        white = exact.state.with_alternatives(alike["white"])
+        approximation = replace(found, problem=exact.problem, state=white)
+    state = state.with_alternatives(alike[best.kind])
+    return replace(found, problem=problem, state=state, approximation=approximation)
 
 
 def best_of(listed: Sequence[LawSearch]) -> LawSearch:

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
-from commonlaw.inference.law_search import EVIDENCE
+from commonlaw.inference.law_search import ChosenBy
 from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search_problem import SearchProblem
@@ -102,6 +102,9 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outc
     return tuple(found)
 
 
+LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS
+"""What may be known of the fit of a law."""
+
 _GIVEN = "from this law by more than errors of measurement"
 _CHOSEN = "from this law, the best of its library, by more than errors of measurement"
 
@@ -165,7 +168,7 @@ def _not_told(law: Law) -> tuple[Outcome, ...]:
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS
+    kinds = {*LACKS_OF_FIT, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
     return tuple(each for each in outcomes if each.kind not in kinds)
 
 
@@ -195,7 +198,11 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 
 
 def history(
-    law: Law, problem: SearchProblem, state: SearchState, compared: Sequence[Sequence[ComparedTerms]], chosen_by: str
+    law: Law,
+    problem: SearchProblem,
+    state: SearchState,
+    compared: Sequence[Sequence[ComparedTerms]],
+    chosen_by: ChosenBy,
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
@@ -276,12 +283,12 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
-def _why(listed: Sequence[ComparedTerms], chosen_by: str) -> str:
+def _why(listed: Sequence[ComparedTerms], chosen_by: ChosenBy) -> str:
     """Return what speaks for the chosen support of an equation."""
     chosen = next(each for each in listed if each.chosen)
     second = next((each for each in listed if not each.chosen), None)
     if second is None:
-        return "no other support was compared" if chosen_by == EVIDENCE else chosen_by
+        return "no other support was compared" if chosen_by is ChosenBy.EVIDENCE else chosen_by
     runner = ", ".join(second.names) or "no term"
     ahead = second.twice_log_bayes_factor - chosen.twice_log_bayes_factor
     ratio = np.exp(min(abs(ahead) / 2, 700))

@@ -12,6 +12,7 @@ from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.alike_objects import priors_from
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.explanation import approximated, with_approximation
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import begin_search, choose_errors, fit_terms
 from commonlaw.inference.parts import LawOfPart, law_of_all, typical
@@ -148,6 +149,7 @@ def refine(
             progress=progress,
         )
         found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
+        found = approximated(found, progress) or found
         problem, state = to_scale(found.problem, found.state)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
@@ -158,7 +160,7 @@ def refine(
         law.provenance,
         outcomes=(
             *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-            *outcomes_of_fit(problem, state),
+            *with_approximation(found, outcomes_of_fit(problem, state)),
             *outcomes_of_unmeasured(refined, problem),
         ),
         history=(*law.history, *chosen),

@@ -47,7 +47,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
-    known = {each.kind for each in law.outcomes}
+    known, inexact = {each.kind for each in law.outcomes}, {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION}
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
@@ -66,8 +66,8 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         poorly_known=_poorly_known(law),
         unjudged=tuple(dict.fromkeys(unjudged)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
-        exact=OutcomeKind.MODEL_ERROR not in known and not law.uncertainty.error_model.of_law,
-        none_exact=OutcomeKind.MODEL_ERROR in known and bool(law.alternatives),
+        exact=not (inexact & known or law.uncertainty.error_model.of_law),
+        none_exact=bool(inexact & known and law.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(each.where for each in law.outcomes if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )

@@ -1,0 +1,165 @@
+"""Whether solutions of a law explain the measurements, or only the process noise of the law does.
+
+A law with process noise may follow any measurements: the noise makes up from sample to sample for what the law lacks.
+Its likelihood compares predictions of the next sample, by which the empty law with a smooth force is the best
+description of a smooth curve that no law of the library follows within a small noise. A law is to explain whole
+trials, though. So a law with process noise is weighed against laws of the same library without it by what their
+solutions leave of whole trials, from initial conditions that are fitted to these:
+
+    2 log B = sum over trials of n_eff log(s_C^2 / s_R^2) - p log n,
+
+with s^2 the mean square that the law with process noise (C) and its rival without (R) leave, p coefficients of the
+rival, n measurements, and n_eff independent ones that autocorrelated residuals are worth.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.error_search import kind_of
+from commonlaw.inference.hypotheses import OF_LAWS
+from commonlaw.inference.law_search import ChosenBy, LawSearch, resolved
+from commonlaw.inference.provenance import LACKS_OF_FIT
+from commonlaw.inference.search import STRONG
+from commonlaw.law import Law, Uncertainty
+from commonlaw.likelihood import NotPositiveError
+from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.progress import ProgressCallback
+from commonlaw.trials import Trials
+
+Series = list[Floats]
+"""Residuals of one state, trial by trial, each of shape (n,)."""
+
+
+def approximated(found: LawSearch, progress: ProgressCallback) -> LawSearch | None:
+    """Return the law without process noise that explains whole trials better than the law that was found, if any does.
+
+    The evidence for it must be strong, at the price of its coefficients (BIC), which were fitted to whole trials, and
+    it must explain more than a constant for each trial does.
+
+    Parameters
+    ----------
+    found
+        By `choose_errors`. Nothing is compared if its law has no process noise, or laws without were not fitted.
+    progress
+        Takes what is being done.
+    """
+    if not has_process_noise(found):
+        return None
+    rivals = [each for each in _without_process_noise(found) if each.size]
+    if not rivals:
+        return None
+    progress("comparing laws by what their solutions leave of whole trials")
+    own, means = _left_by(found), _constants(found.problem.trials)
+    count = sum(found.problem.measured)
+
+    def worth(rival: LawSearch) -> float:
+        left = _left_by(rival)
+        price = rival.size * len(rival.problem.models) * float(np.log(count))
+        return min(gain(left, own), gain(left, means)) - price
+
+    best = max(rivals, key=worth)
+    return replace(resolved(best, progress), chosen_by=ChosenBy.SOLUTIONS) if worth(best) > STRONG else None
+
+
+def has_process_noise(found: LawSearch) -> bool:
+    """Return whether the errors of a law are its own, not those of measurements."""
+    return found.state.has_model_error or kind_of(found.problem.errors) in OF_LAWS
+
+
+def _without_process_noise(found: LawSearch) -> Iterator[LawSearch]:
+    for each in (found, *found.rivals):
+        if each.approximation is not None:
+            yield each.approximation
+        if not has_process_noise(each):
+            yield each
+
+
+def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
+    """Return outcomes of a law that was found; those of one by `approximated` say how large its lack of fit is."""
+    if found.chosen_by is not ChosenBy.SOLUTIONS:
+        return tuple(outcomes)
+    schema, noise = found.problem.trials.schema, found.problem.first_noise
+    left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(found)]
+    parts = [
+        f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
+        for name, value, level in zip(schema.states, left, noise, strict=True)
+        if name not in schema.starts
+    ]
+    of = "this law" if found.solver is None else "this law, the best of its library,"
+    lack = Outcome(
+        OutcomeKind.APPROXIMATION,
+        "",
+        f"lack of fit: {of} leaves a residual RMS of {', '.join(parts)}",
+        "offer terms for what is missing, or take the law for a summary",
+    )
+    return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
+
+
+def _left_by(found: LawSearch) -> list[Series]:
+    """Return what solutions of a law leave of whole trials, state by state; infinite if none can be fitted."""
+    law, trials = found.fitted(), found.problem.trials
+    with suppress(CommonlawError, NotPositiveError, ArithmeticError, np.linalg.LinAlgError):
+        return _residuals(law, trials)
+    return _constants(trials, np.inf)
+
+
+@unannounced()
+def _residuals(law: Law, trials: Trials) -> list[Series]:
+    measured = np.concatenate([each.states for each in trials])
+    spread = np.nanstd(measured, axis=0)
+    noise = np.where(spread > 0, spread, 1.0)  # So that samples of a state count alike, and none as an outlier
+    own = replace(law, uncertainty=Uncertainty(covariance=law.uncertainty.covariance, noise=noise))
+    forecast = own.predict(trials, start="all", averaged=False)
+    pairs = list(zip(forecast.trials, (each.states for each in forecast.trajectories), strict=True))
+    return [
+        [_seen(trial.states[:, j] - states[:, j]) for trial, states in pairs] for j in range(len(trials.schema.states))
+    ]
+
+
+def _constants(trials: Trials, left: float = 0.0) -> list[Series]:
+    """Return what the mean of each trial leaves, state by state, and so much more."""
+    return [
+        [_seen(each.states[:, j] - np.nanmean(each.states[:, j]) + left) for each in trials]
+        for j in range(len(trials.schema.states))
+    ]
+
+
+def _seen(left: Floats) -> Floats:
+    """Return the residuals of what was measured."""
+    return left[~np.isnan(left)]
+
+
+def gain(of: Sequence[Series], over: Sequence[Series]) -> float:
+    """Return twice the log-likelihood ratio of residuals with a smaller variance over those with a larger one.
+
+    Residuals of a lack of fit are autocorrelated, and count as so many independent ones as they are worth.
+    """
+    return sum(
+        sum(map(effective_count, one)) * float(np.log(_mean_square(two) / _mean_square(one)))
+        for one, two in zip(of, over, strict=True)
+    )
+
+
+def _mean_square(series: Series) -> float:
+    return max(float(np.mean(np.concatenate(series) ** 2)), np.finfo(float).tiny)
+
+
+def effective_count(residuals: Floats) -> float:
+    """Return how many independent numbers have a mean square as accurate as that of a series, shape (n,).
+
+    n/(1 + 2 sum of rho_k^2) with autocorrelations rho_k up to the first that is not positive (Bayley and Hammersley
+    1946, for a variance; Geyer 1992 for where the sum ends).
+    """
+    count, power = len(residuals), float(residuals @ residuals)
+    if not power > 0:
+        return float(count)
+    correlations = np.correlate(residuals, residuals, "full")[count:] / power
+    ends = np.flatnonzero(correlations <= 0)
+    kept = correlations[: ends[0]] if len(ends) else correlations
+    return float(count / (1 + 2 * np.sum(kept**2)))

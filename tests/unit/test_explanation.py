@@ -1,0 +1,84 @@
+"""A law that explains whole trials is preferred to process noise that makes up for what a law lacks."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.inference.explanation import effective_count, gain
+from commonlaw.outcomes import OutcomeKind
+
+GAIN, TIME, DELAY = 0.6, 150.0, 20.0
+
+
+def delayed_steps(delay: float) -> cl.Trials:
+    """Return responses of first order to steps of an input, after a dead time."""
+    times, generator = np.arange(0, 1200.1, 5.0), np.random.default_rng(0)
+    inputs, states = list[np.ndarray](), list[np.ndarray]()
+    for size in (30.0, 50.0):
+        first, second = np.maximum(times - 50 - delay, 0), np.maximum(times - 700 - delay, 0)
+        clean = GAIN * size * (1 - np.exp(-first / TIME)) - 0.6 * GAIN * size * (1 - np.exp(-second / TIME))
+        states.append((clean + 0.05 * generator.standard_normal(len(times)))[:, np.newaxis])
+        inputs.append(np.where(times < 50, 0.0, np.where(times < 700, size, 0.4 * size))[:, np.newaxis])
+    return cl.Trials.from_arrays([times] * 2, states, inputs=inputs, object=["heater"] * 2, names=["T", "u"])
+
+
+@pytest.fixture(scope="module")
+def delayed() -> cl.Trials:
+    return delayed_steps(DELAY)
+
+
+def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_process_noise(delayed):
+    forced = cl.discover(delayed, library="poly:1", method=cl.TrajectoryLikelihood(errors="force"))
+    assert not forced.support.any()  # By the prediction of the next sample alone
+    law = cl.discover(delayed, library="poly:1")
+    assert {"T", "u"} <= set(np.array(law.terms.names)[law.support[0]])
+    assert not law.uncertainty.error_model.of_law
+    assert law.score(delayed, start="all") > 0.98
+    (lack,) = (each for each in law.outcomes if each.kind is OutcomeKind.APPROXIMATION)
+    assert "lack of fit" in lack.text
+    verdict = law.verdict(delayed)
+    assert (verdict.exact, verdict.none_exact) == (False, True)
+
+
+def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trials_better(delayed):
+    law = cl.fit("T' = (K u - T)/tau", delayed)
+    white = cl.fit("T' = (K u - T)/tau", delayed, errors="white")
+    np.testing.assert_allclose(law.coefficients, white.coefficients, rtol=1e-3)
+    values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+    assert TIME < values["tau"] < TIME + 2 * DELAY  # A lag makes up for the dead time
+    assert values["K"] == pytest.approx(GAIN, rel=0.05)
+
+
+def test_steps_without_a_dead_time_leave_no_lack_of_fit():
+    law = cl.fit("T' = (K u - T)/tau", delayed_steps(0.0))
+    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.outcomes}
+
+
+def test_process_noise_stays_where_solutions_explain_as_much_with_it():
+    generator, times, step = np.random.default_rng(0), np.linspace(0, 20, 61), 1 / 60
+    states = list[np.ndarray]()
+    for _ in range(4):
+        path = [2.0]
+        for shock in np.sqrt(step) * generator.standard_normal(1200):
+            path.append(path[-1] + step * (path[-1] - path[-1] ** 3) + 0.1 * shock)
+        states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
+    law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), library="poly:3")
+    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.outcomes}
+
+
+def test_the_gain_counts_independent_residuals_as_a_likelihood_does():
+    generator = np.random.default_rng(1)
+    small, large = generator.standard_normal(2000), 3 * generator.standard_normal(2000)
+    assert effective_count(small) == pytest.approx(2000, rel=0.05)
+    expected = effective_count(small) * np.log(np.mean(large**2) / np.mean(small**2))
+    assert gain([[small]], [[large]]) == pytest.approx(expected)
+
+
+def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_says():
+    kept, generator = 0.9, np.random.default_rng(2)
+    series = np.zeros((400, 500))
+    for k in range(1, 500):
+        series[:, k] = kept * series[:, k - 1] + np.sqrt(1 - kept**2) * generator.standard_normal(400)
+    series = series[:, 100:]
+    worth = 2 / np.var(np.mean(series**2, axis=1))  # Of independent ones the mean square has the variance 2/n
+    assert np.median([effective_count(each) for each in series]) == pytest.approx(worth, rel=0.25)
