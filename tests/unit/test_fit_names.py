@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.law.from_text import read_equations
+from commonlaw.law.numbers import with_error
 
 X = cl.Schema(("x",))
 
@@ -48,7 +49,7 @@ def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
     again = cl.Law.from_json(law.to_json())
     np.testing.assert_array_equal(again.letter_values(), law.letter_values())
     stated = cl.Law.from_text("T' = -k (T - a)", {"k": 0.1, "a": 20.0})
-    assert stated.equations() == ("T' = -0.1 T + 2",)
+    assert stated.equations() == ("T' = -0.1 (T - 20)",)
     assert "with k = 0.1, a = 20" in str(stated)
 
 
@@ -150,4 +151,36 @@ def test_a_known_coefficient_that_is_no_number_is_refused_in_words(cups):
 
 
 def test_intervals_have_units(law):
-    assert law.intervals()["unit"].tolist() == ["1/min", "°C/min"] * 2
+    assert law.intervals()["unit"].tolist() == ["1/min", "°C"] * 2
+
+
+def test_letters_of_equations_are_in_every_form_of_the_law(law):
+    from commonlaw.plots.dots import DotPlot
+    from commonlaw.plots.equations import equation_lines
+
+    for each in (law, cl.Law.from_json(law.to_json())):
+        table = each.intervals()
+        assert table["parameter"].tolist() == ["k", "a"] * 2
+        values, errors = each.letter_values()
+        np.testing.assert_array_equal(table["coefficient"], values.ravel())
+        half = errors * each.uncertainty.reach(1)  # Of Student's t distribution
+        np.testing.assert_allclose(table["low"], (values - half).ravel())
+        np.testing.assert_allclose(table["high"], (values + half).ravel())
+        assert each.to_frame().columns.tolist() == ["k", "a"]
+        np.testing.assert_array_equal(each.to_frame(errors=True)["a ±"], errors[:, 1])
+        assert each.to_latex("cup").splitlines()[1:4] == [
+            r"\dot{T} &= -k \left(T - a\right) \\",
+            *(rf"{name} &= {with_error(*pair).replace('±', chr(92) + 'pm')}{end}"
+              for name, pair, end in zip("ka", zip(values[0], errors[0], strict=True), (r" \\", ""), strict=True)),
+        ]  # fmt: skip
+        k, a = (with_error(*pair, bracket=True) for pair in zip(values[1], errors[1], strict=True))
+        assert each.equations("mug") == (f"T' = -{k} (T - {a})",)
+        assert [panel.name for panel in DotPlot(each).coefficients] == ["k", "a"]
+        assert "a" in equation_lines(each)
+
+
+def test_numbers_that_are_negative_turn_the_sign_before_them():
+    law = cl.Law.from_text("x' = a - b x + c x^p - d^2 x^3", {"a": -1.5, "b": -2.0, "c": 3.0, "d": -4.0, "p": -0.5})
+    assert law.equations() == ("x' = -1.5 + 2 x + 3 x^(-0.5) - (-4)^2 x^3",)
+    again = cl.Law.from_text(law.equations()[0])
+    np.testing.assert_allclose(again.evaluate("object", [[2.0, 0.0]]), law.evaluate("object", [[2.0, 0.0]]))

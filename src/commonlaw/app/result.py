@@ -15,7 +15,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
-from commonlaw.law.numbers import with_error
+from commonlaw.law.numbers import rounded, with_error
 from commonlaw.library import order_of_each
 from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, equation_parts
@@ -185,12 +185,19 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 
 def _table(law: Law) -> dict[str, Any]:
-    if not law.shared:
+    """Return the coefficients of each object: ``0.447 ± 0.005 (0.437 to 0.457)``, with the ends of a 95 % interval."""
+    if not law.shared or not law.letters:
         return {"head": [], "rows": []}
     values, errors = law.letter_values()
+    low, high = (values, values) if law.covariance is None else law.letter_interval_ends()
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
-    pairs = zip(law.objects, values, np.nan_to_num(errors), strict=True)
-    rows = [[name, *(with_error(*pair) for pair in zip(*each, strict=True))] for name, *each in pairs]
+
+    def cell(value: float, error: float, *ends: float) -> str:
+        interval = f" ({' to '.join(rounded(end, error) for end in ends)})" if error > 0 else ""
+        return with_error(value, error) + interval
+
+    every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
+    rows = [[name, *(cell(*numbers) for numbers in zip(*own, strict=True))] for name, *own in every]
     return {"head": [law.schema.object, *units], "rows": rows}
 
 

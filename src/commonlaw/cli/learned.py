@@ -1,17 +1,19 @@
 """What commands say of a law that they learned: on the terminal, in files, as JSON."""
 
 import json
+from collections import defaultdict
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.many_objects import print_spread
 from commonlaw.cli.options import as_one, option
-from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
+from commonlaw.cli.output import Written, print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
@@ -21,7 +23,8 @@ from commonlaw.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from commonlaw.law import Law
+    from commonlaw.law import Forecast, Law
+    from commonlaw.law.from_text import Coefficient
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import Findings, ManyFindings
@@ -152,7 +155,16 @@ class Learned:
         say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
         if law.shared and law.explanation is None:
             say("\n".join((*map(in_line, law.structure()), "")))
-            self._show_coefficients()
+            if len(law.objects) == 1 and law.letters:
+                say("\n".join((*map(in_line, law.equations()), "")))
+            if (
+                law.provenance.equations
+                and 0 < len(law.objects) * len(law.letters) <= MANY
+                and law.covariance is not None
+            ):
+                self._show_parameters()
+            else:
+                self._show_coefficients()
         else:
             say(str(law))
             if len(law.objects) > MANY:
@@ -213,6 +225,34 @@ class Learned:
         outcomes = found.forecast.outcomes if found.forecast else ()
         return [*found.training.notes, *self.law.outcomes, *found.lacking, *outcomes]
 
+    def _show_parameters(self) -> None:
+        """Print a line for each letter of given equations, then how far forecasts are off."""
+        from commonlaw.law.numbers import rounded
+
+        law, columns = self.law, defaultdict[str, list[object]](list)
+        (values, errors), ends = law.letter_values(), law.letter_interval_ends()
+        for i, name in enumerate(law.objects):
+            for j, (each, unit) in enumerate(zip(law.named_coefficients, law.letter_units(), strict=True)):
+                error = float(errors[i, j])
+                columns[law.schema.object].append(name)
+                columns["parameter"].append(each.name)
+                columns["estimate"].append(Written(rounded(values[i, j], error)))
+                columns["standard error"].append(Written(rounded(error, error)))
+                for title, end in zip(("95 % low", "95 % high"), ends, strict=True):
+                    columns[title].append(Written(rounded(end[i, j], error)))
+                columns["unit"].append(unit or "")
+                if self.truth is not None:
+                    columns["true"].append(float(self._true_values(each)[i]))
+        if len(law.objects) == 1:
+            del columns[law.schema.object]
+        if not any(columns["unit"]):
+            del columns["unit"]
+        print_table(list(columns), zip(*columns.values(), strict=True))
+        if self.findings.forecast is not None and len(law.objects) > 1:
+            say("")
+            off = self._error_columns()
+            print_table(list(off), zip(*off.values(), strict=True))
+
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
         from commonlaw.law.text import MANY
@@ -239,16 +279,22 @@ class Learned:
             pairs = zip(own.tolist(), deviations.tolist(), strict=True)
             columns[head] = [(value, error) if error else value for value, error in pairs]
             if truth is not None:
-                true = [
-                    np.array(
-                        [_true_value(truth, name, part.equation, law.terms.names[part.term]) for name in law.objects]
-                    )
-                    for part in each.parts
-                ]
-                columns[f"true {each.name}"] = each.value(true).tolist()
-        if self.findings.forecast is None:
-            return columns
-        errors_of = self.findings.forecast.errors().pivot_table(
+                columns[f"true {each.name}"] = self._true_values(each).tolist()
+        return columns if self.findings.forecast is None else columns | self._error_columns()
+
+    def _true_values(self, coefficient: "Coefficient") -> Floats:
+        """Return what a letter stands for in the true law, shape (objects,)."""
+        law, truth = self.law, cast("Law", self.truth)
+        parts = [(part.equation, law.terms.names[part.term]) for part in coefficient.parts]
+        return coefficient.value(
+            [np.array([_true_value(truth, name, *part) for name in law.objects]) for part in parts]
+        )
+
+    def _error_columns(self) -> dict[str, list[object]]:
+        """Return how far forecasts of each object are off."""
+        law, forecast = self.law, cast("Forecast", self.findings.forecast)
+        columns = {law.schema.object: list[object](law.objects)}
+        errors_of = forecast.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
         for state in law.schema.measured:

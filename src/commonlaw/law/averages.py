@@ -114,7 +114,7 @@ class AbstractAverages(AbstractEquations):
         absent = self.coefficients == 0
         return np.where(absent, np.nan, low), np.where(absent, np.nan, high)
 
-    def letter_interval_ends(self, level: float = 0.95) -> tuple[Floats, Floats]:
+    def letter_interval_ends(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
         """Return the ends of the intervals of what the letters of `structure` stand for, each (objects, letters).
 
         NaN where they are not known; see `intervals`.
@@ -122,7 +122,7 @@ class AbstractAverages(AbstractEquations):
         values, errors = self.letter_values()
         equations = [each.parts[0].equation for each in self.named_coefficients]
         half = errors * self.uncertainty.reach(len(self.states), level)[equations]
-        if not self.other_laws:
+        if not self.other_laws or not averaged:
             return values - half, values + half
         low, high = self.interval_ends(level)
         indices = tuple(np.array([(each.parts[0].equation, each.parts[0].term) for each in self.named_coefficients]).T)
@@ -131,7 +131,9 @@ class AbstractAverages(AbstractEquations):
     def intervals(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
         """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
 
-        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known.
+        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known. Of a
+        law that was given as equations it is a table of their letters: object, parameter, coefficient, standard error,
+        low, high, unit.
 
         Low and high are averaged over what the law could be, `plausible`: the coefficient is zero where its term is
         not in the law, so that the interval of a term that may well not be there tends to include zero. Where there is
@@ -151,8 +153,14 @@ class AbstractAverages(AbstractEquations):
         CommonlawError
             If the covariance is not known, or the level is not between 0 and 1.
         """
-        from commonlaw.law.tables import interval_frame
+        from commonlaw.law.tables import interval_frame, letter_interval_frame
 
+        if self.provenance.equations:
+            self.uncertainty.known_covariance()
+            ends_of_letters = self.letter_interval_ends(level, averaged)
+            found = letter_interval_frame(self.objects, self.letters, *self.letter_values(), *ends_of_letters)
+            of_letters = [unit or "" for unit in self.letter_units()]
+            return found.assign(unit=of_letters * len(self.objects)) if any(of_letters) else found
         ends = {"": self.interval_ends(level, averaged)}
         if averaged and self.other_laws:
             ends[" given these terms"] = self.interval_ends(level, averaged=False)

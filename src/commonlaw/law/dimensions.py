@@ -77,15 +77,34 @@ def is_number(unit: str) -> bool:
 def units_of_coefficients(
     terms: Terms, support: Bools, schema: Schema, order: Order
 ) -> "dict[tuple[int, int], pint.Unit]":
-    """Return the unit of each coefficient in a support, shape (equations, terms), where those of variables tell it."""
-    states, found = schema.states, dict[tuple[int, int], "pint.Unit"]()
-    if not {*states, schema.time} <= schema.units.keys():
+    """Return the unit of each coefficient in a support, shape (equations, terms), where those of variables tell it.
+
+    A unit of a variable that is not known may cancel: k of ``x' = -k x`` has that of one over time, whatever x has. The
+    unit of a coefficient is a product of powers of those of the variables; that of an unknown one is zero where
+    the same comes out whatever takes its place. Variables that are added have one unit.
+    """
+    measured = (*schema.states, *schema.inputs, schema.time)
+    known = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
+    if not known:
         return {}
-    measured = (*states, *schema.inputs, schema.time)
-    units = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
+    plain = {name: known.get(name, registry().dimensionless) for name in measured}
+    some = {name: registry().Unit("candela") for name in measured if name not in known}
+    added = {name: unit for name, unit in some.items() if name != schema.time}
+    found, together, *alone = (
+        _units_over(terms, support, schema, order, plain | given)
+        for given in ({}, added, *({name: unit} for name, unit in some.items()))
+    )
+    return {key: unit for key, unit in found.items() if all(each.get(key, together.get(key)) == unit for each in alone)}
+
+
+def _units_over(
+    terms: Terms, support: Bools, schema: Schema, order: Order, units: "Mapping[str, pint.Unit]"
+) -> "dict[tuple[int, int], pint.Unit]":
+    """Return the same by the units of all measured variables."""
+    states, found = schema.states, dict[tuple[int, int], "pint.Unit"]()
     time = units[schema.time]
     pairs = zip(terms.variables.states[len(states) :], with_rates(order, len(states)), strict=True)
-    units |= {rate: units[states[j]] / time for rate, j in pairs}
+    units = {**units, **{rate: units[states[j]] / time for rate, j in pairs}}
     orders = order_of_each(order, len(states))
     constants = units_of_constants(terms, units) if terms.constants else {}
     units |= constants

@@ -1,7 +1,7 @@
 """Equations that objects share: what they hold, what they give, and how they are written."""
 
 from abc import ABC
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property, reduce
 from operator import mul
 from typing import TYPE_CHECKING
@@ -15,12 +15,20 @@ from commonlaw.extras import optional_import
 from commonlaw.law import text
 from commonlaw.law.dimensions import quotient_unit, units_of_coefficients
 from commonlaw.law.explanation import LATEX, PLAIN, Explanation
-from commonlaw.law.from_text import Coefficient, GivenEquations, Part, Product, read_equations
-from commonlaw.law.numbers import with_error
+from commonlaw.law.from_text import (
+    Coefficient,
+    GivenEquations,
+    Part,
+    Product,
+    latex_summands,
+    read_equations,
+)
+from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.related import RelatedCoefficients
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Terms, with_rates
+from commonlaw.library.equation import split_equations
 from commonlaw.library.naming import latex_name
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
@@ -141,7 +149,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 + 0.0466 v``.
 
-        With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits.
+        With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits. A law that was given as
+        equations is written as these, with numbers in place of its letters: ``N' = 0.8 N (1 - N/1.4)``.
 
         Parameters
         ----------
@@ -162,8 +171,10 @@ class AbstractEquations(ShownInNotebooks, ABC):
             lefts = (*self.left_hand_sides, *self.terms.variables.constants)
             related = self._related.rows(PLAIN, lefts, self.terms.factors, digits, errors is not False)
             return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
-        name = self._only(name)
-        known = self._shown_errors(name, errors)
+        known = self._shown_errors(name := self._only(name), errors)
+        if self.provenance.equations:
+            numbers = {letter: text.numbered(*pair, digits) for letter, pair in self._letters_of(name, known).items()}
+            return tuple(each.with_numbers(numbers) for each in split_equations(self.provenance.equations))
         constants = [with_error(*pair, digits, bracket=True) for pair in self._constants(name, known)]
         written = (f"({each})" if each.startswith("-") else each for each in constants)
         names = self.terms.factors_over((*self.terms.variables.measured, *written))
@@ -172,6 +183,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
         """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; constants have lines of their own.
+
+        So have the letters of a law that was given as equations, which is written as these: r and K of
+        ``N' = r N (1 - N/K)``.
 
         Raises
         ------
@@ -184,6 +198,9 @@ class AbstractEquations(ShownInNotebooks, ABC):
         if name is None and self._is_explained:
             return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
         known = self._shown_errors(name := self._only(name), errors)
+        if self.provenance.equations:
+            letters = {latex_name(letter): pair for letter, pair in self._letters_of(name, known).items()}
+            return text.latex_of_given(left, self.latex_structure(), letters, digits)
         values = zip(constants, self._constants(name, known), strict=True)
         return text.latex(left, self._factors(name), known, terms, digits, values, self.terms.have_constants)
 
@@ -236,7 +253,8 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def to_frame(self, errors: bool = False) -> "pd.DataFrame":
         """Return the coefficients: one row for each object, one column for each term that is in the law.
 
-        With several equations the columns have two levels, the equation and the term.
+        With several equations the columns have two levels, the equation and the term. A law that was given as equations
+        has a column for each of their letters.
 
         Parameters
         ----------
@@ -248,10 +266,12 @@ class AbstractEquations(ShownInNotebooks, ABC):
         CommonlawError
             If errors are asked for that are not known.
         """
-        from commonlaw.law.tables import coefficient_frame
+        from commonlaw.law.tables import coefficient_frame, letter_frame
 
         if errors:
             self.uncertainty.known_covariance()
+        if self.provenance.equations:
+            return letter_frame(self.objects, self.letters, *self.letter_values(), errors)
         names = self.objects, self.left_hand_sides, self.terms.names
         return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
 
@@ -264,16 +284,36 @@ class AbstractEquations(ShownInNotebooks, ABC):
         return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in found.items()}
 
     def structure(self) -> tuple[str, ...]:
-        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was."""
+        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was.
+
+        Known coefficients that all objects share are numbers: ``x'' = -9.81 + a v``.
+        """
         if self.provenance.equations:
             return self.provenance.equations
-        factors = self.support & self.terms.is_factor
-        letters = [each.name for each in self.named_coefficients if self.terms.is_factor[each.term]]
-        return text.structure(self.left_hand_sides, self.terms.factors, factors, letters)
+        rows = text.labelled(self.terms.factors, self._labels(str))
+        return text.written_structure(self.left_hand_sides, rows)
+
+    def latex_structure(self) -> tuple[tuple[text.Addend, ...], ...]:
+        """Return the right-hand sides of `structure` in LaTeX."""
+        variables = self.terms.variables
+        if self.provenance.equations:
+            rows = latex_summands(self.provenance.equations, self.schema, variables, self.state_rates)
+            return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
+        factors = zip(self.terms.names, self.terms.latex_factors(variables.names), strict=True)
+        names = ["1" if name == "1" else latex for name, latex in factors]
+        return text.labelled(names, self._labels(latex_name), latex_with_error)
+
+    def _labels(self, write: Callable[[str], str]) -> tuple[tuple[tuple[int, text.Label], ...], ...]:
+        """Return for each equation its terms, by index, each with a number or a written letter before it."""
+        letters = {(each.equation, each.term): write(each.name) for each in self.named_coefficients}
+        rows: list[list[tuple[int, text.Label]]] = [[] for _ in self.states]
+        for j, k in np.argwhere(self.support & self.terms.is_factor).tolist():
+            rows[j].append((k, letters.get((j, k), float(self.coefficients[0, j, k]))))
+        return tuple(map(tuple, rows))
 
     @property
     def letters(self) -> tuple[str, ...]:
-        """The letters that `structure` uses, one for each coefficient."""
+        """The letters that `structure` uses, one for each coefficient that is no known number."""
         return tuple(each.name for each in self.named_coefficients)
 
     @cached_property
@@ -281,9 +321,17 @@ class AbstractEquations(ShownInNotebooks, ABC):
         """Where each letter of `structure` stands."""
         if self.provenance.equations:
             return self._given.coefficients
-        letters = iter(text.free_letters(int(self.support.sum()), self.terms.variables.names))
-        named = ((self.terms.constant_name(k) or next(letters), j, k) for j, k in np.argwhere(self.support).tolist())
+        alike = np.all((self.standard_errors == 0) & (self.coefficients == self.coefficients[:1]), axis=0)
+        places = np.argwhere(self.support & ~(alike & self.terms.is_factor)).tolist()
+        letters = iter(text.free_letters(len(places), self.terms.variables.names))
+        named = ((self.terms.constant_name(k) or next(letters), j, k) for j, k in places)
         return tuple(Coefficient(letter, (Part(j, k),)) for letter, j, k in named)
+
+    def _letters_of(self, name: str, errors: Floats) -> dict[str, tuple[float, float]]:
+        """Return what the letters of given equations stand for, and their errors, zero where those of terms all are."""
+        values, own = (each[self.index(name)].tolist() for each in self._letter_values)
+        shown = np.nan_to_num(own) * bool(np.any(np.nan_to_num(errors)))
+        return dict(zip(self.letters, zip(values, shown.tolist(), strict=True), strict=True))
 
     def _constants(self, name: str, errors: Floats) -> Iterator[tuple[float, float]]:
         """Yield the value of each constant inside of terms for an object, and its error of those of all terms."""
@@ -309,10 +357,15 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     def letter_values(self) -> tuple[Floats, Floats]:
         """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
+        return self._letter_values
+
+    @cached_property
+    def _letter_values(self) -> tuple[Floats, Floats]:
         values, errors = np.empty((2, len(self.objects), len(self.named_coefficients)))
         for i, each in enumerate(self.named_coefficients):
             values[:, i] = each.of(self.coefficients)
             errors[:, i] = self._error(each)
+        values.flags.writeable = errors.flags.writeable = False
         return values, errors
 
     def _error(self, coefficient: Coefficient) -> Floats:

@@ -164,6 +164,15 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     return GivenEquations(texts, terms, order, known, found, (*products, *own), bounds)
 
 
+def latex_summands(
+    given: Sequence[str], schema: Schema, variables: Variables, state_rates: Sequence[tuple[str, str]]
+) -> tuple[tuple[tuple[bool, str], ...], ...]:
+    """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted."""
+    equations = split_equations(given)
+    meanings = _meanings(schema, one_order([each.order for each in equations]))._replace(unclear={})
+    return tuple(each.latex(variables, state_rates, meanings) for each in equations)
+
+
 def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
     """Return the first equation, by its index, in whose terms each constant stands."""
     used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]

@@ -4,11 +4,17 @@ The package `uncertainties` writes 1230 ± 680 as (1.23 ± 0.68)e+03, a small ne
 a number from an error that asks for too many digits. These three rules would stay here, so that it would save nothing.
 """
 
+from math import isfinite
+
 _DIGITS = 2
 """Significant digits of an error."""
 
 _MOST = 9
 """Significant digits of a number; where its error would ask for more, the two are written apart."""
+
+
+_PLAIN = (-4, 6)
+"""Decimal places of the first digit, from and below, of numbers that are written without a power of ten."""
 
 
 def with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
@@ -26,6 +32,22 @@ def with_error(value: float, error: float, digits: int = 4, bracket: bool = Fals
     pair = f"{number} ± {uncertainty}" if uncertainty else number
     power = f"e{exponent:+03d}" if exponent else ""
     return f"({pair}){power}" if uncertainty and (bracket or power) else pair + power
+
+
+def rounded(value: float, error: float) -> str:
+    """Return a number to the decimal place of the second digit of an error; to four digits if there is none.
+
+    >>> rounded(0.44709, 0.0051), rounded(1.2e-5, 3.4e-7), rounded(12345, 678), rounded(-0.0001, 0.02)
+    ('0.4471', '1.200e-05', '12340', '0.000')
+    """
+    if not (isfinite(error) and error > 0 and isfinite(value)):
+        return f"{value:.4g}"
+    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MOST)
+    if size - last >= _MOST:
+        return f"{value:.{_MOST}g}"
+    if not _PLAIN[0] <= size < _PLAIN[1]:
+        return f"{value:.{size - last}e}"
+    return f"{round(value, -last):z.{max(-last, 0)}f}"
 
 
 def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
@@ -48,7 +70,7 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MOST)
     if size - last >= _MOST:
         return f"{value:.{_MOST}g}", f"{error:.{_DIGITS}g}", 0
-    exponent = 0 if -4 <= size < 6 else size
+    exponent = 0 if _PLAIN[0] <= size < _PLAIN[1] else size
     indices = exponent - last
 
     def text(number: float) -> str:

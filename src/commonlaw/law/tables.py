@@ -46,6 +46,32 @@ def coefficient_frame(
     return pd.DataFrame(values, index=pd.Index(objects, name="object"), columns=columns)
 
 
+def letter_frame(
+    objects: Sequence[str], letters: Sequence[str], values: Floats, errors: Floats, with_errors: bool
+) -> pd.DataFrame:
+    """Return what letters stand for, and if wanted their standard errors, objects by letters, see `Law.to_frame`.
+
+    Both arrays have the shape (objects, letters).
+    """
+    columns = {letter: values[:, i] for i, letter in enumerate(letters)}
+    if with_errors:
+        columns = {
+            f"{letter}{mark}": own[:, i]
+            for i, letter in enumerate(letters)
+            for mark, own in (("", values), (" ±", errors))
+        }
+    return pd.DataFrame(columns, index=pd.Index(objects, name="object"))
+
+
+def letter_interval_frame(
+    objects: Sequence[str], letters: Sequence[str], values: Floats, errors: Floats, low: Floats, high: Floats
+) -> pd.DataFrame:
+    """Return what letters stand for with standard errors and intervals, arrays of shape (objects, letters)."""
+    names = np.array([(name, letter) for name in objects for letter in letters], dtype=object).reshape(-1, 2)
+    columns = {"object": names[:, 0], "parameter": names[:, 1], "coefficient": values.ravel()}
+    return pd.DataFrame({**columns, "standard error": errors.ravel(), "low": low.ravel(), "high": high.ravel()})
+
+
 def interval_frame(
     objects: Sequence[str],
     equations: Sequence[str],

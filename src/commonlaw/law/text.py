@@ -1,6 +1,6 @@
 """Equations and coefficients as people write them."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, groupby
 from string import ascii_lowercase
 from typing import NamedTuple
@@ -29,6 +29,10 @@ class Addend(NamedTuple):
     negative: bool
     number: str
     name: str
+
+
+Label = str | float
+"""What stands before a term: a letter, or a known number."""
 
 
 def equation(
@@ -99,12 +103,51 @@ def order_in_words(order: Order, states: Sequence[str]) -> str:
     return ", ".join(f"{state} {each}" for state, each in zip(states, order, strict=True))
 
 
+def labelled(
+    names: Sequence[str], rows: Iterable[Iterable[tuple[int, Label]]], write: Callable[[float, float], str] = with_error
+) -> tuple[tuple[Addend, ...], ...]:
+    """Return the sums of terms, by their indices, each with a letter or a known number before it.
+
+    >>> summed(*labelled(("1", "v"), [[(0, -9.81), (1, "a")]]), " ")
+    '-9.81 + a v'
+    """
+
+    def addend(k: int, label: Label) -> Addend:
+        if isinstance(label, str):
+            return Addend(False, label, names[k])
+        one = abs(label) == 1 and names[k] != "1"
+        return Addend(label < 0, "" if one else write(abs(label), 0.0), names[k])
+
+    return tuple(tuple(addend(*each) for each in row) for row in rows)
+
+
 def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
     """Return the form of each equation, with a letter for each coefficient in the support: ``x'' = a + b v``."""
-    parts: list[list[Addend]] = [[] for _ in lefts]
-    for letter, (j, k) in zip(letters, np.argwhere(support), strict=True):
-        parts[j].append(Addend(False, letter, names[k]))
-    return tuple(f"{left} = {summed(each, ' ')}" for left, each in zip(lefts, parts, strict=True))
+    rows: list[list[tuple[int, Label]]] = [[] for _ in lefts]
+    for letter, (j, k) in zip(letters, np.argwhere(support).tolist(), strict=True):
+        rows[j].append((k, letter))
+    return written_structure(lefts, labelled(names, rows))
+
+
+def written_structure(lefts: Sequence[str], rows: Iterable[Iterable[Addend]]) -> tuple[str, ...]:
+    """Return equations with these summands."""
+    return tuple(f"{left} = {summed(row, ' ')}" for left, row in zip(lefts, rows, strict=True))
+
+
+def numbered(value: float, error: float, digits: int) -> Callable[[bool], tuple[bool, str]]:
+    """Return what `Equation.with_numbers` takes for a coefficient with its standard error."""
+    return lambda factor: (value < 0, with_error(abs(value), error, digits, bracket=factor))
+
+
+def latex_of_given(
+    lefts: Sequence[str], rows: Iterable[Iterable[Addend]], letters: Mapping[str, tuple[float, float]], digits: int
+) -> str:
+    """Return equations with the values and standard errors of their letters as an ``aligned`` block."""
+    values = (
+        (name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),))
+        for name, (value, error) in letters.items()
+    )
+    return aligned(chain(zip(lefts, rows, strict=True), values))
 
 
 def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple, NoReturn
 
 from commonlaw.errors import CommonlawError, unknown
@@ -11,6 +12,7 @@ from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
 from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.naming import quoted
+from commonlaw.library.notation import expression_latex
 from commonlaw.library.parse import parse_term
 from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Variables
@@ -85,6 +87,49 @@ class Equation:
             If a name is a constant inside of a term, and not among those of the variables.
         """
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
+
+    def latex(
+        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
+    ) -> tuple[tuple[bool, str], ...]:
+        """Return the summands of the right-hand side in LaTeX, as they are written, and whether they are subtracted.
+
+        For the arguments see `summands`.
+        """
+        return _Reader(self, variables, dict(state_rates), meanings or Meanings()).latex()
+
+    def with_numbers(self, write: Mapping[str, Callable[[bool], tuple[bool, str]]]) -> str:
+        """Return the text with numbers in place of coefficients; a number that is negative turns the sign before it.
+
+        Parameters
+        ----------
+        write
+            By the name of a coefficient, what says whether it is negative and how its size is written, given whether it
+            stands as a factor.
+
+        Examples
+        --------
+        >>> (one,) = split_equations("x' = a + b x")
+        >>> one.with_numbers({"a": lambda _: (False, "3"), "b": lambda _: (True, "2")})
+        "x' = 3 - 2 x"
+        """
+        tokens = list(_TOKEN.finditer(self.text, self.right))
+        parts = [[match[0][: -len(match[0].lstrip())], match[0].lstrip()] for match in tokens]
+        for i, match in enumerate(tokens):
+            name = match["name"]
+            if not name or match["mark"] or _unquoted(name) not in write:
+                continue
+            before, after = (tokens[j]["sign"] if 0 <= j < len(tokens) else "" for j in (i - 1, i + 1))
+            begins = i == 0 or (i == 1 and before == "-")
+            negative, number = write[_unquoted(name)](not (begins and after in ("", "+", "-")))
+            if negative and after not in ("^", "**") and before in ("+", "-", ""):
+                if before:
+                    parts[i - 1][1] = "-" if before == "+" else "+" if i > 1 else ""
+                else:
+                    number = f"-{number}"
+            elif negative:
+                number = f"(-{number})"
+            parts[i][1] = number
+        return self.text[: self.right] + "".join(chain.from_iterable(parts))
 
     def refuse(self, name: str, problem: str, variables: Variables, state_rates: Sequence[tuple[str, str]]) -> NoReturn:
         """Raise the error for a problem with a coefficient, see `summands`."""
@@ -208,6 +253,14 @@ class _Reader:
                 self._fail(self.now, "a parenthesis closes that was not opened")
             found += self._summand()
         return tuple(each for each in found if each.factor)
+
+    def latex(self) -> tuple[tuple[bool, str], ...]:
+        found, names = list[tuple[bool, str]](), (*self.variables.names, *self.coefficients)
+        while self.now.kind != "end":
+            negative = self._sign() < 0
+            tree = read(self._product(), names, len(self.coefficients) + len(self.variables.constants))
+            found.append((negative, expression_latex(write(tree), names)))
+        return tuple(found)
 
     def refuse(self, name: str, problem: str) -> NoReturn:
         """Fail where a coefficient stands."""

@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
+from commonlaw.library.naming import latex_name
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
-from commonlaw.plots.style import COLORS, key, number_text, plain, powers_of_ten, unit_text
+from commonlaw.plots.style import COLORS, key, math, number_text, plain, powers_of_ten, unit_text
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
@@ -28,6 +29,8 @@ _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 @dataclass(frozen=True)
 class Coefficient:
     """One coefficient of every object: the index of its equation, its term, labels, and values of shape (objects,).
+
+    Of a law that was given as equations it is one of their letters, which then stands for the term.
 
     A letter or unit that is not known is empty, and so are values NaN; standard errors that are not known are zero.
     The ends of 95 % intervals are averaged over what the law could be.
@@ -64,6 +67,8 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
+        if self._by_letter:
+            return self._letters
         law, labels, units = self.law, term_labels(self.law.terms), self.law.coefficient_units()
         low, high = (law.coefficients,) * 2 if law.covariance is None else law.interval_ends()
         found = []
@@ -78,6 +83,32 @@ class DotPlot:
                 ends = low[:, j, k], high[:, j, k]
                 found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors, *ends))
         return found
+
+    @property
+    def _by_letter(self) -> bool:
+        """Whether the law's own letters are shown; the equations of an explained law have others."""
+        return bool(self.law.provenance.equations) and self.law.explanation is None
+
+    @property
+    def _letters(self) -> list[Coefficient]:
+        """The letters of given equations."""
+        law, found = self.law, list[Coefficient]()
+        (values, errors), (low, high) = law.letter_values(), law.letter_interval_ends()
+        for i, each in enumerate(law.named_coefficients):
+            parts = [(part.equation, law.terms.names[part.term]) for part in each.parts]
+            true = values[:, i] * np.nan
+            if self.truth is not None:
+                true = each.value([true_values(law, self.truth, *part) for part in parts])
+            label, unit = math(latex_name(each.name), each.name), unit_text(law.letter_units()[i] or "")
+            ends = (values[:, i],) * 2 if law.covariance is None else (low[:, i], high[:, i])
+            own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
+            found.append(Coefficient(each.equation, each.name, label, label, unit, *own))
+        return found
+
+    def _true(self, equation: int, term: str) -> Floats:
+        return (
+            true_values(self.law, self.truth, equation, term) if self.truth else np.full(len(self.law.objects), np.nan)
+        )
 
     @property
     def several(self) -> bool:
@@ -114,6 +145,8 @@ class DotPlot:
 
     def title(self, each: Coefficient) -> str:
         """Return what stands above the panel of a coefficient: its term, and its equation if there are several."""
+        if self._by_letter:
+            return each.term
         lefts = left_hand_sides(self.law)
         where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
         return where + ("constant term" if each.term == "$1$" else f"{each.term} term")
@@ -157,7 +190,8 @@ class DotPlot:
                 _print_value(panel, height, each)
             panel.set_yticks(heights, [each.term for each in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
-            panel.set_title(f"terms of {left}", loc="left")
+            what = "parameters" if self._by_letter else "terms"
+            panel.set_title(f"{what} of {left}", loc="left")
             panel.margins(x=0.4 if self.law.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
         logarithmic = self._scale(panels[-1])

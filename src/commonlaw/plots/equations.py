@@ -31,7 +31,7 @@ def left_hand_sides(law: Law) -> list[str]:
 def equation_lines(law: Law) -> str:
     """Return the law as lines of mathtext: with numbers if it has one object, else with the law's letters.
 
-    A last line says what rates are, and what constants inside of terms.
+    A law that was given as equations stands as these. A last line says what rates are, and what letters stand for.
     """
     lines = []
     for j, left in enumerate(left_hand_sides(law)):
@@ -40,9 +40,10 @@ def equation_lines(law: Law) -> str:
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for state, rate in law.state_rates
     ]
-    own = zip(law.terms.variables.constants, law.terms.constants, strict=True) if len(law.objects) == 1 else ()
-    constants = [f"{math(latex_name(name), name)} $=$ {_number(law.coefficients[0, :, k].sum())}" for name, k in own]
-    meaning = ", ".join([*rates, *constants])
+    given = law.letters if law.provenance.equations else law.terms.variables.constants
+    own = zip(law.letters, law.letter_values()[0][0], strict=True) if len(law.objects) == 1 else ()
+    values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
+    meaning = ", ".join([*rates, *values])
     return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
 
 
@@ -67,6 +68,8 @@ def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
 
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
+    if law.provenance.equations:
+        return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in law.latex_structure()[j]]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
         value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_letter(law, j, int(k))

@@ -54,7 +54,9 @@ class IntervalPanels:
     @cached_property
     def captions(self) -> list[str]:
         """What each panel shows."""
-        return [f"before {each.name} in {self.law.left_hand_sides[each.equation]}" for each in self._dots.coefficients]
+        before = "" if self.law.provenance.equations and self.law.explanation is None else "before "
+        lefts = self.law.left_hand_sides
+        return [f"{before}{each.name} in {lefts[each.equation]}" for each in self._dots.coefficients]
 
     @styled()
     def draw(self, panel: int) -> Figure:

@@ -187,11 +187,14 @@ class Report:
         What was asked, done and found; Markdown with LaTeX mathematics between dollar signs.
     sections
         In the order of reading.
+    blocks
+        What stands below the summary.
     """
 
     title: str
     summary: str
     sections: tuple[Section, ...]
+    blocks: tuple[Block, ...] = ()
 
     @property
     def results(self) -> dict[str, Any]:
@@ -204,12 +207,14 @@ class Report:
             replace(section, blocks=tuple(block for block in section.blocks if isinstance(block, kinds)))
             for section in self.sections
         )
-        return replace(self, sections=tuple(sections))
+        return replace(
+            self, sections=tuple(sections), blocks=tuple(each for each in self.blocks if isinstance(each, kinds))
+        )
 
     def named_blocks(self) -> "Iterator[Picture | Table]":
         """Yield all pictures and tables, those in galleries and folds too, in the order of reading."""
-        for section in self.sections:
-            yield from _named_blocks(section.blocks)
+        for blocks in (self.blocks, *(section.blocks for section in self.sections)):
+            yield from _named_blocks(blocks)
 
 
 def _named_blocks(blocks: Iterable[Block]) -> Iterator[Picture | Table]:

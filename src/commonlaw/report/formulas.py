@@ -4,12 +4,9 @@ import re
 from collections.abc import Iterator
 from itertools import pairwise
 
-import numpy as np
-
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
-from commonlaw.library.naming import latex_name
+from commonlaw.law.text import aligned, latex_left_hand_sides
 from commonlaw.report.markup import code, formula, literal
 
 _LINE = 40
@@ -23,8 +20,6 @@ def law_markdown(law: Law) -> str:
     """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters."""
     if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
-    if law.provenance.equations and not _has_numbers(law):
-        return code("\n".join(law.structure()))
     return _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
 
 
@@ -61,12 +56,7 @@ def _has_numbers(law: Law) -> bool:
 
 def _structure_latex(law: Law) -> str:
     """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
-    rows: list[list[Addend]] = [[] for _ in law.states]
-    terms = law.terms.latex_factors(law.terms.variables.names)
-    for letter, (j, k) in zip(law.letters, np.argwhere(law.support).tolist(), strict=True):
-        if law.terms.is_factor[k]:
-            rows[j].append(Addend(False, latex_name(letter), "1" if law.terms.names[k] == "1" else terms[k]))
-    return aligned(zip(latex_left_hand_sides(law.states, law.order), rows, strict=True))
+    return aligned(zip(latex_left_hand_sides(law.states, law.order), law.latex_structure(), strict=True))
 
 
 def _own(law: Law) -> Iterator[str]:

@@ -12,7 +12,7 @@ from commonlaw.law.script import Source
 from commonlaw.progress import on_terminal
 from commonlaw.report import law_sections, leftovers, making
 from commonlaw.report.all_objects import all_objects
-from commonlaw.report.document import Report
+from commonlaw.report.document import Report, Text
 from commonlaw.report.formulas import law_markdown
 from commonlaw.report.html import check_packages
 from commonlaw.report.law_case import LawCase, listed
@@ -73,7 +73,7 @@ def law_report(
     check_packages()
     case, law = LawCase(findings, words, tuple(rivals)), findings.law
     first, *others = map(literal, findings.sentences)
-    summary = f"**{first}**{law_markdown(law)}{listed(others)}"
+    summary = f"**{first}**{law_markdown(law)}"
     title = f"A law of {', '.join(law.states)}"
     parts = (
         law_sections.forecasts,
@@ -89,4 +89,5 @@ def law_report(
     for part in parts:
         progress(part.__name__)
         sections.append(part(case))
-    return Report(title, summary, (*sections, making.again(case, command, table)))
+    below = (*law_sections.values(law), Text(listed(others)))
+    return Report(title, summary, (*sections, making.again(case, command, table)), below)

@@ -127,11 +127,17 @@ def coefficients(case: LawCase) -> Section:
         if given:
             blocks.append(Text(f"Known, and not fitted: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
-        table = Table("values", "The same in numbers.", _by_object(law))
-        blocks.append(folded(table, "Coefficients by object"))
     else:
         blocks.append(Text("The law has no coefficient: it says that nothing changes."))
     return Section("coefficients", "Coefficients", tuple(blocks))
+
+
+def values(law: Law) -> tuple[Block, ...]:
+    """Return the numbers that stand beside the formula of a law: its coefficients, by object, with intervals."""
+    if not law.letters:
+        return ()
+    ends = "" if law.covariance is None else ", with the ends of their 95 % intervals"
+    return (folded(Table("values", f"Coefficients{ends}.", _by_object(law)), "Coefficients by object"),)
 
 
 def _intervals(law: Law, caption: str) -> Block:
