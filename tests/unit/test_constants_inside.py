@@ -176,7 +176,7 @@ def test_constants_are_written_where_they_stand(fitted):
     np.testing.assert_allclose(stated.evaluate("object", points), fitted.evaluate("b", points), rtol=1e-3)
     assert fitted.equations("b")[0].endswith(f"s/({with_error(values['K'][1], errors['K'][1], bracket=True)} + s)")
     block = fitted.to_latex("b", errors=False)
-    assert r"\frac{s}{K + s}" in block
+    assert r"\frac{V s}{K + s}" in block
     assert f"K &= {values['K'][1]:.4g}" in block
     ((_, right),) = fitted.to_sympy("b").items()
     expected = float(fitted.evaluate("b", [[2.0, 0.0]])[0, 0])
