@@ -310,7 +310,7 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
         ("x' = exp(k x)", ("k",), ("k",)),
         ("x' = a^2 (x - b)", ("a",), ("b", "a")),
         ("x' = k (x - a) + k^-1 x^2", ("k",), ("a", "k")),
-        ("x' = a x + a", ("a",), ("a",)),
+        ("x' = a x + a", (), ("a",)),
         ("x' = -k (x - a)/(x + K)", ("K",), ("k", "a", "K")),
     ],
 )

@@ -17,7 +17,10 @@ _MORE = 4
 """So many times as many where starts are tried, too."""
 
 _SHARES = (0.25, 0.5, 1.0)
-"""Of their scales, where the sizes of terms are taken."""
+"""Of their scales, where constants are tried, and between which the sizes of terms are taken."""
+
+_POINTS = 16
+"""Points at which the sizes of terms are averaged."""
 
 _EXACT = 1e-6
 """What powers may differ by from 1 and -1."""
@@ -189,7 +192,9 @@ def _whole(trials: Trials, terms: Terms, scales: Floats) -> Floats:
 
 def _sizes(trials: Trials, terms: Terms, scales: Floats, constants: Floats) -> Floats:
     """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
-    values = np.outer(_SHARES, _whole(trials, terms, scales))
+    whole = _whole(trials, terms, scales)
+    # Shares of their own, so that what is written as a difference is no smaller than its parts
+    values = whole * np.random.default_rng(0).uniform(min(_SHARES), max(_SHARES), (_POINTS, len(whole)))
     values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
     with np.errstate(all="ignore"):
         return np.asarray(np.mean(np.abs(terms.evaluate(values)), axis=0))

@@ -28,6 +28,7 @@ from commonlaw.law.document import (
 )
 from commonlaw.law.earlier_versions import as_now, compared_with_the_best
 from commonlaw.law.explanation import Explanation
+from commonlaw.law.from_text import read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.law.widening import Widening
@@ -262,6 +263,13 @@ def _fields(document: LawDocument) -> Fields:
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
     provenance = Provenance(**msgspec.structs.asdict(saved) | {"differentiation": method})
+    if (
+        document.constants
+        and provenance.equations
+        and read_equations(saved.equations, schema, variables).terms != terms
+    ):
+        # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
+        provenance = replace(provenance, equations=())
     return terms, schema, document.order, objects, coefficients, uncertainty, provenance, document.properties
 
 

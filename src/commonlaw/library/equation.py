@@ -67,7 +67,9 @@ class Equation:
     def summands(
         self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
     ) -> tuple[Summand, ...]:
-        """Return the summands of the right-hand side, multiplied out where coefficients stand in parentheses.
+        """Return the summands of the right-hand side: multiplied out, and collected by their coefficients.
+
+        However it is spelled, ``k a - k T`` is ``k (a - T)``, and ``-(p + X) G + 92 p`` is ``-p (G - 92) - X G``.
 
         Parameters
         ----------
@@ -231,6 +233,14 @@ def _left(text: str) -> Equation:
     return Equation(text, _unquoted(name), order, len(left) + 1)
 
 
+class _Written(NamedTuple):
+    """A number, coefficients and constants by their columns with their powers, and the text of what they multiply."""
+
+    factor: float
+    constants: tuple[tuple[int, int], ...]
+    text: str
+
+
 class _Reader:
     """Reads one right-hand side from left to right."""
 
@@ -252,7 +262,12 @@ class _Reader:
             if self.now.kind not in "+-":
                 self._fail(self.now, "a parenthesis closes that was not opened")
             found += self._summand()
-        return tuple(each for each in found if each.factor)
+        # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
+        alike = dict[object, list[_Written]]()
+        for number, each in enumerate(found):
+            alike.setdefault(each.constants or number, []).append(each)
+        collected = (self._collected(each) for each in alike.values())
+        return tuple(each for each in collected if each.factor)
 
     def latex(self) -> tuple[tuple[bool, str], ...]:
         found, names = list[tuple[bool, str]](), (*self.variables.names, *self.coefficients)
@@ -270,14 +285,15 @@ class _Reader:
     def now(self) -> _Token:
         return self.tokens[self.index]
 
-    def _summand(self) -> list[Summand]:
+    def _summand(self) -> "list[_Written]":
         """Read signs, then factors as long as there are any, and multiply them out."""
         factor, start = self._sign(), self.now
         names = (*self.variables.names, *self.coefficients)
         text = self._product()
         try:
             count = len(self.coefficients) + len(self.variables.constants)
-            products = multiplied_out(read(text, names, count), len(self.variables.names))
+            known = len(self.variables.names)
+            products = multiplied_out(read(text, names, count), known - len(self.variables.constants), known)
             return [self._of_product(factor, each) for each in products]
         except CommonlawError as error:
             self._fail(start, str(error))
@@ -300,16 +316,33 @@ class _Reader:
             else:
                 return text
 
-    def _of_product(self, sign: float, product: Product) -> Summand:
+    def _of_product(self, sign: float, product: Product) -> "_Written":
         names = (*self.variables.names, *self.coefficients)
         shown = [(with_names(write(tree), [quoted(each) for each in names]), power) for tree, power in product.trees]
         text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
         text += "".join(f"/({each})" for each, power in shown if power < 0)
         for column, power in product.constants.items():
-            if abs(power) != 1:
+            if abs(power) != 1 and column >= len(self.variables.names):
                 raise NotAFactorError(column)
-        powers = tuple((names[column], power) for column, power in product.constants.items())
-        return Summand(sign * product.factor, powers, parse_term(text, self.variables))
+        return _Written(sign * product.factor, tuple(sorted(product.constants.items())), text)
+
+    def _collected(self, alike: "Sequence[_Written]") -> Summand:
+        """Return the sum of products with the same coefficients and constants as one summand."""
+        names, factors = (*self.variables.names, *self.coefficients), dict[str, float]()
+        for each in alike:
+            factors[each.text] = factors.get(each.text, 0.0) + each.factor
+        # A number that is added goes last: a*(exp(u) - 1)
+        ordered = [(text, factor) for text, factor in sorted(factors.items(), key=lambda own: own[0] == "1") if factor]
+        whole = ordered[0][1] if ordered else 0.0
+        text = "".join(_addend(text, factor / whole) for text, factor in ordered).removeprefix("+") or "1"
+        constants = [
+            (names[column], power) for column, power in alike[0].constants if column < len(self.variables.names)
+        ]
+        inner = "".join(f"{quoted(name)}**{power}*" for name, power in constants)
+        powers = tuple(
+            (names[column], power) for column, power in alike[0].constants if column >= len(self.variables.names)
+        )
+        return Summand(whole, powers, parse_term(f"{inner}({text})", self.variables))
 
     def _sign(self) -> float:
         factor = 1.0
@@ -400,6 +433,12 @@ class _Reader:
         raise CommonlawError(
             f"cannot read {self.equation.text!r} {where}: {problem}{'' if 'Known:' in problem else known}"
         ) from None
+
+
+def _addend(text: str, factor: float) -> str:
+    """Return a product as it stands in a sum, with its sign."""
+    size = repr(abs(factor)).removesuffix(".0")
+    return ("-" if factor < 0 else "+") + (text if size == "1" else size if text == "1" else f"{size}*{text}")
 
 
 def _unquoted(name: str) -> str:

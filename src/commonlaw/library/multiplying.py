@@ -32,7 +32,7 @@ class Product(NamedTuple):
         return Product(self.factor * other.factor**power, left, trees)
 
 
-def multiplied_out(tree: ast.expr, variables: int) -> list[Product]:
+def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) -> list[Product]:
     """Return the products whose sum a tree is; what has no constant in it stays as it is written.
 
     Parameters
@@ -41,34 +41,45 @@ def multiplied_out(tree: ast.expr, variables: int) -> list[Product]:
         As `grammar.read` returns it.
     variables
         How many columns are variables; those after them are constants.
+    inside
+        Constants before this column may also be inside of a function, a power, or a divisor that is a sum, which stay
+        as they are written; by default none may.
 
     Raises
     ------
     NotAFactorError
-        If a constant is inside of a function, a power, or a divisor that is a sum.
+        If another constant is there.
     CommonlawError
         If there are too many products.
     """
-    inside = _constants(tree, variables)
-    if not inside:
+    inside = variables if inside is None else inside
+    names = _constants(tree, variables)
+    if not names:
         return [_plain(tree)]
     match tree:
         case ast.Name():
-            return [Product(1.0, {inside[0]: 1}, ())]
+            return [Product(1.0, {names[0]: 1}, ())]
         case ast.UnaryOp(op=op, operand=operand):
             sign = -1.0 if isinstance(op, ast.USub) else 1.0
-            return [each._replace(factor=sign * each.factor) for each in multiplied_out(operand, variables)]
+            return [each._replace(factor=sign * each.factor) for each in multiplied_out(operand, variables, inside)]
         case ast.BinOp(op=ast.Add() | ast.Sub()):
-            return _sum(_addends(tree, 1), variables)
+            return _sum(_addends(tree, 1), variables, inside)
         case ast.BinOp(op=ast.Mult() | ast.Div() as op, left=left, right=right):
-            first, second = multiplied_out(left, variables), multiplied_out(right, variables)
+            first, second = (multiplied_out(each, variables, inside) for each in (left, right))
             power = 1 if isinstance(op, ast.Mult) else -1
             if power < 0 and len(second) > 1:
-                raise NotAFactorError(_constants(right, variables)[0])
+                second = _whole(right, inside)
             if len(first) * len(second) > _MOST:
                 raise CommonlawError(f"multiplied out it has more than {_MOST} summands: write fewer")
             return [one.times(other, power) for one in first for other in second]
-    raise NotAFactorError(inside[0])
+    return _whole(tree, inside)
+
+
+def _whole(tree: ast.expr, inside: int) -> list[Product]:
+    """Return a tree as it is written, with constants inside."""
+    if others := _constants(tree, inside):
+        raise NotAFactorError(others[0])
+    return [Product(1.0, {}, ((tree, 1),))]
 
 
 def _constants(tree: ast.expr, variables: int) -> list[int]:
@@ -82,13 +93,13 @@ def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:
     return [(sign, tree)]
 
 
-def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int) -> list[Product]:
+def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int, inside: int) -> list[Product]:
     """Return the products of a sum; its addends without constants stay together."""
     plain = [each for each in addends if not _constants(each[1], variables)]
     found = [] if not plain else [_plain(_joined(plain))]
     for sign, tree in addends:
         if (sign, tree) not in plain:
-            found += [each._replace(factor=sign * each.factor) for each in multiplied_out(tree, variables)]
+            found += [each._replace(factor=sign * each.factor) for each in multiplied_out(tree, variables, inside)]
     return found
 
 
