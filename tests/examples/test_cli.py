@@ -334,11 +334,11 @@ def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
 
 
 def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
-    (tmp_path / "few.csv").write_text("clock,U [V],wind speed\n0,3,1\n1,2,2\n2,1.5,1\n3,1.2,2\n4,1.1,1\n")
+    (tmp_path / "few.csv").write_text("ticker,U [V],wind speed\n0,3,1\n1,2,2\n2,1.5,1\n3,1.2,2\n4,1.1,1\n")
     code, _, err = run("discover", "few.csv")
     assert code == 1
-    assert "Name it with --time ...; columns: clock, U, wind speed" in err
-    named = ["few.csv", "--time", "clock", "--state", "U"]
+    assert "Name it with --time ...; columns: ticker, U, wind speed" in err
+    named = ["few.csv", "--time", "ticker", "--state", "U"]
     assert "known noise is given by --noise U=..." in run("discover", *named, "--history")[1]
     _, out, _ = run("discover", *named, "--noise", "U [V]=0.03", "--history")
     assert "U: 0.03 V" in out

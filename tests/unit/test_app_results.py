@@ -123,9 +123,9 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
 def test_columns_are_recognised_and_can_be_named():
     table = sample_table("linear-drag")
     assert preview(table, Columns())["roles"]["states"] == ("x",)
-    renamed = Table("t.csv", b"who,when,a,b\n" + b"".join(b"p,%d,%d,%d\n" % (i, i * i, -i) for i in range(8)))
+    renamed = Table("t.csv", b"who,then,a,b\n" + b"".join(b"p,%d,%d,%d\n" % (i, i * i, -i) for i in range(8)))
     assert "which column holds the time" in preview(renamed, Columns())["problem"]
-    seen = preview(renamed, Columns(object="who", time="when", states=("a",), inputs=("b",)))
+    seen = preview(renamed, Columns(object="who", time="then", states=("a",), inputs=("b",)))
     assert (seen["roles"]["states"], seen["roles"]["inputs"], seen["objects"]) == (("a",), ("b",), ("p",))
 
 
@@ -139,26 +139,26 @@ SAMPLES = b"Sample;Run;Time (h);OD600;Note\n" + b"".join(
 
 def test_roles_that_are_clear_are_shown_with_the_problem_and_stay_when_others_are_chosen():
     table = Table("plate.csv", SAMPLES)
-    seen = preview(table, Columns())
-    assert "the time 0 is there twice" in seen["problem"]
-    assert (seen["roles"]["time"], seen["roles"]["states"]) == ("Time", ("Run", "OD600"))
-    seen = preview(table, Columns(trial="Run", time="Time", states=("OD600",)))
+    seen = preview(table, Columns(object="", trial="Run", time="Time", states=("OD600",)))
     assert "(column 'Sample' would do)" in seen["problem"]
-    assert (seen["roles"]["trial"], seen["roles"]["time"], seen["roles"]["states"]) == ("Run", "Time", ("OD600",))
-    seen = preview(table, Columns(object="Sample", trial="Run", time="Time", states=("OD600",)))
-    assert (seen["problem"], seen["objects"], seen["count"]) == ("", ("a", "b"), 4)
+    shown = seen["recognised"]
+    assert (shown["object"], shown["trial"], shown["time"], shown["states"]) == (None, "Run", "Time", ("OD600",))
+    for columns in (Columns(), Columns(object="Sample", trial="Run", time="Time", states=("OD600",))):
+        seen = preview(table, columns)
+        assert (seen["problem"], seen["objects"], seen["count"]) == ("", ("a", "b"), 4)
+        assert bool(seen["guessed"]) == (columns == Columns())
 
 
 def test_a_plate_is_read_long_where_this_is_asked_and_so_does_the_program():
     rows = "".join(f"{i},{0.1 * 1.2**i},{0.1 * 1.3**i},{0.1 * 1.4**i},{0.1 * 1.5**i}\n" for i in range(9))
     table = Table("plate.csv", f"time [h],A1,A2,B1,B2\n{rows}".encode())
     seen = preview(table, Columns())
-    assert "named like wells" in seen["problem"]
-    assert seen["roles"]["states"] == ("A1", "A2", "B1", "B2")
+    assert (seen["problem"], seen["recognised"]["wide"], seen["roles"]["states"]) == ("", "value", ("value",))
+    assert seen["recognised"]["states"] == seen["objects"] == ("A1", "A2", "B1", "B2")
     columns = Columns(wide="OD [OD]", states=("A1", "B2"))
     assert preview(table, columns)["objects"] == ("A1", "B2")
     source = Question("plate", columns).source(table)
-    assert source.reading == {"wide": "OD [OD]", "restarts": None, "object": None, "states": ["A1", "B2"]}
+    assert source.reading == {"wide": "OD [OD]", "restarts": None}
 
 
 def test_what_is_odd_comes_with_the_rows_of_the_file_and_the_cell_that_is_meant():

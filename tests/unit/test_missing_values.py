@@ -48,7 +48,7 @@ def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_e
     assert not trials[0].complete
     assert trials[0].cut(2).complete
     note = "rows without a measured state left out: drops, trial 1: 2 (row 5 (line 6), row 6 (line 7))"
-    assert trials.notes == (note,)
+    assert trials.notes[1:] == (note,)
 
 
 def test_rows_after_the_last_measured_state_are_kept_to_be_forecast_and_not_learned_from(tmp_path):
@@ -63,7 +63,7 @@ def test_rows_after_the_last_measured_state_are_kept_to_be_forecast_and_not_lear
         Trials.from_arrays(frame["t"], frame[["x", "y"]], names=["x", "y"]),
     ):
         assert trials[0].times.tolist() == frame["t"].tolist()
-        assert trials.notes == ()
+        assert not any("left out" in note for note in trials.notes)
         assert trials[0].measured().times.tolist() == times.tolist()
     one, other = (cl.discover(Trials.from_frame(each), library="poly:1", order=1) for each in (frame, measured))
     np.testing.assert_array_equal(one.coefficients, other.coefficients)
@@ -143,7 +143,7 @@ def test_a_state_may_be_missing_throughout_a_trial_if_another_has_it(tmp_path):
         Trials.from_arrays([range(8)] * 2, [frame[["x", "y"]][:8], half[["x", "y"]][8:]], object=["a", "b"]),
     ):
         assert [np.isnan(each.states).sum(axis=0).tolist() for each in trials] == [[0, 0], [0, 8]]
-        assert trials.notes == ()
+        assert not any("left out" in note for note in trials.notes)
     with pytest.raises(cl.CommonlawError, match="a, trial 1: y was measured in 0 of 8"):
         Trials.from_frame(frame.assign(y=np.nan), states=["x", "y"])
 

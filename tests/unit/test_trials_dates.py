@@ -77,7 +77,7 @@ def test_months_are_as_long_as_they_are():
         (["2020-01-01", "", "2020-03-01", None], "column 'date', row 2, object, trial 1: the value is missing"),
         (["01.03.2020"] * 4, r"'01\.03\.2020' can be read as several dates: write it as 2020-03-31"),
         (["3/1/20 12:30"] * 4, "'3/1/20 12:30' can be read as several dates"),
-        (["x", "2020-01-01", "1", "2"], "'x' is not a number"),
+        (["x", "2020-01-01", "1", "2"], "row 3: '1' is not a date"),
     ],
 )
 def test_what_is_no_date_is_refused_with_its_place(times, message):

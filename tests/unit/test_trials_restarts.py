@@ -32,12 +32,13 @@ def test_runs_below_each_other_are_never_interleaved(samples, runs, end):
         Trials.from_frame(pd.DataFrame({"t": times, "x": times}))
 
 
-def test_the_column_that_tells_trials_apart_is_named():
-    frame = RUNS.assign(run=[1] * 10 + [2] * 10, note="a", y=np.arange(20) % 3)
+def test_the_column_that_tells_trials_apart_is_named_if_its_name_does_not_say_so():
+    frame = RUNS.assign(w=[1] * 10 + [2] * 10, y=np.arange(20) % 3)
     for times in (RUNS["t"], [*T, *T]):
-        with pytest.raises(CommonlawError, match=r"object=\.\.\. \(column 'run' would do\)"):
+        with pytest.raises(CommonlawError, match=r"object=\.\.\. \(column 'w' would do\)"):
             Trials.from_frame(frame.assign(t=times))
-    assert len(Trials.from_frame(frame, trial="run")) == 2
+    assert len(Trials.from_frame(frame, trial="w")) == 2
+    assert Trials.from_frame(frame.rename(columns={"w": "run"})).schema.trial == "run"
 
 
 def test_times_that_start_again_become_trials_where_this_is_asked():

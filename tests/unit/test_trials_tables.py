@@ -65,14 +65,19 @@ def test_columns_without_a_named_role_are_told_apart_and_noted():
     trials = Trials.from_frame(frame, object="ball", trial="drop")
     assert trials.schema.states == ("height", "wind")
     assert trials.properties["tennis"] == {"mass": 0.057, "material": "felt"}
-    assert trials.notes == (
-        "mass, material: taken as properties, being constant for each object",
-        "columns left out: remark, video",
+    assert trials.notes[0].startswith(
+        "columns taken as time: time; object: ball; trial: drop; state: height, wind; "
+        "property: mass (constant for each object), material (constant for each object); if not, say time=..., object="
     )
+    assert trials.notes[1] == "columns left out: remark, video"
 
 
-def test_a_constant_column_of_a_single_object_is_a_state():
-    assert Trials.from_frame(FRAME[:3], object="ball", trial="drop").schema.states == ("height", "wind", "mass")
+def test_a_constant_column_of_a_single_object_is_a_property_unless_all_are_constant():
+    trials = Trials.from_frame(FRAME[:3], object="ball", trial="drop")
+    assert trials.schema.states == ("height", "wind")
+    assert trials.properties == {"golf": {"mass": 0.046}}
+    still = pd.DataFrame({"t": range(3), "x": 1.0, "y": 2.0})
+    assert Trials.from_frame(still).schema.states == ("x", "y")
 
 
 def test_object_trial_and_time_are_found_by_their_names(tmp_path):
@@ -174,7 +179,7 @@ def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
     trials = Trials.from_frame(FRAME, **ROLES, properties=["mass"])
     trials.to_parquet(tmp_path / "drops.parquet")
     assert Trials.read(tmp_path / "drops.parquet").schema == trials.schema
-    assert Trials.read(tmp_path / "drops.parquet", inputs=()).schema == trials.schema
+    assert Trials.read(tmp_path / "drops.parquet", inputs=()).schema.inputs == ()
     assert Trials.read(tmp_path / "drops.parquet", states=["wind"], inputs=["height"]).schema.states == ("wind",)
     assert pq.read_table(tmp_path / "drops.parquet").column_names == [
         "ball", "drop", "time [s]", "height [m]", "wind", "mass [kg]",
@@ -275,7 +280,7 @@ def test_one_wrong_cell_does_not_make_a_property_a_state(wrong):
         Trials.from_frame(frame)
     assert Trials.from_frame(frame, states="x").schema.states == ("x",)
     doses = frame.assign(mass=[1.0, 0, 0, 0, 0, 0] * 2)
-    assert Trials.from_frame(doses).schema.states == ("x", "mass")
+    assert Trials.from_frame(doses).schema.inputs == ("mass",)
 
 
 @pytest.mark.parametrize("missing", [pd.NA, pd.NaT, None, np.nan])

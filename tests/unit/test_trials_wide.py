@@ -1,5 +1,7 @@
 """Tables with a column for each object, and how they are recognised."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -24,18 +26,57 @@ def plate(folder, rows="", text=None):
 
 def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
     trials, same = Trials.from_frame(PLATE, wide="OD [OD]"), Trials.from_frame(LONG)
-    assert trials.schema == same.schema
+    assert replace(trials.schema, wide=()) == same.schema
+    assert trials.schema.wide == tuple(WELLS)
     assert trials.schema.units == {"time": "h", "OD": "OD"}
     assert [(each.label, each.times.tolist(), each.states.tolist()) for each in trials] == [
         (each.label, each.times.tolist(), each.states.tolist()) for each in same
     ]
 
 
-def test_a_plate_that_is_read_as_one_object_is_refused_with_both_remedies():
-    with pytest.raises(CommonlawError, match=r"A1, A2, \.\.\., B12 \(4 columns\) are named like wells.*wide='value'"):
-        Trials.from_frame(PLATE)
+def test_a_plate_is_recognised_and_a_note_says_so():
+    trials = Trials.from_frame(PLATE)
+    assert (trials.objects, trials.schema.states) == (tuple(WELLS), ("value",))
+    assert "state: A1, A2, ..., B12 (4 columns) of an object each" in trials.notes[0]
     assert len(Trials.from_frame(PLATE, states=list(WELLS))) == 1
-    assert Trials.from_frame(PLATE, wide=True).schema.states == ("value",)
+    assert Trials.from_frame(PLATE, wide=True).schema == trials.schema
+
+
+@pytest.mark.parametrize(
+    ("names", "wide"),
+    [
+        (["WT_1", "WT_2", "mut_1", "mut_2"], True),
+        (["rat 1", "rat 2", "rat 3"], True),
+        (["OD A1", "OD A2", "OD B1", "OD B2"], True),
+        (["A1", "A2"], False),
+        (["theta_1", "theta_2", "omega_1", "omega_2"], False),
+        (["pos_1", "vel_1", "pos_2", "vel_2"], False),
+        (["tank_1", "tank_2", "tank_3"], False),
+        (["prey", "predator", "grass"], False),
+        (["x1", "x2", "x3", "x4", "x5"], False),
+    ],
+)
+def test_columns_of_replicates_are_objects_and_states_are_not(names, wide):
+    frame = pd.DataFrame({"t": HOURS, **{name: (i + 1) * np.exp(-HOURS) for i, name in enumerate(names)}})
+    trials = Trials.from_frame(frame)
+    assert trials.objects == (tuple(names) if wide else ("object",))
+    assert trials.schema.states == (("OD" if "OD" in names[0] else "value",) if wide else tuple(names))
+
+
+def test_columns_of_a_single_word_are_replicates_where_they_nearly_agree():
+    noise = np.random.default_rng(0).normal(0, 0.01, (6, 3))
+    frame = pd.DataFrame({"t": HOURS, **{f"WT_{i + 1}": np.exp(-HOURS) + noise[:, i] for i in range(3)}})
+    assert Trials.from_frame(frame).objects == ("WT_1", "WT_2", "WT_3")
+    assert Trials.from_frame(frame.assign(WT_3=2 * frame["WT_3"])).objects == ("object",)
+
+
+def test_columns_of_standard_deviations_go_with_those_of_the_same_number():
+    deviations = {f"std{i}": 0.01 * i + 0 * HOURS for i in range(1, 5)}
+    curves = {f"G{i}": np.exp(-i * HOURS) for i in range(1, 5)}
+    trials = Trials.from_frame(pd.DataFrame({"t": HOURS, **curves, **deviations}))
+    assert trials.objects == ("G1", "G2", "G3", "G4")
+    assert trials.schema.noise_columns == {"value": "value noise"}
+    assert [each.noise[0, 0] for each in trials] == [0.01, 0.02, 0.03, 0.04]
 
 
 @pytest.mark.parametrize(
@@ -81,7 +122,7 @@ def test_gaps_and_errors_are_told_by_row_and_column(tmp_path):
     text = PLATE.to_csv(index=False)
     cell = text.splitlines()[3].split(",")[2]
     notes = Trials.read(plate(tmp_path, text=text.replace(cell, "")), wide="OD").notes
-    assert notes == ("rows without a measured state left out: A2, trial 1: 1 (row 3 (line 4), column 'A2')",)
+    assert notes[-1:] == ("rows without a measured state left out: A2, trial 1: 1 (row 3 (line 4), column 'A2')",)
     with pytest.raises(CommonlawError, match=r"column 'A2', row 3 \(line 4\): 'lost' is not a number"):
         Trials.read(plate(tmp_path, text=text.replace(cell, "lost")), wide="OD")
 
@@ -100,9 +141,11 @@ def test_what_cannot_be_read_so_is_refused(frame, roles, message):
         Trials.from_frame(frame, **roles)
 
 
-def test_the_command_line_hints_at_the_option_and_has_it(tmp_path):
+def test_the_command_line_says_what_it_took_for_what_and_has_the_option(tmp_path):
     path = str(plate(tmp_path))
-    refused = CliRunner().invoke(commonlaw, ["data", "check", path])
-    assert "--wide 'value'" in str(refused.exception)
+    guessed = CliRunner().invoke(commonlaw, ["data", "check", path])
+    assert guessed.stdout.startswith(f"{path}: 4 trials of 4 objects, states value")
+    assert "Note: columns taken as time: time; state: A1, A2, ..., B12 (4 columns) of an object each" in guessed.stderr
+    assert "if not, say --time ..., --object ..." in guessed.stderr
     done = CliRunner().invoke(commonlaw, ["data", "check", path, "--wide", "OD [OD]"])
     assert done.stdout.startswith(f"{path}: 4 trials of 4 objects, states OD")

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from commonlaw.app.data_checks import cell_text, finding_kinds
-from commonlaw.app.question import Columns, Table
+from commonlaw.app.question import Columns, Table, shown_roles
 from commonlaw.app.result import Found, numbers
 from commonlaw.app.words import in_page
 from commonlaw.errors import CommonlawError, unknown
@@ -14,6 +14,7 @@ from commonlaw.forecast import forecast_from
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.roles import GUESSED
 
 _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 600
 """Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
@@ -68,11 +69,12 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     try:
         rows = columns.rows(held)
     except CommonlawError as error:
-        return found | {"roles": columns.recognised(held), "problem": in_page(str(error))}
+        return found | {"recognised": columns.recognised(held), "problem": in_page(str(error))}
     trials = Trials(*rows.data)
     check = trials.check()
-    checks = {"checks": finding_kinds(check, held, rows.row_indices), "notes": [in_page(each) for each in check.notes]}
-    return found | _of_trials(trials) | checks
+    found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
+    notes = [in_page(each) for each in check.notes if not each.startswith(GUESSED)]
+    return found | _of_trials(trials) | {"checks": finding_kinds(check, held, rows.row_indices), "notes": notes}
 
 
 def _of_trials(trials: Trials) -> dict[str, Any]:

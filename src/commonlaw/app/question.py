@@ -11,13 +11,14 @@ from commonlaw.law.script import Source
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.grouping import Restarts
-from commonlaw.trials.roles import Reading, recognised_roles
+from commonlaw.trials.roles import ColumnRoles, Reading, named_roles
 from commonlaw.trials.sources import table_in
-from commonlaw.trials.tables import Rows, rows_of
+from commonlaw.trials.tables import Rows, column_roles_of, rows_of
+from commonlaw.trials.wide import quantity
 
 
 class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Which column is what; empty where the table says it itself."""
+    """Which column is what; empty where the table says it itself. An empty text says that there are no labels."""
 
     object: str | None = None
     trial: str | None = None
@@ -33,13 +34,32 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return rows_of(cells, Path(cells.source).stem, **self._said)
 
     def recognised(self, cells: Cells) -> dict[str, Any]:
-        """Return the roles of columns that are clear, also where the rows make no trials."""
-        return recognised_roles(cells, self._said)
+        """Return the columns by role as far as they are clear, also where the rows make no trials."""
+        try:
+            return shown_roles(column_roles_of(cells, self._said))
+        except CommonlawError:
+            return named_roles(cells, self._said)
 
     @property
     def _said(self) -> Reading:
-        said: Any = {name: each for name, each in msgspec.structs.asdict(self).items() if each}
+        said: Any = {name: each for name, each in msgspec.structs.asdict(self).items() if each or each == ""}
+        if self.states and not self.wide:
+            said["properties"] = list(self.properties)
         return cast(Reading, said)
+
+
+def shown_roles(columns: ColumnRoles) -> dict[str, Any]:
+    """Return the columns by role."""
+    return {
+        "object": columns.object,
+        "trial": columns.trial,
+        "time": columns.time,
+        "states": columns.states,
+        "inputs": columns.inputs,
+        "properties": columns.properties or (),
+        "deviations": tuple(columns.noise_columns.values()),
+        "wide": columns.wide and quantity(columns.states, columns.wide),
+    }
 
 
 class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -87,8 +107,6 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         learned = self.hold_out if self.law is None else HoldOut()
         columns = self.columns
         reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
-        if columns.wide:
-            reading |= {"object": None, "states": list(columns.states) or None}
         return Source(table.name, table.dataset, columns.properties, learned.written, reading)
 
 

@@ -48,11 +48,15 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
         return source.load(schemas[0])
     trials, asked = source.load(), split_equations(equations[0])
     states = tuple(each.state for each in asked if each.state not in starts)
-    if source.dataset or source.states or {*states} == {*trials.schema.states}:
+    if source.dataset or source.states:
         return trials
+    if trials.schema.wide and len(states) == 1:
+        return replace(source, wide=source.wide or states[0]).load()
     taken = {name for schema in schemas for name in schema.inputs}
-    others = [name for name in trials.schema.states if name not in states]
+    others = [name for name in (*trials.schema.states, *trials.schema.inputs) if name not in states]
     inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
+    if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:
+        return trials
     try:
         return replace(source, states=states, inputs=source.inputs or inputs).load()
     except CommonlawError as error:

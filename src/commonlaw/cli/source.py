@@ -15,6 +15,7 @@ from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.grouping import Restarts
+from commonlaw.trials.headers import join_header
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import property_names
 
@@ -31,9 +32,9 @@ _OPTIONS = (
         type=ReadDataset(),
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
-    _table("--object", metavar="COLUMN", help="Column that names the object."),
+    _table("--object", metavar="COLUMN", help="Column that names the object; '' if there is none."),
     _table("--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"),
-    _table("--trial", metavar="COLUMN", help="Column that labels the trial of an object."),
+    _table("--trial", metavar="COLUMN", help="Column that labels the trial of an object; '' if there is none."),
     _table("--time", metavar="COLUMN", help="Column of times."),
     _columns("--state", "states", help="Column of a measured state; repeat for more."),
     _columns("--input", "inputs", help="Column of a measured input; repeat for more."),
@@ -183,6 +184,14 @@ class Source:
             inputs=self.inputs or schema.inputs,
         )
 
+    def _wide_like(self, schema: Schema | None) -> str | None:
+        """Return what was measured in the columns of a table as wide as that of a schema, without its state."""
+        if not (self.path and schema and schema.wide):
+            return None
+        (state,) = schema.measured
+        there = read_table(self.path, self.sheet).columns
+        return None if state in there else join_header(state, schema.units.get(state, ""))
+
     @property
     def holds_out(self) -> bool:
         """Whether something is left for checking the law."""
@@ -229,18 +238,19 @@ class Source:
             raise click.UsageError(
                 "give a file of measurements, or a data set with --dataset (see: commonlaw data list)"
             )
+        wide = self.wide or self._wide_like(schema)
         return Trials.read(
             self.path,
-            object=self.object or (schema.object if schema else None),
+            object=schema.object if schema and self.object is None else self.object,
             object_name=self.object_name,
-            trial=self.trial or (schema.trial if schema else None),
+            trial=schema.trial if schema and self.trial is None else self.trial,
             time=self.time or (schema.time if schema else None),
-            states=self.states or (schema.measured if schema and not self.wide else None),
-            inputs=self.inputs or (schema.inputs if schema else ()),
-            noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema),
+            states=self.states or (schema.measured if schema and not wide else None),
+            inputs=self.inputs or (schema.inputs if schema else None),
+            noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema) or None,
             properties=list(self.properties) or None,
             units=by_name("--unit", self.units),
-            wide=self.wide,
+            wide=wide,
             restarts=self.restarts,
             sheet=self.sheet,
         )

@@ -103,6 +103,9 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
         "units": {name: schema.units[name] for name in _columns(schema) if name in schema.units} or None,
         **source.reading,
     }
+    if schema.wide:
+        roles |= {"object": None, "states": list(schema.wide), "wide": roles.get("wide") or schema.measured[0]}
+        roles |= {"noise_columns": None}  # Those of the long table
     said = ", ".join(f"{name}={each!r}" for name, each in roles.items() if each is not None)
     reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
     read = (

@@ -58,7 +58,9 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
 
 
 def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others_are_states: bool) -> list[str]:
-    """Return the columns that are constant, and not empty, for each of at least two objects.
+    """Return the columns that are constant, and not empty, for each object; of a single one, only those of numbers.
+
+    Where all columns of numbers of a single object are constant, they are its states.
 
     Raises
     ------
@@ -67,21 +69,21 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others
         were mistaken.
     """
     _, first = np.unique(codes, return_index=True)
-    if len(first) < 2:
-        return []
-    found = []
+    single, found, varying = len(first) < 2, list[str](), False
     for name in names:
         try:
             cells, words = _cells(table, name)
         except CommonlawError:  # a column with a cell that cannot be read is for the reader of states to refuse
             continue
-        if np.isnan(cells).all():
+        if np.isnan(cells).all() or (single and words is not None):
             continue
         if np.array_equal(cells, cells[first][codes], equal_nan=True):
             found.append(name)
         elif others_are_states and words is None:
-            _refuse_nearly_constant(table, name, cells, codes)
-    return found
+            varying = True
+            if not single:
+                _refuse_nearly_constant(table, name, cells, codes)
+    return found if varying or not (single and others_are_states) else []
 
 
 def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes) -> None:

@@ -1,55 +1,71 @@
-"""Which column is what: as the user says, as the columns are named, and as what stands in them shows."""
+"""Which column is what: as the user says, or by the names of columns, their units and what stands in them."""
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
-from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.columns import Codes, Column, Table
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.properties import constant_columns, object_codes
-from commonlaw.trials.trial import PropertyTable
-from commonlaw.trials.wide import check_wide
-
-_CLOCKS = (
-    *("sec", "second", "seconds", "minute", "minutes", "hour", "hours", "day", "days", "year", "years", "age"),
-    *("date", "datetime", "timestamp"),
+from commonlaw.trials.recognition import (
+    deviation_columns,
+    input_columns,
+    object_column,
+    other_clocks,
+    readable,
+    time_column,
+    trial_column,
 )
-"""Columns of times where there is no t or time, and one of these."""
+from commonlaw.trials.trial import PropertyTable
+from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_hint
+
+_LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
+GUESSED = "columns taken as "
+"""What the line on guessed roles begins with."""
+_REMEDY = "if not, say time=..., object=..., trial=..., states=..., inputs=..., properties=... or noise_columns=..."
 
 
 class Roles(TypedDict, total=False):
     """Which column is what; a column is named by its header with or without the unit in it.
 
+    What is not named is guessed; `Trials.notes` then has one line that says what was taken for what.
+
     Parameters
     ----------
     object
-        Column of the objects' names. Default: ``object`` if there is such a column, else the table is of one object.
+        Column of the objects' names. Default: ``object``, or the column of repeated text, or of whole numbers with a
+        name such as ``subject``; else the table is of one object, as it is with ``""``.
     object_name
         Name of the one object of a table without such a column.
     trial
-        Column of the trials' labels. Default: ``trial`` if there is such a column, else every object has one trial.
+        Column of the trials' labels. Default: ``trial``, or a column with a name such as ``run`` or ``replicate``, or
+        that of text or of numbers from 1 without which the times of an object would go back; else every object has
+        one trial, as it has with ``""``.
     time
-        Column of the times. Default: ``t`` or ``time``, or the only column like ``year``, ``hours`` or ``date``. Dates
-        in the form 2020-03-31, and dates of a frame, become days since the earliest, or seconds if hours are given too.
+        Column of the times. Default: ``t`` or ``time``, or the column with a word or a unit of time in its header that
+        increases. Dates in the form 2020-03-31, and dates of a frame, become days since the earliest, or seconds if
+        hours are given too.
     states
-        Columns of the measured states. Default: the columns of numbers that have no other role and are not constant
-        for each object.
+        Columns of the measured states. Default: the columns of numbers without another role.
     inputs
-        Columns of the measured inputs. Default: none.
+        Columns of the measured inputs. Default, where no states are named: columns of numbers that are held at levels,
+        recur in several trials, or are smooth to the last digit where others scatter, as what was set; ``[]`` says that
+        there are none.
     noise_columns
-        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: none.
+        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: positive columns with a
+        name such as ``x_std`` or ``std1`` that goes with a state, ``x`` or ``y1``.
     properties
         Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
         mapping from object to property values by name. Default: the columns without another role that are constant
-        for each of at least two objects.
+        for each object.
     units
         Units by column; they take precedence over those in the headers.
     """
@@ -59,8 +75,8 @@ class Roles(TypedDict, total=False):
     trial: str | None
     time: str | None
     states: str | Sequence[str] | None
-    inputs: str | Sequence[str]
-    noise_columns: Mapping[str, str]
+    inputs: str | Sequence[str] | None
+    noise_columns: Mapping[str, str] | None
     properties: str | os.PathLike[str] | Sequence[str] | PropertyTable | Any
     units: Mapping[str, str] | None
 
@@ -74,6 +90,7 @@ class Reading(Roles, total=False):
         What was measured, with its unit or without, such as ``"OD"``, in a table that has a column for each object, as
         plate readers write it; True is for ``"value"``. The columns are those of `states`, by default all columns of
         numbers without another role. Rows ahead of the first time, with a name in place of the time, are properties.
+        Default: True for columns that are named like wells or like replicates, unless objects or states are named.
     restarts
         What it means where times go back within a trial: ``"trials"``, that a new trial begins there; ``"sort"``, that
         rows of one trial are out of order. Default: rows in reverse or random order, and a few single ones
@@ -92,130 +109,202 @@ def checked(roles: Roles, kind: type = Roles) -> Any:
     said = {name: value for name, value in roles.items() if value is not None}
     if not isinstance(said.get("noise_columns", {}), Mapping):
         raise CommonlawError(f"noise_columns are {said['noise_columns']!r}: name them by state, such as {{'x': 'sx'}}")
-    for name in ("states", "inputs", "noise_columns"):
-        if name in said and not said[name]:
-            del said[name]
+    if "states" in said and not said["states"]:
+        del said["states"]
     if "restarts" in said:
         check_choice("restarts", said["restarts"], ("trials", "sort"))
     return said
 
 
 @dataclass(frozen=True)
-class Identity:
-    """Columns that say of which object and trial a row is, None where there is none, and when it was measured."""
+class ColumnRoles:
+    """Which column of a table is what.
 
+    Parameters
+    ----------
+    time, object, trial
+        Of times, and of labels if there are any.
+    states, inputs
+        Of numbers.
+    properties
+        Of properties; None if these stand elsewhere.
+    noise_columns
+        Of standard deviations, by state.
+    wide
+        What was measured, if each column of a state is an object of its own.
+    reasons
+        What speaks for roles that were guessed, by column.
+    guessed
+        Whether a role follows neither from what was said nor from the names ``object``, ``trial``, ``t`` and ``time``.
+    notes
+        What was noticed.
+    """
+
+    time: str
     object: str | None
     trial: str | None
-    time: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    properties: tuple[str, ...] | None
+    noise_columns: Mapping[str, str]
+    wide: bool | str | None
+    reasons: Mapping[str, str]
+    guessed: bool
+    notes: tuple[str, ...]
 
     @property
-    def columns(self) -> list[str]:
-        """Those that there are."""
-        return [each for each in (self.object, self.trial, self.time) if each is not None]
+    def sentence(self) -> str:
+        """Which column was taken for what, and why."""
+        states = [f"{shown_columns(self.states)} of an object each"] if self.wide else self.states
+        roles: dict[str, Sequence[str | None]] = {
+            "time": [self.time],
+            "object": [self.object],
+            "trial": [self.trial],
+            "state": states,
+            "input": self.inputs,
+            "property": self.properties or (),
+            "standard deviations": [*self.noise_columns.values()],
+        }
+        why = {name: f" ({reason})" for name, reason in self.reasons.items() if reason}
+        said = {role: [f"{name}{why.get(name, '')}" for name in names if name] for role, names in roles.items()}
+        return "; ".join(f"{role}: {', '.join(names)}" for role, names in said.items() if names)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The notes, and if something was guessed, what it was and how to change it."""
+        return (f"{GUESSED}{self.sentence}; {_REMEDY}", *self.notes) if self.guessed else self.notes
 
 
-def identity_columns(table: Table, roles: Roles) -> Identity:
-    """Return the columns of objects, trials and times, named by the user or found by their names."""
-    time = _time(table, roles)
+def time_of(table: Table, roles: Roles) -> str:
+    """Return the column of times, named by the user or found."""
+    time = _label_column(table, roles, "time") or time_column(table)
     if time is None:
         raise CommonlawError(
             f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"
         )
-    return Identity(_role(table, roles, "object", ("object",)), _role(table, roles, "trial", ("trial",)), time)
+    return time
 
 
-def recognised_roles(table: Table, roles: Reading) -> dict[str, Any]:
-    """Return the columns by role as far as they are clear, also where others are not or the rows make no trials."""
-    finders: dict[str, Callable[[], Any]] = {
-        "object": lambda: _role(table, roles, "object", ("object",)),
-        "trial": lambda: _role(table, roles, "trial", ("trial",)),
-        "time": lambda: _time(table, roles),
-        "states": lambda: _found(table, roles.get("states", ())),
-        "inputs": lambda: _found(table, roles.get("inputs", ())),
-        "properties": lambda: _found(table, roles.get("properties", ())),
-    }
-    found: dict[str, Any] = {}
-    for role, find in finders.items():
-        with suppress(CommonlawError):
-            found[role] = find()
-    if found.get("time") and not found["states"]:
-        with suppress(CommonlawError):
-            found |= _values_of(table, roles)
-    return found
+def named_roles(table: Table, roles: Reading) -> dict[str, Any]:
+    """Return the columns by role as far as they are named, to be shown where the others are not clear."""
+    labels = {role: _label_column(table, roles, role) for role in _LABELS}
+    return labels | {role: _found(table, roles.get(role, ())) for role in ("states", "inputs", "properties")}
 
 
-def _values_of(table: Table, roles: Reading) -> dict[str, Any]:
-    """Return the columns of states, inputs and properties, by role."""
-    identity = identity_columns(table, roles)
-    owners = (
-        np.zeros(len(table), dtype=np.int64) if identity.object is None else object_codes(table, identity.object)[0]
-    )
-    # As if it was wide, so that columns of wells are shown as what they would be
-    columns = value_columns(table, {**roles, "wide": True}, identity, owners)
-    return {"states": columns.states, "inputs": columns.inputs, "properties": columns.properties or ()}
+def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
+    """Return which column is what: as named, else by names, units and values.
 
+    Parameters
+    ----------
+    table
+        The rows of samples, with times as numbers.
+    roles
+        What was said.
+    time
+        The column of times.
 
-def _time(table: Table, roles: Roles) -> str | None:
-    clocks = [name for name in table.columns if name.casefold() in _CLOCKS]
-    return _role(table, roles, "time", ("t", "time")) or (clocks[0] if len(clocks) == 1 else None)
-
-
-def _role(table: Table, roles: Roles, role: Literal["object", "trial", "time"], defaults: Sequence[str]) -> str | None:
-    """Return the column that has a role, named by the user or found by its name, capitals not counting."""
-    named = roles.get(role)
-    # the schema of a table without such a column has the default for its name, and may be what names the columns here
-    if named is not None and (named != role or named in table.columns):
-        return table.find(named)
-    folded = {name.casefold(): name for name in reversed(list(table.columns))}
-    exact = [name for name in defaults if name in table.columns]
-    # of time and T, time is the time and T may be a temperature
-    alike = [folded[name] for name in reversed(defaults) if name in folded]
-    return next(iter((*exact, *alike)), None)
-
-
-@dataclass(frozen=True)
-class ValueColumns:
-    """Columns of states, inputs and properties (None: they are elsewhere), and what was noticed."""
-
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    properties: list[str] | None
-    notes: tuple[str, ...]
-
-
-def value_columns(table: Table, roles: Reading, identity: Identity, owners: Codes) -> ValueColumns:
-    """Give the columns that are not taken their roles: as named; else properties where constant, and states."""
-    inputs = _found(table, roles.get("inputs", ()))
-    states = _found(table, roles.get("states", ()))
-    given = roles.get("properties")
-    properties = _found(table, given) if _names_columns(table, given) else []
-    noise = dict.fromkeys(_found(table, [*(roles.get("noise_columns") or {}).values()]))
-    roles_of = Counter([*identity.columns, *inputs, *states, *properties, *noise])
-    name, count = roles_of.most_common(1)[0]
+    Raises
+    ------
+    CommonlawError
+        If a column is named twice or is not there, two readings are as likely, or no states are left.
+    """
+    name, count = Counter(named := _named_columns(table, {**roles, "time": time})).most_common(1)[0]
     if count > 1:
         raise CommonlawError(f"{table.source}: column {name!r} is given two roles: give it one")
-    rest = [name for name in table.columns if name not in roles_of]
-    notes = []
-    if indices := [name for name in rest if table.is_index(name)]:
-        notes.append(f"columns left out, as indices of pandas without a name: {', '.join(indices)}")
-    rest = [name for name in rest if name not in indices]
-    if given is None and (properties := constant_columns(table, rest, owners, others_are_states=not states)):
-        notes.append(f"{', '.join(properties)}: taken as properties, being constant for each object")
-    rest = [name for name in rest if name not in properties]
+    times, reasons = readable(table, time), dict[str, str]()
+    indices = [name for name in table.columns if name not in named and table.is_index(name)]
+    free = [name for name in table.columns if name not in (*named, *indices)]
+    owner, owners, trial, runs = _labels(table, roles, times, free)
+    reasons |= {name: "" for name in (owner, trial) if name in free and name is not None}
+
+    def take(columns: Iterable[str], reason: str = "") -> tuple[str, ...]:
+        """Return columns that are free, which then they are no longer."""
+        taken = tuple(name for name in columns if name in free)
+        free[:] = [name for name in free if name not in taken]
+        reasons.update(dict.fromkeys(taken, reason))
+        return taken
+
+    free = [name for name in free if name not in (owner, trial)]
+    states, inputs = (_found(table, roles.get(role, ())) for role in ("states", "inputs"))
+    noise = _noise_columns(table, roles, states, free)
+    take(noise.values())
+    given = roles.get("properties")
+    if given is None:
+        held = constant_columns(table, free, owners, others_are_states=not states)
+        properties: tuple[str, ...] | None = take(held, "constant for each object" if owner else "constant")
+    else:
+        properties = _found(table, given) if _names_columns(table, given) else None
+    wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
+    if not (states or wide or owner or trial or "object_name" in roles):
+        wide = bool(alike := columns_of_one_quantity(table, numbers)) or None
+        states = take(alike)
+    left_out: tuple[str, ...] = ()
+    if not (wide and "wide" in roles) and "states" not in roles:
+        left_out = take(other_clocks(table, numbers, times, owners * len(table) + runs))
+        if "inputs" not in roles:
+            begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
+            order = np.lexsort((times, begun, runs, owners))
+            trials = np.split(order, _ends(owners[order], runs[order], np.asarray(begun)[order]))
+            for name, reason in input_columns(table, numbers, times, trials).items():
+                inputs += take([name], reason)
+    notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
     if not states:
-        states = tuple(name for name in rest if table.is_numeric(name))
-        if identity.object is None and not roles.get("wide"):
-            notes += check_wide(table, states)
-    left = [name for name in rest if name not in states]
-    if left:
-        notes.append(f"columns left out: {', '.join(left)}")
+        states = tuple(name for name in free if table.is_numeric(name))
+        reasons |= dict.fromkeys(states[1:], "")  # which may be inputs
+        free = [name for name in free if name not in states]
+        notes += wide_hint(table, states) if not (wide or owner) else ()
+    if unused := [name for name in table.columns if name in left_out or name in free]:
+        notes.append(f"columns left out: {', '.join(unused)}")
     if not states:
         raise CommonlawError(
             f"{table.source}: no column of numbers is left for the states; name them with states=[...]; "
             f"columns: {', '.join(table.columns)}"
         )
-    elsewhere = given is not None and not _names_columns(table, given)
-    return ValueColumns(states, inputs, None if elsewhere else list(properties), tuple(notes))
+    guessed = bool(reasons) or ("time" not in roles and time.casefold() not in ("t", "time"))
+    return ColumnRoles(time, owner, trial, states, inputs, properties, noise, wide, reasons, guessed, tuple(notes))
+
+
+def _labels(
+    table: Table, roles: Reading, times: Floats, free: Sequence[str]
+) -> tuple[str | None, Codes, str | None, Codes]:
+    """Return the columns of objects and of trials, None where there is none, each with the codes of the rows."""
+    owner, trial = _label_column(table, roles, "object"), _label_column(table, roles, "trial")
+    guess = not roles.get("wide")
+    if owner is None and guess and "object_name" not in roles and roles.get("object") != "":
+        owner = object_column(table, times, [name for name in free if name != trial])
+    one = np.zeros(len(table), dtype=np.int64)
+    owners = one if owner is None else object_codes(table, owner)[0]
+    if trial is None and guess and roles.get("trial") != "":
+        others = [name for name in free if name != owner]
+        trial = trial_column(table, times, others, owners, named=owner is not None)
+    return owner, owners, trial, one if trial is None else object_codes(table, trial, "trial")[0]
+
+
+def _ends(*codes: Column) -> Codes:
+    """Return the indices at which another trial begins, of rows in order of codes such as that of their object."""
+    return np.flatnonzero(np.any([np.diff(each) != 0 for each in codes], axis=0)) + 1
+
+
+def _label_column(table: Table, roles: Roles, role: Literal["object", "trial", "time"]) -> str | None:
+    """Return the column that has a role because it is named so by the user, or called like the role."""
+    named = roles.get(role)
+    if named == "":
+        return None
+    # the schema of a table without such a column has the default for its name, and may be what names the columns here
+    if named is not None and (named != role or named in table.columns):
+        return table.find(named)
+    if role == "time":
+        return None
+    return next((name for name in (role, *table.columns) if name.casefold() == role and name in table.columns), None)
+
+
+def _named_columns(table: Table, roles: Reading) -> list[str]:
+    """Return the columns whose roles are given, each as often as it has one."""
+    given = roles.get("properties")
+    named = [name for role in _LABELS if (name := _label_column(table, roles, role)) is not None]
+    for names in (roles.get("states") or (), roles.get("inputs") or (), [*(roles.get("noise_columns") or {}).values()]):
+        named += dict.fromkeys(_found(table, names))
+    return named + list(_found(table, given) if given is not None and _names_columns(table, given) else ())
 
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:
@@ -224,11 +313,15 @@ def _found(table: Table, names: Any) -> tuple[str, ...]:
     return tuple(table.find(name) for name in ([names] if isinstance(names, str) else names))
 
 
-def noise_columns_of(table: Table, roles: Roles, states: Sequence[str]) -> dict[str, str]:
+def _noise_columns(table: Table, roles: Roles, states: Sequence[str], free: Sequence[str]) -> dict[str, str]:
     """Return the columns of standard deviations by state."""
-    given = roles.get("noise_columns") or {}
+    numbers = [name for name in free if table.is_numeric(name)]
+    given = roles.get("noise_columns")
+    if given is None:
+        pairs = deviation_columns(table, [*states, *numbers])
+        return {state: name for state, name in pairs.items() if name in numbers and state in (states or numbers)}
     try:
-        return {find_name(state, states, "state"): table.find(name) for state, name in given.items()}
+        return {find_name(state, states or numbers, "state"): table.find(name) for state, name in given.items()}
     except CommonlawError as error:
         raise CommonlawError(f"{table.source}: noise_columns=...: {error}") from None
 

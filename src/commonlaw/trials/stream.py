@@ -189,7 +189,7 @@ class TrialStream:
         """
         files = [_File(each, _partition(each)) for each in _files(path)]
         _, kept = opened(files[0].path)
-        known = cast(Reading, {"properties": [], **kept, **checked(roles)})
+        known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles)})
         if not isinstance(known["properties"], list | tuple):
             raise CommonlawError(f"{path}: of a stream, properties are columns of the files: properties=['mass']")
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]

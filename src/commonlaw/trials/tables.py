@@ -11,24 +11,16 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.names import as_text
 from commonlaw.trials.columns import Codes, Table, frame_table
-from commonlaw.trials.dates import with_dates_as_times
+from commonlaw.trials.dates import is_time, with_dates_as_times
 from commonlaw.trials.grouping import groups_of, read_cells, trials_of
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import Properties, column_properties, given_properties, object_codes
-from commonlaw.trials.roles import (
-    Identity,
-    Reading,
-    ValueColumns,
-    checked,
-    identity_columns,
-    noise_columns_of,
-    value_columns,
-)
+from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, time_of
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Schema, TrialData, check_measured
 from commonlaw.trials.units import known_unit
-from commonlaw.trials.wide import long_table
+from commonlaw.trials.wide import deviations_of, long_table
 
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> TrialData:
@@ -49,68 +41,93 @@ class Rows:
     empty: tuple[str, ...]
     row_indices: tuple[Codes, ...]
     """Of each trial the indices of the rows of its samples, shape (n,)."""
+    columns: ColumnRoles
+    """What columns were taken for."""
 
 
 def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    rows = _read_wide(table, default_object, said) if said.get("wide") else read_rows(table, default_object, said)
+    time = time_of(table, said)
+    columns = column_roles(_samples(table, time), said, time)
+    rows = _long_rows(table, default_object, said, columns) if columns.wide else read_rows(table, default_object, said)
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
     check_measured(rows.data.trials, rows.data.schema.states)
     return rows
 
 
-def _read_wide(table: Table, default_object: str, roles: Reading) -> Rows:
+def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
+    """Return which column is what, also where the rows make no trials."""
+    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
+    return column_roles(_samples(table, time := time_of(table, said)), said, time)
+
+
+def _samples(table: Table, time: str) -> Table:
+    """Return the rows from the first time on, as ahead of it may be conditions, with times as numbers."""
+    first = next((i for i, cell in enumerate(table.columns[time]) if is_time(cell)), 0)
+    return with_dates_as_times(table.taken(np.arange(first, len(table))) if first else table, time)
+
+
+def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:
     """Return the trials in a table that has a column for each object."""
-    identity = identity_columns(table, roles)
-    if identity.object is not None:
+    if columns.object is not None:
         raise CommonlawError(
-            f"{table.source}: with wide=... each column is an object, and column {identity.object!r} names objects, "
+            f"{table.source}: with wide=... each column is an object, and column {columns.object!r} names objects, "
             "too: rename it, or leave it out"
         )
-    columns = value_columns(table, roles, identity, np.zeros(len(table), dtype=np.int64))
-    repeated = [name for name in table.columns if name not in (identity.time, *columns.states)]
-    long, state, origin = long_table(table, identity.time, repeated, columns.states, roles["wide"])
-    rows = read_rows(long, default_object, {**roles, "object": "object", "time": identity.time, "states": [state]})
-    return replace(rows, row_indices=tuple(origin[own] for own in rows.row_indices))
+    long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
+    noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
+    named: Reading = {
+        "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs, "noise_columns": noise,
+    }  # fmt: skip
+    rows = read_rows(long, default_object, {**roles, **named}, columns)
+    schema = replace(rows.data.schema, wide=columns.states)
+    return replace(
+        rows, data=rows.data._replace(schema=schema), row_indices=tuple(origin[own] for own in rows.row_indices)
+    )
 
 
-def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
-    """Return the trials in a table, which may end within a trial, whose columns have these roles."""
-    identity = identity_columns(table, roles)
-    table = with_dates_as_times(table, identity.time)
-    if identity.object is not None and "object_name" in roles:
-        raise CommonlawError(f"{table.source}: column {identity.object!r} names the objects: leave object_name=... out")
-    owners, objects, spelled = _labels(table, identity.object, "object", roles.get("object_name") or default_object)
-    runs, labels, spelled_runs = _labels(table, identity.trial, "trial", "1")
-    columns = value_columns(table, roles, identity, owners)
+def read_rows(table: Table, default_object: str, roles: Reading, shown: ColumnRoles | None = None) -> Rows:
+    """Return the trials in a table, which may end within a trial, whose columns have these roles.
+
+    Those of a wide table are `shown` in place of those of the long one that was made of it.
+    """
+    time = time_of(table, roles)
+    table = with_dates_as_times(table, time)
+    columns = column_roles(table, roles, time)
+    if columns.object is not None and "object_name" in roles:
+        raise CommonlawError(f"{table.source}: column {columns.object!r} names the objects: leave object_name=... out")
+    owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or default_object)
+    runs, labels, spelled_runs = _labels(table, columns.trial, "trial", "1")
     if columns.properties is None:
-        known = given_properties(roles["properties"], identity.object or "object", objects)
+        known = given_properties(roles["properties"], columns.object or "object", objects)
     else:
         known = column_properties(table, columns.properties, owners, objects)
-    schema = _schema(table, roles, identity, columns, known)
+    schema = _schema(table, roles, columns, known)
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
     groups = groups_of(owners, objects, runs, labels)
     cells = read_cells(located, schema)
-    found = trials_of(table, cells, groups, roles.get("restarts"), named=identity.trial is not None)
-    remarks = (*table.notes, *spelled, *spelled_runs, *columns.notes, *known.notes, *found.notes)
-    nameless = identity.object is None and "object_name" not in roles
-    return Rows(TrialData(found.trials, schema, known.values, remarks, nameless), found.empty, found.row_indices)
+    found = trials_of(table, cells, groups, roles.get("restarts"), named=columns.trial is not None)
+    if shown is not None:
+        columns = replace(shown, properties=columns.properties, notes=(*shown.notes, *columns.notes))
+    remarks = (*table.notes, *spelled, *spelled_runs, *columns.lines, *known.notes, *found.notes)
+    nameless = columns.object is None and "object_name" not in roles
+    data = TrialData(found.trials, schema, known.values, tuple(dict.fromkeys(remarks)), nameless)
+    return Rows(data, found.empty, found.row_indices, columns)
 
 
-def _schema(table: Table, roles: Reading, identity: Identity, columns: ValueColumns, known: Properties) -> Schema:
+def _schema(table: Table, roles: Reading, columns: ColumnRoles, known: Properties) -> Schema:
     """Return names and units of the columns that are used."""
-    noise_columns = noise_columns_of(table, roles, columns.states)
-    names = [identity.time, *columns.states, *columns.inputs, *noise_columns.values()]
+    names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
     units = joined_units(
         {**table.units, **known.units}, roles.get("units"), [*table.columns, *known.names], [*names, *known.names]
     )
-    _check_units(table, noise_columns, units)
-    labels_in = identity.object or "object", identity.trial or "trial"
-    return Schema(columns.states, columns.inputs, *labels_in, identity.time, units, noise_columns)
+    _check_units(table, columns.noise_columns, units)
+    labels_in = columns.object or "object", columns.trial or "trial"
+    return Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
 
 
 def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[Codes, list[str], tuple[str, ...]]:

@@ -59,6 +59,8 @@ class Schema:
         The time of these starts, None for that of the first sample of each trial.
     doses
         Inputs that hold what is added in a moment, see `with_doses`.
+    wide
+        Columns of the table that each held an object, if it had no column for all of them.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class Schema:
     starts: Mapping[str, Start] = field(default_factory=dict)
     starts_at: float | None = None
     doses: tuple[str, ...] = ()
+    wide: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]

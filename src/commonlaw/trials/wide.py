@@ -1,7 +1,9 @@
 """Tables with a column for each object, such as the wells of a plate, and how they are told."""
 
 import re
-from collections.abc import Sequence
+import unicodedata
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,45 +12,77 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Column, Table, column_of
 from commonlaw.trials.dates import is_time
 from commonlaw.trials.headers import split_header
+from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable
 
 _DEFAULT = "value"
 """Name of what stands in the columns, if nobody names it."""
-_WELL = re.compile(r"[A-P]0?([1-9]|1\d|2[0-4])")
-"""Of a plate of up to 384 wells."""
+_WELL = re.compile(r"(?:(.*[\W_]))?[A-P]0?(?:[1-9]|1\d|2[0-4])")
+"""Of a plate of up to 384 wells, after the name of what was measured or without it."""
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
+_REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]+\d+")
+"""A word of two letters at least, and a number after a separator."""
 _FEW, _MANY = 4, 8
 """Columns of like names, and of any names, from which on they may be an object each."""
+_ALIKE = 0.1
+"""Of the range of their mean, by how much replicates differ from it."""
 
 
-def check_wide(table: Table, states: Sequence[str]) -> tuple[str, ...]:
-    """Return a note if columns that were taken as the states of one object may well be an object each.
+def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
+    """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
 
-    Raises
-    ------
-    CommonlawError
-        If they are named like the wells of a plate.
+    They have one unit, and names of wells; or all are called by words with numbers, as replicates are: of several
+    words, or of one that names individuals or repetitions, or of one with nearly the same values in all columns.
+    Symbols of variables such as theta are no such words.
     """
-    wells = [name for name in states if _WELL.fullmatch(name)]
+    wells = [name for name in names if _WELL.fullmatch(name)]
+    stems = [found[1] if (found := _REPLICATE.fullmatch(name)) else "" for name in names]
+    counts = Counter(stems)
+    if len(wells) >= _FEW and len({found[1] for name in wells if (found := _WELL.fullmatch(name))}) == 1:
+        alike = wells
+    elif all(stems) and len(names) > 2 and not any(map(_is_variable, counts)):
+        individuals = all(is_called(stem, SEPARATE) for stem in counts)
+        several = len(counts) > 1 and max(counts.values()) > 1
+        alike = list(names) if individuals or several or _are_repeated(table, names) else []
+    else:
+        return []
+    return alike if len({table.units.get(name) for name in alike}) == 1 else []
+
+
+def _is_variable(stem: str) -> bool:
+    """Say whether a word is that of a quantity or a Greek letter, which one object may have several of."""
+    try:
+        unicodedata.lookup(f"GREEK SMALL LETTER {stem.upper()}")
+    except KeyError:
+        return is_called(stem, QUANTITIES)
+    return True
+
+
+def _are_repeated(table: Table, names: Sequence[str]) -> bool:
+    """Say whether columns are nearly the same, as measurements of one thing are that were repeated."""
+    values = np.column_stack([readable(table, name) for name in names])
+    values = values[np.isfinite(values).all(axis=1)]
+    mean = values.mean(axis=1, keepdims=True)
+    return bool(len(values)) and bool(np.sqrt(np.mean((values - mean) ** 2)) < _ALIKE * np.ptp(mean))
+
+
+def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
+    """Return a note if columns that were taken as the states of one object may well be an object each."""
     stems = {found[1].casefold() if (found := _NUMBERED.fullmatch(name)) else name for name in states}
-    if len(wells) >= _FEW:
-        raise CommonlawError(
-            f"{table.source}: {_shown(wells)} are named like wells, each an object of its own: read them with "
-            f"wide={_DEFAULT!r}, or the name of what was measured; if they are states of one object, name them with "
-            "states=[...]"
-        )
     alike = len(states) >= _FEW and len(stems) == 1
     if not alike and (len(states) < _MANY or len({table.units.get(name) for name in states}) > 1):
         return ()
     return (
-        f"{_shown(states)} are taken as states of one object; if each is an object of its own, read them with "
+        f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "
         f"wide={_DEFAULT!r}, or the name of what was measured",
     )
 
 
 def long_table(
-    table: Table, time: str, repeated: Sequence[str], columns: Sequence[str], wide: object
+    table: Table, time: str, columns: Sequence[str], noise: Mapping[str, str], wide: object
 ) -> tuple[Table, str, Codes]:
     """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
+
+    Where each object has a column of standard deviations, they are in the column named by `deviations_of`.
 
     Parameters
     ----------
@@ -56,14 +90,15 @@ def long_table(
         A table with a column for each object.
     time
         The column of times. Rows ahead of the first time are conditions: a column of the name in place of the time.
-    repeated
-        Columns that are the same for all objects.
     columns
-        Those of the objects.
+        Those of the objects; others are the same for all objects.
+    noise
+        Columns of standard deviations, by the column of an object.
     wide
         The name of what stands in these columns, with its unit or without; True is for ``value``.
     """
     name, unit = _state(table, columns, wide)
+    repeated = [each for each in table.columns if each not in (time, *columns, *noise.values())]
     if name in (taken := [time, *repeated, "object"]) or not columns:
         raise CommonlawError(
             f"{table.source}: {name!r} is the name of a column: give what was measured another with wide=..."
@@ -76,6 +111,8 @@ def long_table(
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
     made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
     made[name] = np.concatenate([measured.numbers(each, missing=True) for each in columns])
+    if {*columns} <= {*noise}:
+        made[deviations_of(name)] = np.concatenate([measured.numbers(noise[each], missing=True) for each in columns])
     conditions = _conditions(table, time, columns, first)
     if twice := conditions.keys() & made.keys():
         raise CommonlawError(f"{table.source}: {min(twice)!r} is the name of a row and of a column: rename one of them")
@@ -93,11 +130,16 @@ def long_table(
     return long, name, np.tile(rows, count)
 
 
+def deviations_of(state: str) -> str:
+    """Return the name of the column of standard deviations of a long table."""
+    return f"{state} noise"
+
+
 def _state(table: Table, columns: Sequence[str], wide: object) -> tuple[str, str]:
     """Return the name and the unit of what stands in the columns."""
     if not isinstance(wide, bool | str) or not wide:
         raise CommonlawError(f"wide is {wide!r}: give the name of what was measured, such as 'OD', or True")
-    name, unit = split_header(_DEFAULT if isinstance(wide, bool) else wide)
+    name, unit = split_header(quantity(columns, wide))
     units = {table.units.get(each, "") for each in columns}
     if not unit and len(units) > 1:
         raise CommonlawError(
@@ -107,6 +149,14 @@ def _state(table: Table, columns: Sequence[str], wide: object) -> tuple[str, str
     return name, unit or next(iter(units), "")
 
 
+def quantity(columns: Sequence[str], wide: bool | str) -> str:
+    """Return the name of what was measured: if nobody names it, what the names of wells begin with."""
+    if isinstance(wide, str):
+        return wide
+    begins = {found[1] or "" if (found := _WELL.fullmatch(name)) else "" for name in columns}
+    return begins.pop().strip(" _-.:") or _DEFAULT if len(begins) == 1 else _DEFAULT
+
+
 def _conditions(table: Table, time: str, columns: Sequence[str], rows: int) -> dict[str, Column]:
     """Return the values of the objects in so many first rows, by what stands in place of the time."""
     cells = ([table.columns[each][row] for each in columns] for row in range(rows))
@@ -114,5 +164,6 @@ def _conditions(table: Table, time: str, columns: Sequence[str], rows: int) -> d
     return {name.strip(): column_of(own)[0] for name, own in zip(names, cells, strict=True) if isinstance(name, str)}
 
 
-def _shown(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:2])}, ..., {names[-1]} ({len(names)} columns)"
+def shown_columns(names: Sequence[str]) -> str:
+    """Return names in short."""
+    return f"{', '.join(names[:2])}, ..., {names[-1]} ({len(names)} columns)" if len(names) > 3 else ", ".join(names)

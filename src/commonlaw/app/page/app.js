@@ -16,6 +16,8 @@ for (const name of ["dragover", "dragleave", "drop"]) {
 drop.addEventListener("drop", event => event.dataTransfer.files[0] && openFile(event.dataTransfer.files[0]));
 $("file").addEventListener("change", () => $("file").files[0] && openFile($("file").files[0]));
 $("sample").addEventListener("change", () => $("sample").value && openSample($("sample").value));
+$("confirm").addEventListener("click", () => takeColumns());
+$("change").addEventListener("click", () => { $("columns").open = true; $("columns").querySelector("select").focus(); });
 for (const id of ["wide", "restarts"]) $(id).addEventListener("change", () => takeColumns());
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);

@@ -34,6 +34,8 @@ function showPreview() {
   $("table").hidden = false;
   $("problem").textContent = found.problem;
   $("ask").hidden = Boolean(found.problem);
+  $("guessed").hidden = !found.guessed || Boolean(state.columns.states?.length);
+  $("guessed").firstElementChild.textContent = found.guessed || "";
   showColumns(found);
   if (found.problem) {
     $("counts").textContent = found.name;
@@ -84,25 +86,28 @@ function checkedRows({ text, rows, row, column }, columns) {
 }
 
 /** The first rows, and above them what each column is: as the reader took it, or as it was chosen where the reader could not. */
-function showColumns({ columns, rows, roles, problem }) {
+function showColumns({ columns, rows, recognised }) {
   const table = $("columns").querySelector("table"), focused = document.activeElement.dataset?.column;
   fill(table, columns, rows);
   const choices = element("tr");
   for (const name of columns) {
     const cell = element("td"), choice = element("select", "", { "aria-label": `What ${name} is`, "data-column": name });
-    for (const role of ["", "object", "trial", "time", "state", "input", "property"]) choice.append(element("option", role || "not used", { value: role }));
-    choice.value = roleOf(name, state.columns.states && (problem || state.columns.wide) ? state.columns : roles);
+    const roles = ["", "object", "trial", "time", "state", "input", "property", ...recognised.deviations?.includes(name) ? [DEVIATION] : []];
+    for (const role of roles) choice.append(element("option", role || "not used", { value: role }));
+    choice.value = roleOf(name, recognised);
     choice.addEventListener("change", () => takeColumns(choice));
     cell.append(choice);
     choices.append(cell);
   }
   table.tBodies[0].prepend(choices);
-  $("wide").value = state.columns.wide ?? "";
+  $("wide").value = recognised.wide || "";
   $("restarts").checked = Boolean(state.columns.restarts);
   if (focused) choices.querySelector(`[data-column="${CSS.escape(focused)}"]`)?.focus();
 }
 
-const SINGLE = ["object", "trial", "time"], SEVERAL = { state: "states", input: "inputs", property: "properties" };
+const DEVIATION = "standard deviation";
+const SINGLE = ["object", "trial", "time"], SEVERAL = { state: "states", input: "inputs", property: "properties", [DEVIATION]: "deviations" };
+
 
 function roleOf(name, roles) {
   return SINGLE.find(role => roles[role] === name) ?? Object.keys(SEVERAL).find(role => roles[SEVERAL[role]]?.includes(name)) ?? "";
@@ -113,7 +118,7 @@ export async function takeColumns(last) {
   const selects = [...$("columns").querySelectorAll("select")];
   if (SINGLE.includes(last?.value)) for (const each of selects) if (each !== last && each.value === last.value) each.value = "";
   const all = role => selects.filter(({ value }) => value === role).map(each => each.dataset.column);
-  state.columns = Object.fromEntries([...SINGLE.map(role => [role, all(role)[0] ?? null]), ...Object.entries(SEVERAL).map(([role, name]) => [name, all(role)])]);
+  state.columns = { object: all("object")[0] ?? "", trial: all("trial")[0] ?? "", time: all("time")[0] ?? null, states: all("state"), inputs: all("input"), properties: all("property") };
   Object.assign(state.columns, { wide: $("wide").value.trim() || null, restarts: $("restarts").checked ? "trials" : null });
   await trying("failure", recognise);
 }

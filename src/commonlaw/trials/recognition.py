@@ -1,0 +1,406 @@
+"""What columns are by their names, units and values: times, labels, standard deviations, inputs."""
+
+import re
+from collections.abc import Sequence
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.dates import is_time
+from commonlaw.trials.units import known_unit
+
+
+def _vocabulary(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_TIME = _vocabulary(
+    "time times timestamp datetime date elapsed clock epoch when "
+    "second seconds sec secs minute minutes mins hour hours hr hrs day days week weeks month months year years age "
+    "zeit messzeit laufzeit uhrzeit zeitpunkt datum sekunde sekunden minuten stunde stunden tag tage woche wochen jahr "
+    "jahre temps heure heures jour jours tiempo tempo fecha hora horas"
+)
+_SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick frame cycle")
+"""What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
+SEPARATE = _vocabulary(
+    "subject patient participant person individual animal mouse rat well vial tube flask colony strain sample specimen "
+    "plant replicate rep repeat repetition trial run"
+)
+"""What does not act on others of its kind."""
+_OBJECT = SEPARATE | _vocabulary("object id ball body particle cell device board rig unit site station tank name")
+_TRIAL = _vocabulary(
+    "trial run replicate rep repeat repetition drop experiment exp test session series batch attempt throw shot pass "
+    "round episode cond condition versuch lauf messung wiederholung"
+)
+QUANTITIES = _vocabulary(
+    "pos position vel velocity speed angle temp temperature pressure level height conc concentration current voltage "
+    "mass species node mode channel state var"
+)
+"""What one object may have several of."""
+_INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
+_DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
+_ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
+
+_OF_TIME = {"[time]": 1.0}
+_ORDERS = range(2, 9)
+"""Of differences between neighbours, by which noise is estimated."""
+_WHITE = slice(2, None)
+"""Those of 4 to 8, which leave nothing of a course that the samples resolve."""
+_EVEN = 1.5
+"""By how much estimates of white noise from these differ at most."""
+_DIGITS = 300
+"""Last digits in the range of a smooth waveform: fewer are the steps of a coarse sensor."""
+_ROUNDING = 1e-3
+"""Of a last digit, what binary numbers may be off."""
+
+
+def words(name: str) -> list[str]:
+    """Return the words and numbers in a name, in small letters.
+
+    >>> words("elapsedTime_s"), words("OD600 std")
+    (['elapsed', 'time', 's'], ['od', '600', 'std'])
+    """
+    return [each.casefold() for each in re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))]
+
+
+def is_called(name: str, kind: frozenset[str]) -> bool:
+    """Say whether a word of a name is among those of a kind."""
+    return not kind.isdisjoint(words(name))
+
+
+def readable(table: Table, name: str) -> Floats:
+    """Return a column as numbers, shape (n,), NaN where it is empty; all NaN if a cell is none, which others refuse."""
+    try:
+        return table.numbers(name, missing=True)
+    except CommonlawError:
+        return np.full(len(table), np.nan)
+
+
+def time_column(table: Table) -> str | None:
+    """Return the column that holds the time, None if there is no such.
+
+    ``t`` and ``time`` are the time by convention. Else it is the column with a word or a unit of time in its header; of
+    several the one that increases from row to row. Last come short names, ``T`` and counts of steps, if they increase.
+
+    Raises
+    ------
+    CommonlawError
+        If there are several, and none is more likely than the others.
+    """
+    names = list(table.columns)
+    folded = {name.casefold(): name for name in reversed(names)}
+    for name in ("t", "time"):
+        if name in names:
+            return name
+    if "time" in folded:
+        return folded["time"]
+    able = [name for name in names if _dimensions(table, name) in ({}, _OF_TIME) and _may_be_time(table, name)]
+    by_word = [name for name in able if is_called(name, _TIME) or _dimensions(table, name) == _OF_TIME]
+    short = [name for name in able if name.casefold() in _SHORT_TIME or words(name)[:1] == ["t"]]
+    rising = {name for name in able if _rises(table, name)}
+    for likely in (
+        [name for name in by_word if name in rising],
+        [name for name in by_word if is_called(name, _TIME)],
+        [name for name in short if name in rising],
+    ):
+        if len(likely) > 1:
+            raise CommonlawError(
+                f"{table.source}: which column holds the time, {' or '.join(map(repr, likely))}? Name it with time=..."
+            )
+        if likely:
+            return likely[0]
+    return None
+
+
+def _may_be_time(table: Table, name: str) -> bool:
+    """Say whether a column has a number or a date."""
+    return table.is_numeric(name) or any(is_time(cell) for cell in table.columns[name] if cell == cell and cell)
+
+
+def _dimensions(table: Table, name: str) -> dict[str, Any]:
+    """Return the powers of dimensions of a column, none if it has no unit."""
+    unit = known_unit(table.units[name]) if name in table.units else None
+    return {} if unit is None else {str(each): power for each, power in unit.dimensionality.items()}
+
+
+def _rises(table: Table, name: str) -> bool:
+    """Say whether values go up at least twice as often as down, as times do even in trials of three samples."""
+    if not table.is_numeric(name):
+        return True  # dates
+    steps = np.diff(readable(table, name))
+    return bool((steps > 0).any() and np.mean(steps > 0) >= 2 * np.mean(steps < 0))
+
+
+def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
+    """Return the column of these that names the objects, None if there is no such.
+
+    It is the one of text, but for what names trials; a column that another one determines is a property. Whole numbers
+    name objects only under a name such as ``id``.
+
+    Raises
+    ------
+    CommonlawError
+        If several are as likely.
+    """
+    texts = [name for name in names if is_label(table, name, times) and not table.is_numeric(name)]
+    pool = [name for name in texts if not is_called(name, _TRIAL)] or texts
+    pool = pool or [
+        name
+        for name in names
+        if is_label(table, name, times) and is_called(name, _OBJECT) and not is_called(name, _TRIAL)
+    ]
+    codes = {name: table.encoded(name)[0] for name in pool}
+    finest = [name for i, name in enumerate(pool) if not any(_is_property(name, b, codes, i) for b in pool)]
+    for likely in (
+        finest,
+        [name for name in finest if is_called(name, _OBJECT)],
+        [name for name in finest if increase_within(codes[name], times)],
+    ):
+        if len(likely) == 1:
+            return likely[0]
+    if not finest:
+        return None
+    first, second = finest[:2]
+    raise CommonlawError(
+        f"{table.source}: {' and '.join(map(repr, finest))} may name objects: say object={first!r} and "
+        f"trial={second!r}, or object={second!r} and trial={first!r}"
+    )
+
+
+def _is_property(name: str, finer: str, codes: dict[str, Codes], place: int) -> bool:
+    """Say whether a column is the same wherever another is, and not just another spelling of a later one."""
+    if name == finer or not _determines(codes[finer], codes[name]):
+        return False
+    return not _determines(codes[name], codes[finer]) or list(codes).index(finer) < place
+
+
+def _determines(codes: Codes, others: Codes) -> bool:
+    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
+    return np.array_equal(others, others[first][which])
+
+
+def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Codes, *, named: bool) -> str | None:
+    """Return the column of these that labels the trials of objects, shape (n,) in `owners`; None if there is no such.
+
+    It has the name of one, or it is text or counts from 1, and without it times of an object would go back. Where no
+    object is `named`, only a name will do.
+
+    Raises
+    ------
+    CommonlawError
+        If several are as likely.
+    """
+    able = [name for name in names if is_label(table, name, times)]
+    if called := [name for name in able if is_called(name, _TRIAL)]:
+        return called[0]
+    if increase_within(owners, times) or not named:
+        return None
+    counted = [
+        name
+        for name in able
+        if not is_called(name, _INPUT)
+        and _counts(table, name)
+        and increase_within(owners * len(table) + table.encoded(name)[0], times)
+    ]
+    if len(counted) > 1:
+        raise CommonlawError(
+            f"{table.source}: {' and '.join(map(repr, counted))} may label the trials of an object: say "
+            f"trial={counted[0]!r} or trial={counted[1]!r}"
+        )
+    return counted[0] if counted else None
+
+
+def is_label(table: Table, name: str, times: Floats) -> bool:
+    """Say whether a column of text or whole numbers has the same cell in several rows, as names of objects do.
+
+    Where times increase throughout the table, no name is needed: what changes there is a remark, unless it is called a
+    name and each of its rows follow each other.
+    """
+    if table.is_numeric(name):
+        values = readable(table, name)
+        if not np.array_equal(values, np.round(values)) or (
+            not is_called(name, _OBJECT | _TRIAL | _ROW_NUMBER) and (not _counts(table, name))
+        ):
+            return False
+    elif is_time(next((cell for cell in table.columns[name] if isinstance(cell, str) and cell.strip()), 0)):
+        return False
+    try:
+        codes, labels = table.encoded(name)
+    except CommonlawError:
+        return False
+    if (codes < 0).any() or 2 * len(labels) > len(table):
+        return False
+    if len(labels) == 1 or not (np.diff(times) > 0).all():
+        return True
+    return is_called(name, _OBJECT | _TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+
+
+def _counts(table: Table, name: str) -> bool:
+    """Say whether a column is text, or has all whole numbers from 1 to some."""
+    if not table.is_numeric(name):
+        return True
+    numbers = np.unique(readable(table, name))
+    return np.array_equal(numbers, np.arange(1, len(numbers) + 1))
+
+
+def increase_within(codes: Codes, times: Floats) -> bool:
+    """Say whether times increase from row to row among those of the same code, at least two each on average."""
+    order = np.argsort(codes, kind="stable")
+    same = np.diff(codes[order]) == 0
+    return bool(np.mean(same) >= 0.5 and (np.diff(times[order]) > 0)[same].all()) if len(times) > 1 else True
+
+
+def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
+    """Return columns that are further times or numbers of rows, by their names and as they increase with the times.
+
+    Parameters
+    ----------
+    table
+        The cells.
+    names
+        Columns of numbers.
+    times, runs
+        Of all rows the time, and a code of its trial, shape (n,).
+    """
+    order = np.lexsort((times, runs))
+    same = np.diff(runs[order]) == 0
+
+    def increases(name: str) -> bool:
+        return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
+
+    clocks = [
+        name
+        for name in names
+        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME) and increases(name)
+    ]
+    return clocks if len(clocks) < len(names) else []
+
+
+def deviation_columns(table: Table, names: Sequence[str]) -> dict[str, str]:
+    """Return columns of standard deviations by the column of their measurements, as far as names pair them.
+
+    ``x_std`` goes with ``x``, ``std1`` with the only column whose name ends in 1, ``sd`` with the only other column.
+    """
+    deviations = [name for name in names if is_called(name, _DEVIATION) and (readable(table, name) > 0).all()]
+    measured = [name for name in names if name not in deviations]
+    pairs = dict[str, str]()
+    for name in deviations:
+        rest = [word for word in words(name) if word not in _DEVIATION]
+        if not rest:
+            fitting = measured
+        elif all(map(str.isdigit, rest)):
+            fitting = [each for each in measured if words(each)[-len(rest) :] == rest]
+        else:
+            fitting = [each for each in measured if words(each) == rest]
+        if len(fitting) == 1 and fitting[0] not in pairs:
+            pairs[fitting[0]] = name
+    return pairs
+
+
+def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Sequence[Codes]) -> dict[str, str]:
+    """Return columns of numbers that the experimenter set, and what shows it; there is always one that was measured.
+
+    Parameters
+    ----------
+    table
+        The cells.
+    names
+        Columns that are inputs or states.
+    times
+        Of all rows, shape (n,).
+    trials
+        The rows of each trial in order of time.
+    """
+    cells = {name: readable(table, name) for name in names}
+    spans = {name: _span(values) for name, values in cells.items()}
+    digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
+    noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
+    found = dict[str, str]()
+    for name, values in cells.items():
+        runs = [values[rows] for rows in trials]
+        if is_called(name, _INPUT):
+            found[name] = "by its name"
+        elif not np.isfinite(values).all() or np.ptp(values) == 0:
+            continue
+        elif all(np.ptp(run) == 0 for run in runs):
+            found[name] = "constant in each trial"
+        elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
+            found[name] = "held at levels"
+        elif any(np.isfinite(cells[each]).all() for each in names if each != name) and _recurs(
+            runs, [times[rows] for rows in trials]
+        ):
+            found[name] = "the same in several trials"
+        elif noise[name].min() < digits[name] < 1 / _DIGITS and any(
+            _scatters(noise[each], digits[each], noise[name]) for each in names if each != name
+        ):
+            found[name] = "smooth to its last digit"
+    return found if len(found) < len(names) else {}
+
+
+def _span(values: Floats) -> float:
+    """Return the range of the values that are there, 1 if they are all the same."""
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) or 1.0 if len(finite) else 1.0
+
+
+def _is_held(values: Floats) -> bool:
+    """Say whether a trial of values stays at levels and jumps between them, or has single pulses.
+
+    Most neighbours are equal, and most levels are kept for two samples. Of more than three levels most jumps pass over
+    one: what a coarse sensor measures goes from a level to the next.
+    """
+    levels, ranks = np.unique(values, return_inverse=True)
+    jumps = np.diff(ranks)
+    kept = np.diff(np.flatnonzero(np.concatenate([[1], jumps, [1]])))
+    if len(levels) < 2 or 2 * np.sum(jumps == 0) < len(jumps) or 2 * np.sum(kept > 1) < len(kept):
+        return False
+    return len(levels) <= 3 or bool(2 * np.sum(np.abs(jumps) > 1) > np.sum(jumps != 0))
+
+
+def _recurs(runs: Sequence[Floats], times: Sequence[Floats]) -> bool:
+    """Say whether a course is that of another trial, value by value."""
+    courses = [(at.tobytes(), run.tobytes()) for at, run in zip(times, runs, strict=True) if np.ptp(run) > 0]
+    return len({*courses}) < len(courses)
+
+
+def last_digit(values: Floats) -> float:
+    """Return the decimal place that values are written to, 0 if they have more than twelve digits.
+
+    >>> last_digit(np.array([0.0, 0.25, 10.0])), last_digit(np.array([1 / 3]))
+    (0.01, 0.0)
+    """
+    finite = values[np.isfinite(values)]
+    largest = np.abs(finite).max(initial=0.0)
+    if not largest:
+        return 0.0
+    first = int(np.floor(np.log10(largest)))
+    for place in range(first, first - 12, -1):
+        scaled = finite / 10.0**place
+        if (np.abs(scaled - np.round(scaled)) < _ROUNDING).all():
+            return float(10.0**place)
+    return 0.0
+
+
+def _scatters(noise: Floats, digit: float, least: Floats) -> bool:
+    """Say whether a column has white noise, alike by all orders of differences, above a digit and `least` noise."""
+    level = noise.min()
+    return bool(level > 3 * max(digit, least.min()) and noise[_WHITE].max() < _EVEN * noise[_WHITE].min())
+
+
+def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
+    """Return the standard deviation of the noise of evenly spaced values by each order of differences of neighbours.
+
+    The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
+    orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.
+    """
+    found = np.full(len(_ORDERS), np.inf)
+    for i, order in enumerate(_ORDERS):
+        parts = np.concatenate([np.diff(values[rows], order) for rows in trials])
+        parts = parts[np.isfinite(parts)]
+        if len(parts) > order:
+            found[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
+    return found

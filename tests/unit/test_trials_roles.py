@@ -1,0 +1,177 @@
+"""Roles of columns that nobody names, by their names, units and values."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from commonlaw.cli.main import commonlaw
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials
+from commonlaw.trials.recognition import words
+
+T = np.linspace(0, 4, 21)
+RNG = np.random.default_rng(0)
+
+
+def stacked(labels, **columns):
+    """Return a table with a run for each pair of labels; columns are functions of time and the number of the run."""
+    runs = [
+        pd.DataFrame({**label, "t": T, **{name: each(T, i) for name, each in columns.items()}})
+        for i, label in enumerate(labels)
+    ]
+    return pd.concat(runs, ignore_index=True)
+
+
+def decay(t, i):
+    return (i + 1) * np.exp(-t) + RNG.normal(0, 0.01, len(t))
+
+
+def pairs(first, second, firsts=("a", "b"), seconds=(1, 2)):
+    return [{first: one, second: other} for one in firsts for other in seconds]
+
+
+def roles_of(frame, **named):
+    schema = (trials := Trials.from_frame(frame, **named)).schema
+    properties = {name for own in trials.properties.values() for name in own}
+    return schema.object, schema.trial, schema.time, schema.states, schema.inputs, properties
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "seconds"),
+    [
+        ("Ball", "Drop", (1, 2)),
+        ("strain", "replicate", (1, 2)),
+        ("rig", "run", ("r1", "r2")),
+        ("Sample", "No", (1, 2)),
+        ("kind", "w", (1, 2)),
+        ("experiment", "rep", (1, 2)),
+    ],
+)
+def test_text_names_objects_and_what_repeats_within_them_labels_trials(first, second, seconds):
+    frame = stacked(pairs(first, second, seconds=seconds), x=decay)
+    assert roles_of(frame) == (first, second, "t", ("x",), (), set())
+    shuffled = frame.sample(frac=1, random_state=1)[["x", "t", second, first]]
+    if second not in ("w", "No"):  # Names that say nothing need the order of rows
+        assert roles_of(shuffled) == (first, second, "t", ("x",), (), set())
+
+
+def test_what_is_constant_within_an_object_is_its_property_and_a_coarser_text_too():
+    frame = stacked(pairs("ball", "drop", firsts=("golf", "tennis", "squash")), x=decay)
+    frame["mass"] = frame["ball"].map({"golf": 0.046, "tennis": 0.058, "squash": 0.024})
+    frame.insert(0, "maker", frame["ball"].map({"golf": "A", "tennis": "B", "squash": "B"}))
+    assert roles_of(frame) == ("ball", "drop", "t", ("x",), (), {"mass", "maker"})
+
+
+def test_numbers_name_objects_under_the_name_of_one_and_trials_under_that_of_a_trial():
+    frame = stacked([{"subject": i} for i in (101, 205, 317)], x=decay)
+    assert roles_of(frame)[:2] == ("subject", "trial")
+    assert roles_of(frame.rename(columns={"subject": "run"}))[:2] == ("object", "run")
+    assert roles_of(frame, object="", restarts="trials")[3:5] == (("x",), ("subject",))
+
+
+def test_remarks_beside_increasing_times_name_nothing():
+    frame = stacked([{"unit": "A"}], x=decay).assign(phase=["heat"] * 10 + ["cool"] * 11)
+    assert roles_of(frame)[:2] == ("unit", "trial")
+    assert roles_of(frame.drop(columns="unit"))[:2] == ("object", "trial")
+    switching = frame.assign(unit=["A", "B", "A"] * 7)
+    assert roles_of(switching)[0] == "object"
+
+
+def test_two_columns_that_may_name_objects_are_asked_about():
+    frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
+    with pytest.raises(CommonlawError, match="'medium' and 'operator' may name objects: say object='medium' and trial"):
+        Trials.from_frame(frame)
+    assert roles_of(frame, object="medium")[:2] == ("medium", "operator")
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [
+        ("minutes", "minutes"),
+        ("hour", "hour"),
+        ("Zeit [min]", "Zeit"),
+        ("elapsed_s", "elapsed_s"),
+        ("Time since start (h)", "Time since start"),
+        ("clock [s]", "clock"),
+        ("duration [ms]", "duration"),
+        ("n", "n"),
+        ("t_min", "t_min"),
+    ],
+)
+def test_a_column_that_increases_and_is_called_like_a_time_is_the_time_whatever_else_is_called_t(header, name):
+    frame = pd.DataFrame({"T": 80 * np.exp(-T) + 20, header: T, "Response [s]": np.cos(9 * T)})
+    schema = Trials.from_frame(frame).schema
+    assert (schema.time, schema.states) == (name, ("T", "Response"))
+
+
+def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
+    frame = pd.DataFrame({"minutes": T, "seconds": 60 * T, "x": np.exp(-T)})
+    with pytest.raises(CommonlawError, match="which column holds the time, 'minutes' or 'seconds'"):
+        Trials.from_frame(frame)
+    trials = Trials.from_frame(frame, time="minutes")
+    assert trials.schema.states == ("x",)
+    assert trials.notes[-1] == "columns left out: seconds"
+    with pytest.raises(CommonlawError, match="which column holds the time, 'n' or 'T'"):
+        Trials.from_frame(pd.DataFrame({"n": T, "T": 20 + T, "x": np.exp(-T)}))
+    assert Trials.from_frame(pd.DataFrame({"n": T, "T [degC]": 20 + T})).schema.time == "n"
+
+
+@pytest.mark.parametrize(
+    ("u", "reason"),
+    [
+        (lambda t, i: (i + 1) * np.where((t > 1) & (t < 3), 5.0, 0.0), "held at levels"),
+        (lambda t, i: np.repeat([0.0, 7.0, 3.0, 9.0, 1.0, 4.0, 8.0], 3) + i + 0 * t, "held at levels"),
+        (lambda t, i: np.where(np.arange(len(t)) % 7 == i, 100.0, 0.0), "held at levels"),
+        (lambda t, i: 2.5 * (i % 2) + 0 * t, "constant in each trial"),
+        (lambda t, i: np.random.default_rng(i % 2).normal(0, 1, len(t)), "the same in several trials"),
+        (lambda t, i: np.round(np.sin(t + i), 3), "smooth to its last digit"),
+    ],
+)
+def test_what_was_set_is_an_input(u, reason):
+    frame = stacked(pairs("rig", "run"), x=decay, u=u)
+    assert roles_of(frame) == ("rig", "run", "t", ("x",), ("u",), set())
+    assert f"input: u ({reason})" in Trials.from_frame(frame).notes[0]
+    assert roles_of(frame, states=["x", "u"])[3:5] == (("x", "u"), ())
+    assert roles_of(frame, inputs=[])[3:5] == (("x", "u"), ())
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        decay,
+        lambda t, i: np.round(decay(t, i), 1),  # a coarse sensor goes from level to level
+        lambda t, i: np.maximum(decay(t, i) - 0.5 * (i + 1), 0.0),  # zero below a limit
+        lambda t, i: np.cos(t + i),  # all digits of a simulation
+        lambda t, i: np.round(np.cos(t + i) + RNG.normal(0, 0.01, len(t)), 3),
+    ],
+)
+def test_what_was_measured_is_a_state(y):
+    assert roles_of(stacked(pairs("rig", "run"), x=decay, y=y))[3:5] == (("x", "y"), ())
+
+
+def test_standard_deviations_go_with_the_state_that_their_name_has():
+    frame = pd.DataFrame({"t": T, "x": np.exp(-T), "y": np.cos(T), "sd_x": 0.1, "y err": 0.2 + 0 * T, "sigma": 1 + T})
+    trials = Trials.from_frame(frame)
+    assert trials.schema.noise_columns == {"x": "sd_x", "y": "y err"}
+    assert trials.schema.states == ("x", "y", "sigma")
+    assert Trials.from_frame(frame, noise_columns={}, properties=[]).schema.states[2:] == ("sd_x", "y err", "sigma")
+    assert Trials.from_frame(frame.assign(sd_x=0.0)).schema.noise_columns == {"y": "y err"}
+
+
+def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_path):
+    frame = stacked(pairs("Ball", "Drop"), height=decay)
+    frame.to_csv(tmp_path / "drops.csv", index=False)
+    done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
+    assert done.stderr.splitlines()[0] == (
+        "Note: columns taken as time: t; object: Ball; trial: Drop; state: height; if not, say --time ..., "
+        "--object ..., --trial ..., --state ..., --input ..., --property ... or --noise-column ..."
+    )
+    frame.columns = ["object", "trial", "time", "x"]
+    assert Trials.from_frame(frame).notes == ()
+    named = {"object": "Ball", "trial": "Drop", "time": "t", "states": "height"}
+    assert Trials.read(tmp_path / "drops.csv", **named).notes == ()
+
+
+def test_words_of_names():
+    assert words("OD600 std_dev (a)") == ["od", "600", "std", "dev", "a"]
