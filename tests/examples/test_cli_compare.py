@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.tables import BAYES_FACTOR
+from commonlaw.law.tables import MEANINGS
 
 LAWS = ["x'' = -9.8 - c v", "x'' = -9.8"]
 
@@ -30,7 +30,7 @@ def test_laws_in_words_are_compared_as_in_python(run, tmp_path, few):
     expected = cl.compare({each: cl.fit(each, few) for each in LAWS}, few)
     saved = pd.read_csv(tmp_path / "table.csv")
     pd.testing.assert_frame_equal(saved, expected, check_exact=False, rtol=1e-6)
-    assert BAYES_FACTOR in out
+    assert MEANINGS["2 log B"] in out
 
 
 @pytest.mark.usefixtures("few")

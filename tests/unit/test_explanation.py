@@ -28,9 +28,9 @@ def delayed() -> cl.Trials:
 
 
 def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_process_noise(delayed):
-    forced = cl.discover(delayed, library="poly:1", method=cl.TrajectoryLikelihood(errors="force"))
+    forced = cl.discover(delayed, order=1, library="poly:1", method=cl.TrajectoryLikelihood(errors="force"))
     assert not forced.support.any()  # By the prediction of the next sample alone
-    law = cl.discover(delayed, library="poly:1")
+    law = cl.discover(delayed, order=1, library="poly:1")
     assert {"T", "u"} <= set(np.array(law.terms.names)[law.support[0]])
     assert not law.uncertainty.error_model.of_law
     assert law.score(delayed, start="all") > 0.98
@@ -62,7 +62,7 @@ def test_process_noise_stays_where_solutions_explain_as_much_with_it():
         for shock in np.sqrt(step) * generator.standard_normal(1200):
             path.append(path[-1] + step * (path[-1] - path[-1] ** 3) + 0.1 * shock)
         states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
-    law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), library="poly:3")
+    law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), order=1, library="poly:3")
     assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.outcomes}
 
 

@@ -26,9 +26,24 @@ def seasonal() -> cl.Trials:
     return cl.Trials.from_arrays([times] * 10, states, object=list("abcdefghij"), names=["w"])
 
 
-def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal):
+@pytest.fixture(scope="module")
+def law(seasonal) -> cl.Law:
     early = seasonal.with_trials([trial.cut(LEARNED) for trial in seasonal])
-    law = cl.discover(early, library="poly:3", order=1)
+    return cl.discover(early, library="poly:3", order=1)
+
+
+def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and_not_by_evidence(law):
+    table = law.candidates()
+    assert not {"2 log B", "probability"} & {*table.columns}
+    assert table["chosen"].tolist() == [True] + [False] * (len(table) - 1)
+    scores = table["log score difference"]
+    assert scores[0] == 0
+    assert (scores.dropna() >= 0).all()
+    assert np.isfinite(scores.dropna()).all()  # Forecasts that diverge have none
+    assert law.uncertainty.inclusion_probabilities is None
+
+
+def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal, law):
     assert law.structure() == ("w' = a w",)
     reasons = {step.stage: step.reason for step in law.history}
     assert reasons["terms of w'"].startswith("best forecasts of what was left out")

@@ -1,9 +1,12 @@
 """What is said of the supports that a law was chosen from."""
 
 import numpy as np
+import pytest
 
 import commonlaw as cl
 from commonlaw.inference import provenance
+from commonlaw.inference.law_search import ChosenBy
+from commonlaw.law.tables import LOG_SCORE
 from commonlaw.library import PolynomialLibrary, Variables
 
 
@@ -28,10 +31,18 @@ def test_probabilities_are_found_however_much_better_one_is():
     np.testing.assert_allclose(provenance.inclusion_probabilities(law, [even]), [[1, 0.25, 0]])
 
 
-def test_the_chosen_support_is_listed_however_many_have_more_evidence():
-    law = law_of_degree(2)
-    names = [(law.terms.names[k],) for k in (1, 2, 3, 4, 5, 0)] * 3
-    found = provenance.alternatives(law, [compared(names, range(18), chosen=17)])
-    assert [each.chosen for each in found] == [False] * 12 + [True]
-    assert found[-1].terms == ("1",)
-    assert found[-1].measures["2 log B"] == 17
+def test_candidates_are_ranked_by_what_chose_among_them():
+    law = law_of_degree(1)
+    listed = [compared([("1",), ("x",), ("v",)], [0.0, 6.0, np.inf])]
+    by_evidence = provenance.alternatives(law, listed, ChosenBy.EVIDENCE)
+    assert [each.measures["2 log B"] for each in by_evidence] == [0, 6, np.inf]
+    assert by_evidence[1].measures["probability"] == pytest.approx(1 / (1 + np.exp(3)))
+    by_forecasts = provenance.alternatives(law, listed, ChosenBy.FORECASTS)
+    assert [each.measures for each in by_forecasts] == [{LOG_SCORE: 0}, {LOG_SCORE: 3}, {LOG_SCORE: None}]
+
+
+def test_probabilities_are_no_denormal_numbers():
+    (_, other) = provenance.alternatives(
+        law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], ChosenBy.EVIDENCE
+    )
+    assert other.measures["probability"] == 0

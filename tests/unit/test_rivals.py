@@ -41,6 +41,21 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)
 
 
+@pytest.mark.parametrize("beginning", [["1"], ["1", "x", "v"]])
+def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
+    trials = experiment("heights of balls").measured(0.05, 7)
+    terms = parse_library("poly:3").bind(Variables(("x", "v")))
+    problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
+    supports = np.isin(terms.names, beginning)[np.newaxis]
+    state, _ = search_state.fitted(
+        problem, search.fit_supports(problem, supports).estimates, supports, search_state.NO_ERROR
+    )
+    best = search.beside_those_ahead(problem, state)
+    assert [name for name, inside in zip(terms.names, best.supports[0], strict=True) if inside] == ["1", "v"]
+    assert any(np.array_equal(each.supports, supports) for each in best.alternatives)
+    assert best.value < state.value
+
+
 def test_a_law_is_reached_that_is_no_neighbour_of_those_that_the_search_comes_by():
     """Under much noise it ends at ``a x``, from which ``a + b v`` is two terms away, and one from ``a + b x``."""
     first = first_trials("heights of balls", 20)

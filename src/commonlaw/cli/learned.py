@@ -144,7 +144,7 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
-        from commonlaw.law.tables import BAYES_FACTOR, readable_candidates
+        from commonlaw.law.tables import MEANINGS, readable_candidates
         from commonlaw.law.text import MANY
 
         law, training = self.law, self.findings.training
@@ -174,14 +174,16 @@ class Learned:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
             candidates = readable_candidates(law.alternatives)
             print_frame(candidates)
-            if "2 log B" in candidates:
-                say(f"\n{BAYES_FACTOR}.")
+            for meaning in (text for name, text in MEANINGS.items() if name in candidates):
+                say(f"\n{meaning}.")
         if self.compared is not None:
             print_compared(self.compared)
         self._show_checks()
 
     def _show_checks(self) -> None:
         """Print how well the law forecasts, and the verdict."""
+        from commonlaw.law.numbers import r_squared_text
+
         found, kind, learned = self.findings, "held-out trial", ""
         if not found.is_held_out:
             later = ", later samples included" if found.has_later_samples else ""
@@ -189,11 +191,11 @@ class Learned:
         begin = "its own initial state" if found.start is None else f"a start fitted to its first {found.start} samples"
         if every := self.everything:
             bands = "" if np.isnan(every.coverage) else f"; 95 % bands hold {100 * every.coverage:.3g} %"
-            say(f"\nForecasts of {every.forecast_of}: R^2 = {every.score:.5g}{bands}")
+            say(f"\nForecasts of {every.forecast_of}: R^2 = {r_squared_text(every.score)}{bands}")
             say(f"By {counted(len(found.trials.objects), 'object')} that stand for all:")
         elif found.forecast:
             of = counted(len(found.forecast.trials), kind)
-            say(f"\nForecasts of {of}{learned}, each from {begin}: R^2 = {found.forecast.score():.5g}")
+            say(f"\nForecasts of {of}{learned}, each from {begin}: R^2 = {r_squared_text(found.forecast.score())}")
         if found.verdict:
             say(f"\n{found.verdict}")
 

@@ -53,7 +53,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for j, name in enumerate(head):
-        numeric = all(isinstance(row[j], int | float | tuple | Written) for row in rows)
+        numeric = all(isinstance(row[j], int | float | tuple | Written) or str(row[j]).startswith("< ") for row in rows)
         table.add_column(in_line(name), justify="right" if numeric else "left")
     for row in rows:
         table.add_row(*(in_line(shown(cell)) for cell in row))

@@ -116,6 +116,7 @@ def predict(
       commonlaw predict law.json 'runs/*.parquet' --folder forecasts --out errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
+    from commonlaw.law.numbers import r_squared_text
 
     law = Law.load(law_path)
     if cluster or source.is_stream:
@@ -150,7 +151,7 @@ def predict(
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
         print_frame(errors.dropna(axis=1, how="all"))
-        say(f"R^2 of all forecasts: {forecast.score():.5g}")
+        say(f"R^2 of all forecasts: {r_squared_text(forecast.score())}")
     later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
 
 

@@ -13,11 +13,12 @@ from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
+from commonlaw.law.tables import LOG_SCORE
 from commonlaw.progress import Stage
 from commonlaw.trials import Trials
 from commonlaw.wording import counted
 
-_MEASURES = ("2 log B", "held-out error", "BIC", "EBIC", "AIC", "AICc")
+_MEASURES = ("2 log B", LOG_SCORE, "held-out error", "BIC", "EBIC", "AIC", "AICc")
 """What tells the best candidate of a size, the first that all have; small is good."""
 
 

@@ -21,6 +21,7 @@ from commonlaw.inference.provenance import (
     names_in,
     outcomes,
 )
+from commonlaw.inference.search import beside_those_ahead, to_scale
 from commonlaw.inference.search_state import neighbours
 from commonlaw.inference.trial_differences import differing_trials
 from commonlaw.law import Law, PlausibleLaw
@@ -63,7 +64,7 @@ def finish(
     def pooled(law: Law) -> Law:
         return law.partial_pooling(universal(law), partial_pooling)
 
-    found = approximated(found, progress) or found
+    found = ranked_first(approximated(found, progress) or found)
     if found.chosen_by is ChosenBy.SOLUTIONS:
         errors = standardized_errors(found, pooled)
     else:
@@ -76,7 +77,9 @@ def finish(
         law,
         uncertainty=replace(
             law.uncertainty,
-            inclusion_probabilities=inclusion_probabilities(template, compared),
+            inclusion_probabilities=(
+                None if found.chosen_by is ChosenBy.FORECASTS else inclusion_probabilities(template, compared)
+            ),
             widening=widening_of(errors),
         ),
         provenance=replace(
@@ -86,13 +89,24 @@ def finish(
                 *with_approximation(found, outcomes(template, problem, state)),
                 *differing_trials(problem, state),
             ),
-            alternatives=alternatives(template, compared),
+            alternatives=alternatives(template, compared, found.chosen_by),
             history=(*template.provenance.history, *history(template, problem, state, compared, found.chosen_by)),
         ),
     )
     others = other_laws(problem, state, law) if found.solver is not None else ()
     others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
     return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))
+
+
+def ranked_first(found: LawSearch) -> LawSearch:
+    """Return a search whose law is the best of those that the comparison of terms ranks ahead of it, once fitted."""
+    if found.solver is None:
+        return found
+    state = beside_those_ahead(found.problem, found.state)
+    if np.array_equal(state.supports, found.state.supports):
+        return replace(found, state=state)
+    problem, state = to_scale(found.problem, state)
+    return replace(found, problem=problem, state=state)
 
 
 def _different(found: LawSearch) -> list[LawSearch]:
@@ -121,20 +135,23 @@ def _ends(found: LawSearch) -> Floats:
 def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:
     """Return for each equation the terms that were chosen and those beside them, the other equations' being the same.
 
-    Of terms that are given, these are those of rivals alone.
+    Of terms that are given, these are those of rivals alone. What ranks ahead of the law could not be fitted, or its
+    solutions do not follow the steps of the likelihood: it was no law to choose from, and is left out.
     """
     laws = [(each.state.value - found.state.value, _names(each)) for each in found.rivals]
     first, compared = _names(found), []
     near = neighbours(found.problem, found.state) if found.solver is not None else [[] for _ in first]
     for j, (own, given) in enumerate(zip(first, found.template.support, strict=True)):
         named = [(names_in(found.template, each.support | given), each) for each in near[j]]
-        listed = {names: ComparedTerms(names, each.twice_log_bayes_factor, each.chosen) for names, each in named}
-        listed = listed or {own: ComparedTerms(own, 0.0, True)}
-        here = listed[own].twice_log_bayes_factor
-        for above, names in laws:
-            if names[:j] == first[:j] and names[j + 1 :] == first[j + 1 :]:
-                listed.setdefault(names[j], ComparedTerms(names[j], here + above, False))
-        compared.append(sorted(listed.values(), key=lambda each: each.twice_log_bayes_factor))
+        here = next((each.twice_log_bayes_factor for names, each in named if names == own), 0.0)
+        listed = {own: ComparedTerms(own, 0.0, True)}
+        for names, each in named:
+            listed.setdefault(names, ComparedTerms(names, each.twice_log_bayes_factor - here, False))
+        for above, of_rival in laws:
+            if of_rival[:j] == first[:j] and of_rival[j + 1 :] == first[j + 1 :]:
+                listed.setdefault(of_rival[j], ComparedTerms(of_rival[j], above, False))
+        kept = [each for each in listed.values() if each.difference >= 0]
+        compared.append(sorted(kept, key=lambda each: (each.difference, not each.chosen)))
     return compared
 
 

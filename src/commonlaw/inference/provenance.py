@@ -16,6 +16,7 @@ from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.support_search import MOST_TERMS
 from commonlaw.inference.unmeasured import unmeasured_in_words
 from commonlaw.law import Alternative, Law, Step
+from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema
 from commonlaw.wording import counted
@@ -28,10 +29,13 @@ _LIKELY = 0.01
 
 
 class ComparedTerms(NamedTuple):
-    """Terms of an equation by name, 2 log B of the best ones against them, and whether they were chosen."""
+    """Terms of an equation by name, and whether they were chosen.
+
+    The difference is 2 log B of the chosen ones against them, or twice that of log scores where forecasts chose.
+    """
 
     names: tuple[str, ...]
-    twice_log_bayes_factor: float
+    difference: float
     chosen: bool
 
 
@@ -40,16 +44,23 @@ def names_in(law: Law, support: Bools) -> tuple[str, ...]:
     return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
 
 
-def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> tuple[Alternative, ...]:
-    """Return the terms that each equation was chosen from, the best first."""
+def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_by: ChosenBy) -> tuple[Alternative, ...]:
+    """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
     found = []
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
-            if each.chosen or i < _LISTED or likely[i] > _LIKELY:
-                measures = {"2 log B": each.twice_log_bayes_factor, "probability": float(likely[i])}
+            if i < _LISTED or likely[i] > _LIKELY:
+                measures = _measures(each, float(likely[i]), chosen_by)
                 found.append(Alternative(equation, each.names, measures, False, each.chosen))
     return tuple(found)
+
+
+def _measures(each: ComparedTerms, probability: float, chosen_by: ChosenBy) -> dict[str, float | None]:
+    """Return what a law is ranked by; scores of forecasts are no evidence, and none if these diverge."""
+    if chosen_by is ChosenBy.FORECASTS:
+        return {LOG_SCORE: each.difference / 2 if np.isfinite(each.difference) else None}
+    return {"2 log B": each.difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
 
 
 def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> Floats:
@@ -72,7 +83,7 @@ def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]
 
 def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
     """Return how probable each set of terms is among those compared, by its evidence (Kass and Raftery 1995)."""
-    factors = np.array([each.twice_log_bayes_factor for each in listed])
+    factors = np.array([each.difference for each in listed])
     weights = np.exp((factors.min() - factors) / 2)
     return np.asarray(weights / weights.sum())
 
@@ -290,8 +301,7 @@ def _why(listed: Sequence[ComparedTerms], chosen_by: ChosenBy) -> str:
     if second is None:
         return "no other support was compared" if chosen_by is ChosenBy.EVIDENCE else chosen_by
     runner = ", ".join(second.names) or "no term"
-    ahead = second.twice_log_bayes_factor - chosen.twice_log_bayes_factor
-    ratio = np.exp(min(abs(ahead) / 2, 700))
-    if ahead < 0:
-        return f"{chosen_by} once fitted; before that, {runner} is {ratio:.3g} times more probable"
-    return f"{chosen_by}; the next, {runner}, is {ratio:.3g} times less probable"
+    ahead = second.difference - chosen.difference
+    if chosen_by is ChosenBy.FORECASTS:
+        return f"{chosen_by}; the next, {runner}, has a log score {ahead / 2:.3g} lower"
+    return f"{chosen_by}; the next, {runner}, is {np.exp(min(ahead / 2, 700)):.3g} times less probable"

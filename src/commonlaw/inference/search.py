@@ -267,6 +267,30 @@ def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchSta
     return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
 
 
+def beside_those_ahead(problem: SearchProblem, state: SearchState) -> SearchState:
+    """Return the best of a state and the supports next to it that have more evidence as linearised about it, fitted.
+
+    At most as many are fitted as laws are carried along.
+    """
+    starts, done = AlikeStarts(problem, state), {each.supports.tobytes() for each in (state, *state.alternatives)}
+    for _ in range(MOST):
+        ahead = [
+            (promise, supports)
+            for promise, supports in promised_near(problem, state)
+            if promise < state.value and supports.tobytes() not in done
+        ]
+        if not ahead:
+            break
+        _, supports = min(ahead, key=lambda each: each[0])
+        done.add(supports.tobytes())
+        with suppress(NotPositiveError):
+            start = restricted(problem, evidence_about(problem, state), state.estimates, supports)
+            for other in _comparable(problem, start, supports, state.model_error, starts):
+                best, rest = (other, state) if other.value < state.value else (state, other)
+                state = best.with_alternatives([*state.alternatives, rest])
+    return state
+
+
 def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:
     """Choose, or take given supports, and fit at one model error after the other; return what could be computed."""
     supports: Bools = problem.allowed

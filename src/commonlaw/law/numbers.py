@@ -9,6 +9,9 @@ from math import isfinite
 _DIGITS = 2
 """Significant digits of an error."""
 
+_LEAST_PROBABILITY = 1e-9
+"""Below it a probability is shown as such: the models that it is computed from are not known so well."""
+
 _MOST = 9
 """Significant digits of a number; where its error would ask for more, the two are written apart."""
 
@@ -48,6 +51,25 @@ def rounded(value: float, error: float) -> str:
     if not _PLAIN[0] <= size < _PLAIN[1]:
         return f"{value:.{size - last}e}"
     return f"{round(value, -last):z.{max(-last, 0)}f}"
+
+
+def shown_probability(value: float) -> float | str:
+    """Return a probability as tables show it: below 1e-9 its digits mean nothing.
+
+    >>> shown_probability(0.99683), shown_probability(3e-41), shown_probability(0.0)
+    (0.99683, '< 1e-9', '< 1e-9')
+    """
+    return "< 1e-9" if value < _LEAST_PROBABILITY else value
+
+
+def r_squared_text(value: float) -> str:
+    """Return R^2 to five digits, and where these are those of 1 how far below 1 it is.
+
+    >>> r_squared_text(0.98765432), r_squared_text(1 - 3.21e-7), r_squared_text(1.0), r_squared_text(-2.7)
+    ('0.98765', '1 - 3.2e-07', '1', '-2.7')
+    """
+    text = f"{value:.5g}"
+    return f"1 - {1 - value:.2g}" if text == "1" and value < 1 else text
 
 
 def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:

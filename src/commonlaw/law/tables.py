@@ -8,6 +8,7 @@ import pandas as pd
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.law.numbers import shown_probability
 from commonlaw.law.provenance import Alternative
 
 _MORE_TERMS = 2
@@ -15,11 +16,18 @@ _MORE_TERMS = 2
 MOST_DRAWS = 10_000_000
 """Draws of coefficients; more say nothing that these do not."""
 
-_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability")
+LOG_SCORE = "log score difference"
+"""How far forecasts of held-out data are less probable than those of the chosen law, in logarithms: 0 is best."""
+
+_MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", LOG_SCORE)
 """What is shown of a candidate, as far as it is there."""
 
-BAYES_FACTOR = "2 log B: twice the logarithm of how many times more probable the best is; above 10, out of the question"
-"""What stands beside a table with this measure."""
+MEANINGS = {
+    "2 log B": "2 log B: evidence against a law relative to the best; above 10 is very strong (Kass and Raftery 1995)",
+    LOG_SCORE: f"{LOG_SCORE}: how much less probable held-out data are by forecasts of a law, in logarithms; none if "
+    "they diverge",
+}
+"""What stands beside a table with one of these measures."""
 
 
 def coefficient_frame(
@@ -138,6 +146,8 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     measures = [name for name in _MEASURES if name in frame and others[name].notna().any()]
     frame["terms"] = [" + ".join(each.terms) or "0" for each in alternatives]
     frame[""] = np.where(frame["chosen"], "*", "")
+    if "probability" in measures:
+        frame["probability"] = frame["probability"].map(shown_probability)
     few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
     return frame.loc[few, ["", "equation", "terms", *measures]]
 

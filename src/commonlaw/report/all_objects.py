@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.law import Law
-from commonlaw.law.numbers import with_error
+from commonlaw.law.numbers import r_squared_text, with_error
 from commonlaw.law.spread import letter_values, strangest
 from commonlaw.law.text import MANY
 from commonlaw.plots import plot_intervals
@@ -36,8 +36,8 @@ def _intro(found: ManyFindings) -> str:
     )
     diverged = f" {found.diverged} of the forecasts run away." if found.diverged else ""
     return (
-        f"{found.forecast_of} were forecast, each from its own initial state: $R^2 = {found.score:.5g}$.{bands}"
-        f"{diverged} The verdict and the other parts of this page are about {shown} that stand for all, evenly "
+        f"{found.forecast_of} were forecast, each from its own initial state: $R^2 = {r_squared_text(found.score)}$."
+        f"{bands}{diverged} The verdict and the other parts of this page are about {shown} that stand for all, evenly "
         "by rank of how well they are forecast, the best and the worst among them."
     )
 

@@ -10,7 +10,8 @@ from commonlaw.experiments import suggestions
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.law import Forecast, Law
 from commonlaw.law.domain import Domain
-from commonlaw.law.tables import readable_candidates
+from commonlaw.law.numbers import r_squared_text
+from commonlaw.law.tables import MEANINGS, readable_candidates
 from commonlaw.plots import ForecastPanels, IntervalPanels, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
@@ -32,8 +33,9 @@ _MEASURES = {
     "held-out error": "Held-out error is the mean squared error on data that they were not fitted to.",
     "BIC": "BIC weighs the fit against the number of terms; lower is better.",
     "stability": "Stability is how often the least certain term is chosen again when trials are drawn anew.",
+    **{name: f"{text}." for name, text in MEANINGS.items()},
 }
-"""What measures of candidates by regression mean."""
+"""What measures of candidates mean."""
 
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
@@ -70,10 +72,7 @@ def _errors(case: LawCase, forecast: Forecast) -> pd.DataFrame:
 
 
 def _finite(score: float) -> str:
-    if not np.isfinite(score):
-        return r"-\infty"
-    # As many digits as tell it from 1
-    return f"{score:.{4 if score in (1, -np.inf) else max(4, int(np.ceil(1 - np.log10(1 - score))))}g}"
+    return r_squared_text(score) if np.isfinite(score) else r"-\infty"
 
 
 def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
@@ -210,10 +209,6 @@ def _what_compared(case: LawCase) -> str:
     """Return what the measures of candidates mean."""
     listed = case.law.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
-    if any("2 log B" in each.measures for each in listed):
-        caption += " 2 log B is 0 for the most probable, and above 10 for those out of the question."
-        if any(each.chosen and (each.measures.get("2 log B") or 0) > 0 for each in listed):
-            caption += " The law is the most probable once each is fitted; these numbers are from before that."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
     return caption

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-_NUMBER = re.compile(r"(-)?([\d.]*\d|∞)(?:e([-+]\d+))?")
-_SHOWN = re.compile(r"−?([\d.]*\d|∞)( × 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
+_NUMBER = re.compile(r"(< )?(-)?([\d.]*\d|∞)(?:e([-+]\d+))?")
+_SHOWN = re.compile(r"(< )?−?([\d.]*\d|∞)( × 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -20,8 +20,8 @@ def cell(value: object, digits: int) -> str:
 
     >>> cell(-0.123456, 3), cell(None, 3), cell(12, 3), cell("a-b", 3), cell("-0.50", 3), cell(True, 3)
     ('−0.123', '', '12', 'a-b', '−0.50', 'yes')
-    >>> cell(-1.2345e-7, 3)
-    '−1.23 × 10⁻⁷'
+    >>> cell(-1.2345e-7, 3), cell("< 1e-9", 3), cell(float("nan"), 3)
+    ('−1.23 × 10⁻⁷', '< 1 × 10⁻⁹', '')
     """
     match value:
         case None:
@@ -29,14 +29,16 @@ def cell(value: object, digits: int) -> str:
         case bool() | np.bool_():
             return "yes" if value else "no"
         case float() | np.floating():
-            text = f"{value:.{digits}g}".replace("inf", "∞")
+            text = "" if value != value else f"{value:.{digits}g}".replace("inf", "∞")
         case _:
             text = str(value)
     number = _NUMBER.fullmatch(text)
     if not number:
         return text
-    sign, size, power = number.groups()
-    return ("−" if sign else "") + size + (f" × 10{str(int(power)).translate(_RAISED)}" if power else "")
+    bound, sign, size, power = number.groups()
+    return (
+        (bound or "") + ("−" if sign else "") + size + (f" × 10{str(int(power)).translate(_RAISED)}" if power else "")
+    )
 
 
 def is_number(text: str) -> bool:
