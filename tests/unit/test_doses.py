@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
@@ -157,3 +158,56 @@ def test_what_is_no_dose_is_refused():
     )
     with pytest.raises(cl.CommonlawError, match="doses go without inputs that are not, here heat"):
         cl.fit("conc' = -k conc + dose/V + b heat", others, doses="dose")
+
+
+def dosed_before_measured(rng, k=0.3):
+    """A dose of 100 at the start, of which the first measurement is an hour later, and one of 50 at hour 5."""
+    times = np.array([1.0, 2.0, 3.5, 5.0, 6.0, 8.0])
+    conc = 10 * np.exp(-k * times) + np.where(times > 5, 5 * np.exp(-k * (times - 5)), 0)
+    return times, conc + 0.05 * rng.standard_normal(len(times))
+
+
+def test_a_trial_begins_at_a_dose_before_its_first_measurement():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    rows = [{"t": 0.0, "conc": np.nan, "dose": 100.0}]
+    rows += [{"t": t, "conc": c, "dose": 50.0 * (t == 5.0)} for t, c in zip(times, conc, strict=True)]
+    frame = pd.DataFrame(rows)
+    of_table = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
+    of_arrays = cl.Trials.from_arrays(
+        frame.t.to_numpy(), frame.conc.to_numpy(), inputs=frame.dose.to_numpy(), names=["conc", "dose"]
+    )
+
+    def left(p):
+        k, volume, first = p
+        begun = (first + 100 / volume) * np.exp(-k * times)
+        later = np.where(times > 5, 50 / volume * np.exp(-k * np.maximum(times - 5, 0)), 0)
+        return np.append(first, begun + later - conc)
+
+    k, volume, _ = least_squares(left, [0.3, 10.0, 0.0], xtol=1e-12, ftol=1e-12).x
+    for trials in (of_table, of_arrays):
+        law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
+        values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+        assert values["V"] == pytest.approx(volume, rel=5e-3)
+        assert values["k"] == pytest.approx(k, rel=5e-3)
+        forecast = law.predict(trials, start="all")
+        assert forecast.trials[0].times[0] == 0
+    assert len(of_table[0].rows(slice(1, None)).earlier) == 0
+
+
+def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    trials = cl.Trials.from_arrays(
+        [times, times], [conc, conc], inputs=[50.0 * (times == 5), 0 * times], object=["a", "b"], names=["conc", "dose"]
+    )
+    with pytest.raises(cl.CommonlawError, match="b has no dose before its last sample: give one in dose, or leave b"):
+        cl.fit(INJECTED, trials, doses="dose", **WHITE)
+
+
+def test_a_dose_before_several_states_were_measured_asks_for_their_values():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "y": [np.nan, *conc], "dose": [9.0] + [0.0] * 6})
+    trials = cl.Trials.from_frame(frame, time="t", states=["conc", "y"], inputs=["dose"])
+    with pytest.raises(
+        cl.CommonlawError, match="a dose at 0 is before the first measurement: give the values of conc, y"
+    ):
+        cl.fit("conc' = -k conc + dose/V; y' = conc - y", trials, doses="dose", **WHITE)

@@ -97,6 +97,7 @@ def fit(
         return
     with working("Fitting ...") as show:
         other = cl.Law.load(against) if against else None
+        source = replace(source, inputs=tuple(dict.fromkeys((*source.inputs, *doses))))
         later = LaterSteps()
         known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
         trials = load(source, [equations], [other] if other else (), known)

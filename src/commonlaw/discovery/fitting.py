@@ -100,9 +100,8 @@ def fit(
         measured is fitted there too.
     doses
         Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
-        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. Tables leave out rows in which
-        no state was measured, with doses in them, and note it; a `Trial` takes such samples. A dose before the first
-        measurement is where a trial starts, see `starts`.
+        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
+        its first measurement begins there, and the state counts as measured there: zero.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress, client
         See `refine`.
 

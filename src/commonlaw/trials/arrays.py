@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
-from commonlaw.trials.grouping import are_used, repeats_in_words
+from commonlaw.trials.grouping import are_used, inputs_before, repeats_in_words
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
@@ -75,10 +75,14 @@ def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
 def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:
     """Return a trial without its samples that are empty."""
     inputs, noise = (np.empty((0, 0)) if each is None else each for each in (inputs, noise))
+    earlier = np.empty((0, 0))
     if len(empty):
+        if np.size(inputs):
+            used = np.isin(np.arange(len(times)), empty, invert=True)
+            earlier = inputs_before(as_numbers(times), as_numbers(inputs).reshape(len(times), -1), used)
         times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
         inputs, noise = (np.delete(each, empty, axis=0) if np.size(each) else each for each in (inputs, noise))
-    return Trial(name, run, times, states, inputs, noise)
+    return Trial(name, run, times, states, inputs, noise, earlier=earlier)
 
 
 def _is_one(times: Any) -> bool:

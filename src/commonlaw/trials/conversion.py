@@ -113,8 +113,11 @@ def _converted(trial: Trial, how: _Conversions) -> Trial:
         inputs[:, j] = each.of(inputs[:, j])
     factors = [1.0 if log else each.scale for each, log in zip(how.states, how.logarithmic, strict=True)]
     repeats = None if trial.repeats is None else trial.repeats.scaled(np.array(factors))
-    times = how.time.of(trial.times)
-    return replace(trial, times=times, states=states, noise=noise, inputs=inputs, repeats=repeats)
+    earlier, by_column = trial.earlier.copy(), (how.time, *how.inputs)
+    for j, each in enumerate(by_column[: earlier.shape[1]]):
+        earlier[:, j] = each.of(earlier[:, j])
+    found = replace(trial, times=how.time.of(trial.times), states=states, noise=noise, inputs=inputs)
+    return replace(found, repeats=repeats, earlier=earlier)
 
 
 def _property(value: Property, how: Conversion | None) -> Property:

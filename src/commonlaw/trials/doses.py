@@ -18,7 +18,8 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     """Return trials in which some inputs, amounts at samples, are what is added in the moment after these.
 
     There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
-    integral is the amount.
+    integral is the amount. A trial whose first dose is before its first measurement begins there, with a state of zero
+    as if it had been measured.
 
     Parameters
     ----------
@@ -30,7 +31,8 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     Raises
     ------
     CommonlawError
-        If there is no such input, or other inputs beside them.
+        If there is no such input, or other inputs beside them; if an object has no dose; or if several states were
+        measured, and none of them at a first dose.
     """
     new = [name for name in doses if name not in trials.schema.doses]
     if not new:
@@ -42,8 +44,40 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         raise CommonlawError(
             f"doses go without inputs that are not, here {', '.join(others)}: these would need values in their moments"
         )
+    begun = [_from_first_dose(trial, trials.schema.measured) for trial in trials]
+    for owner in trials.objects:
+        if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
+            raise CommonlawError(
+                f"{owner} has no dose before its last sample: give one in {', '.join(doses)}, or leave {owner} out"
+            )
     schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
-    return replace(trials, trials=tuple(map(_with_moments, trials)), schema=schema)
+    return replace(trials, trials=tuple(map(_with_moments, begun)), schema=schema)
+
+
+def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:
+    """Return a trial that begins at its first dose, if that is before its first sample."""
+    if not len(trial.earlier):
+        return trial
+    times, amounts = trial.earlier[:, 0], trial.earlier[:, 1:]
+    if len(measured) > 1:
+        raise CommonlawError(
+            f"{trial.label}: a dose at {times[0]:g} is before the first measurement: give the values of "
+            f"{', '.join(measured)} there, 0 where nothing was before"
+        )
+    before = np.full((len(times), trial.states.shape[1]), np.nan)
+    before[0, 0] = 0.0
+    noise = np.full(before.shape, np.nan)
+    noise[0] = trial.noise[0]
+    count = len(times) + len(trial)
+    return replace(
+        trial,
+        times=np.concatenate([times, trial.times]),
+        states=np.concatenate([before, trial.states]),
+        inputs=np.concatenate([amounts, trial.inputs]),
+        noise=np.concatenate([noise, trial.noise]),
+        repeats=trial.repeats and trial.repeats.placed(np.arange(len(times), count), count),
+        earlier=np.empty((0, 0)),
+    )
 
 
 def _with_moments(trial: Trial) -> Trial:

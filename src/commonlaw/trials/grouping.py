@@ -101,7 +101,8 @@ def trials_of(
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
             times, states, inputs, noise = (each[rows[kept]] for each in cells)
-            made.append(Trial(group.object, group.trial, times, states, inputs, noise))
+            earlier = inputs_before(cells[0][rows], cells[2][rows], kept)
+            made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier))
             row_indices.append(rows[kept])
         else:
             empty.append(group.label)
@@ -127,6 +128,17 @@ def are_used(states: Floats, *, driven: bool) -> Bools:
     begun = np.logical_or.accumulate(measured)
     after = ~np.logical_or.accumulate(measured[::-1])[::-1]
     return np.asarray(measured | (begun & (after | driven)))
+
+
+def inputs_before(times: Floats, inputs: Floats, used: Bools) -> Floats:
+    """Return times and inputs of the rows before the first that is used, from the first input on that is not zero.
+
+    Shape (m, 1 + inputs).
+    """
+    before = slice(0, int(np.argmax(used)))
+    rows = np.column_stack([times[before], inputs[before]])
+    begun = np.logical_or.accumulate(rows[:, 1:].any(axis=1))
+    return rows[begun]
 
 
 def _back(times: Floats, group: Group) -> Codes:

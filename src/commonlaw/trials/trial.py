@@ -135,6 +135,9 @@ class Trial:
         everywhere where a state was measured. Default: not known.
     repeats
         How many measurements each state is the mean of, and how they scatter; None where each is one.
+    earlier
+        Times before the first sample at which an input was not zero, from the first of them on, and the inputs there,
+        shape (m, 1 + inputs), see `with_doses`. Default: none.
 
     Raises
     ------
@@ -151,6 +154,7 @@ class Trial:
     inputs: Floats = field(default_factory=lambda: np.empty((0, 0)))
     noise: Floats = field(default_factory=lambda: np.empty((0, 0)))
     repeats: Repeats | None = None
+    earlier: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
@@ -206,7 +210,9 @@ class Trial:
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
         parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise")}
-        return replace(self, **parts, repeats=None if self.repeats is None else self.repeats.taken(chosen))
+        repeats = None if self.repeats is None else self.repeats.taken(chosen)
+        is_whole = len(parts["times"]) > 0 and parts["times"][0] == self.times[0]
+        return replace(self, **parts, repeats=repeats, earlier=self.earlier if is_whole else np.empty((0, 0)))
 
     def std(self, typical: Floats) -> Floats:
         """Return the standard deviation of each state, shape (n, states).
