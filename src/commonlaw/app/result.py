@@ -16,6 +16,8 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
 from commonlaw.law.numbers import rounded, with_error
+from commonlaw.law.simplifying import within_errors
+from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
 from commonlaw.progress import Stage, part
 from commonlaw.report.formulas import coefficient_names, equation_parts
@@ -152,6 +154,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "evidence": candidate.evidence,
         "text": list(law.structure()) if law.shared else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
+        "simpler": said_within_errors(within_errors(law)),
         "left": law.left_hand_sides,
         "terms": _terms(law, law.support),
         "table": _table(law),

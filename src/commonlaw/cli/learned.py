@@ -144,8 +144,9 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
+        from commonlaw.law.simplifying import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
-        from commonlaw.law.text import MANY
+        from commonlaw.law.text import MANY, said_within_errors
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -165,6 +166,8 @@ class Learned:
                 self._show_parameters()
             else:
                 self._show_coefficients()
+            for line in said_within_errors(within_errors(law)):
+                say(f"\n{in_line(line)}")
         else:
             say(str(law))
             if len(law.objects) > MANY:

@@ -293,9 +293,11 @@ class Law(AbstractDelegates):
         return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:
+        from commonlaw.law.simplifying import within_errors
+
         own = self.provenance.equations and len(self.objects) == 1
         values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
-        return text.printed(self._body(), self.state_rates, values, self.outcomes)
+        return text.printed(self._body(), self.state_rates, values, within_errors(self), self.outcomes)
 
     def _body(self) -> list[str]:
         """Return the lines that hold the coefficients of all objects."""

@@ -1,6 +1,7 @@
-"""The way to the simplest form of a law: numbers become whole, ratios of small whole numbers, or each other."""
+"""The simplest form of a law: numbers become whole, ratios of small whole numbers, or each other, within errors."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -11,13 +12,18 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.equivalent_forms import right_hand_sides, shortest, symbol, symbolic
 from commonlaw.law.law import Law
+from commonlaw.law.numbers import rounded
 from commonlaw.law.simplification import Replacement, Simplification, p_value
 from commonlaw.law.vanishing_parts import without_vanishing_part
+from commonlaw.library.equation import split_equations
 
 if TYPE_CHECKING:
     import sympy
 
 _LARGEST_DENOMINATOR = 12
+
+_TOLERANCE = 2.0
+"""Standard errors: one in twenty numbers that are simple is not shown as such."""
 
 _BIT = 2 * np.log(2)
 """What a bit is worth in squared standard errors."""
@@ -32,15 +38,7 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     start = _Estimates.of(law)
     if shorter := without_vanishing_part(law, start.values[:-1], start.covariances[:-1], tolerance):
         return shorter.added_to(simplified(shorter.law, tolerance))
-    found, constraints = start, list[_Constraint]()
-    while True:
-        free = [each for each in _candidates(law, found, constraints) if each.gain(found, tolerance) > 0]
-        borne = [each for each in free if start.bear([*constraints, each], tolerance)]
-        if not borne:
-            break
-        best = max(borne, key=lambda each: each.gain(found, tolerance))
-        constraints.append(best)
-        found = start.given(constraints)
+    constraints, found = _constrained(law, start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
     gone = {each.letter for each in constraints}
     left = [i for i, name in enumerate(law.letters) if name not in gone]
@@ -54,6 +52,65 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         values=found.values[:-1, left],
         errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
     )
+
+
+def within_errors(law: Law) -> tuple[str, ...]:
+    """Return the equations with what letters are within their errors: one, minus one, another letter or its opposite.
+
+    Nothing if no letter is, or the law does not know how accurate it is. Of one object, the other letters are numbers:
+    those of largest likelihood then.
+    """
+    covariance = law.uncertainty.covariance
+    if covariance is None or not law.shared or law.explanation is not None or not np.isfinite(covariance).all():
+        return ()
+    constraints, found = _constrained(law, _Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
+    if not constraints:
+        return ()
+    errors = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0))
+    written = {name: (False, name) for name in law.letters}
+    if len(law.objects) == 1:
+        values = zip(law.letters, found.values[0].tolist(), errors.tolist(), strict=True)
+        written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
+    for each in constraints:
+        negative, text = (False, "1") if each.other is None else written[law.letters[each.other]]
+        written[each.letter] = (negative != (each.number < 0), text)
+    write = {name: (lambda _, own=own: own) for name, own in written.items()}
+    return tuple(_without_ones(each.with_numbers(write)) for each in split_equations(law.structure()))
+
+
+def _without_ones(equation: str) -> str:
+    """Return an equation without factors, divisors and exponents of one.
+
+    >>> _without_ones("u' = 3.44 1/(1^2 + w^2) - 1 u + v^1/1")
+    "u' = 3.44/(1 + w^2) - u + v"
+    """
+    one = r"(?<![\w.^])1(?![\w.])"
+    for pattern, instead in (
+        (rf"{one}\^[\d.]+", "1"),
+        (rf"(?<!/){one}(?: | ?\* ?)(?=[\w(])", ""),
+        (r"[/^]1(?![\w.])", ""),
+        (r"(?<=[\w)]) 1/", "/"),
+    ):
+        equation = re.sub(pattern, instead, equation)
+    return equation
+
+
+def _constrained(
+    law: Law,
+    start: "_Estimates",
+    tolerance: float,
+    is_wanted: "Callable[[_Constraint], bool]" = lambda _: True,
+) -> "tuple[list[_Constraint], _Estimates]":
+    """Return what is replaced, the largest gain first, as far as estimates bear all of it, and estimates given that."""
+    found, constraints = start, list[_Constraint]()
+    while True:
+        wanted = filter(is_wanted, _candidates(law, found, constraints))
+        free = [each for each in wanted if each.gain(found, tolerance) > 0]
+        borne = [each for each in free if start.bear([*constraints, each], tolerance)]
+        if not borne:
+            return constraints, found
+        constraints.append(max(borne, key=lambda each: each.gain(found, tolerance)))
+        found = start.given(constraints)
 
 
 @dataclass(frozen=True)

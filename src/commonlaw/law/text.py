@@ -192,16 +192,24 @@ def printed(
     body: Sequence[str],
     rates: Iterable[tuple[str, str]],
     values: Iterable[tuple[str, float, float]],
+    simpler: Sequence[str],
     outcomes: Sequence[Outcome],
 ) -> str:
     """Return a law as `print` shows it: its equations, what names stand for, and what a user should know.
 
-    Names are those of rates, with their states, and of coefficients with their values and standard errors.
+    Names are those of rates, with their states, and of coefficients with their values and standard errors. Equations
+    that are simpler within errors follow, if there are any.
     """
     known = [f"{name} = {with_error(value, np.nan_to_num(error))}" for name, value, error in values]
     meaning = ", ".join([*(f"{rate} = {state}'" for state, rate in rates), *known])
-    lines = [*body, *(["", f"with {meaning}"] if meaning else []), *(f"Note: {each}" for each in outcomes)]
+    lines = [*body, *(["", f"with {meaning}"] if meaning else []), *said_within_errors(simpler)]
+    lines += [f"Note: {each}" for each in outcomes]
     return "\n".join(map(in_line, lines))
+
+
+def said_within_errors(simpler: Sequence[str]) -> list[str]:
+    """Return the line that shows equations as they are within errors, if there are any."""
+    return [f"within errors: {'; '.join(simpler)}"] if simpler else []
 
 
 def summed(addends: Iterable[Addend], times: str) -> str:

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.text import aligned, latex_left_hand_sides
+from commonlaw.law.simplifying import within_errors
+from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
 from commonlaw.report.markup import code, formula, literal
 
 _LINE = 40
@@ -17,10 +18,14 @@ _MOST_OWN = 6
 
 
 def law_markdown(law: Law) -> str:
-    """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters."""
+    """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters.
+
+    What they are within errors follows, where that is simpler.
+    """
     if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
-    return _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
+    shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
+    return "\n\n".join([shown, *(literal(line) for line in said_within_errors(within_errors(law)))])
 
 
 def law_latex(law: Law) -> str:
