@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
+from commonlaw.hierarchy import informative, shrink
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.unit.estimates import measured
 
@@ -57,3 +58,40 @@ def test_what_is_known_and_single_objects_stay():
     assert single.partial_pooling() is single
     with pytest.raises(CommonlawError, match="does not know how accurate"):
         replace(law, uncertainty=replace(law.uncertainty, covariance=None)).partial_pooling()
+
+
+def plate(blanks, seed=0):
+    """Growth in wells, and wells in which nothing grows."""
+    source, times = np.random.default_rng(seed), np.arange(0, 12, 0.25)
+    wells = [0.7 / (1 + 13 * np.exp(-rate * times)) for rate in (0.9, 1.0, 1.1, 1.2)]
+    wells += [np.full(len(times), 0.1)] * blanks
+    measured = [own + 0.002 * source.standard_normal(len(times)) for own in wells]
+    names = [f"A{i}" for i in range(1, len(wells) + 1)]
+    return cl.Trials.from_arrays([times] * len(wells), measured, object=names, names=["OD"])
+
+
+def test_blanks_are_named_and_leave_the_pooling_of_the_other_wells_as_it_is():
+    law = cl.fit("OD' = a + b OD + c OD^2", plate(2), errors="white", noise={"OD": 0.002})
+    alone = cl.fit("OD' = a + b OD + c OD^2", plate(0), errors="white", noise={"OD": 0.002})
+    np.testing.assert_allclose(law.coefficients[:4], alone.coefficients, rtol=1e-6)
+    np.testing.assert_allclose(law.standard_errors[:4], alone.standard_errors, rtol=1e-6)
+    named = [each for each in law.outcomes if each.kind == "not identifiable"]
+    assert len(named) == 1
+    assert "2 objects (A5, A6)" in named[0].text
+    assert not alone.outcomes
+
+
+def test_an_object_that_says_nothing_of_one_coefficient_changes_no_other():
+    """As one whose input is never on: that coefficient is drawn to the mean of the others."""
+    source = np.random.default_rng(1)
+    covariances = np.tile(np.diag([1e-4, 1e-4]), (6, 1, 1))
+    estimates = np.array([1.0, -2.0]) + 0.05 * source.standard_normal((6, 2))
+    alone = shrink(estimates[:5], covariances[:5], np.full(2, np.nan))
+    estimates[5, 1], covariances[5, 1, 1] = 3e5, 1e12
+    found = shrink(estimates, covariances, np.full(2, np.nan))
+    np.testing.assert_allclose(found.estimates[:5, 1], alone.estimates[:, 1], atol=1e-3)
+    np.testing.assert_allclose(found.covariances[:5, 1, 1], alone.covariances[:, 1, 1], rtol=0.02)
+    assert found.estimates[5, 1] == pytest.approx(-2, abs=0.1)
+    np.testing.assert_array_equal(
+        informative(estimates, np.diagonal(covariances, axis1=1, axis2=2)).sum(axis=0), [6, 5]
+    )

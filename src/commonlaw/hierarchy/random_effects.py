@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 
 _STEP = np.sqrt(10)
 """Ratio of neighbouring variances that are tried: what is between them matters little."""
@@ -35,6 +35,9 @@ _PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
 """The same where variances are averaged over; the smallest and largest are so far beyond those that can be told from
 smaller and larger."""
 
+_LEAST_WEIGHT = 0.01
+"""Weight, of a typical one, below which an estimate does not count: it moves a mean by a tenth of an error."""
+
 _INFINITE = 1e6
 """Times the largest variance that is tried: infinite."""
 
@@ -45,7 +48,7 @@ WORST_CONDITION = 1e10
 """Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
 
 JITTER = 1 / WORST_CONDITION
-"""Of unit variances, for covariances that are singular to rounding."""
+"""Share of variances that is added to them, for covariances that are singular to rounding."""
 
 _Result = TypeVar("_Result")
 
@@ -210,10 +213,12 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     numpy.linalg.LinAlgError
         If a covariance is singular.
     """
-    units = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
+    # Harmonic means, to which objects that say next to nothing add nothing
+    units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
-    errors = covariances / np.outer(units, units) + JITTER * np.eye(len(units))
-    typical = errors.mean(axis=0)
+    scaled = covariances / np.outer(units, units)
+    errors: Floats = scaled + JITTER * scaled * np.eye(len(units))
+    typical = np.linalg.inv(np.linalg.inv(errors).mean(axis=0))
     if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
         back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
@@ -283,6 +288,21 @@ class _Posterior:
         prior = abs(np.gradient(self.shrinkage[:, parameter]))
         weights = prior * np.exp((self.deviance.min() - self.deviance) / 2)
         return np.asarray(weights / weights.sum())
+
+
+def informative(estimates: Floats, variances: Floats) -> Bools:
+    """Return which estimates count among others of the same coefficient, both of shape (objects, parameters).
+
+    Their errors have these variances. In a mean each has a weight of one over the variance of its error and that over
+    objects; those do not count whose weight is below a hundredth of a typical one, which is by means that are weighted
+    by precision, so that those that do not count do not change them.
+    """
+    precision = 1 / variances
+    total = precision.sum(axis=0)
+    mean = np.sum(precision * estimates, axis=0) / total
+    between = np.sum(precision * (estimates - mean) ** 2, axis=0) / total
+    typical = len(estimates) / total + between
+    return np.asarray(_LEAST_WEIGHT * variances < typical)
 
 
 def _symmetric(matrices: Floats) -> Floats:

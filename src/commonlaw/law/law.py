@@ -184,15 +184,16 @@ class Law(AbstractDelegates):
         CommonlawError
             If the law does not know how accurate its coefficients are, or is pooled already.
         """
-        from commonlaw.law.partial_pooling import partially_pooled, pooling_step
+        from commonlaw.law.partial_pooling import not_pooled, partially_pooled, pooling_step
 
         pooled = self.each_other(lambda law: law.partial_pooling(universal, others))
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
         if found is None:
             return self.with_others(pooled) if pooled else self
-        coefficients, uncertainty, shrinkage = found
+        coefficients, uncertainty, shrinkage, told = found
         step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
-        provenance = replace(self.provenance, history=(*self.history, step))
+        outcomes = (*self.outcomes, *not_pooled(self.objects, told))
+        provenance = replace(self.provenance, history=(*self.history, step), outcomes=outcomes)
         uncertainty = replace(uncertainty, other_laws=pooled)
         return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 

@@ -7,21 +7,27 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.hierarchy import shrink
+from commonlaw.hierarchy import informative, shrink
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
+from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.wording import counted
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
 
+_SHOWN = 5
+"""Objects that a note names."""
+
 
 def partially_pooled(
     coefficients: Floats, uncertainty: Uncertainty, support: Bools, universal: Bools | None, others: bool
-) -> tuple[Floats, Uncertainty, Floats] | None:
+) -> tuple[Floats, Uncertainty, Floats, Bools] | None:
     """Return coefficients drawn to their means over objects; None where nothing is to be drawn.
 
-    Beside them their uncertainty, and how far each was drawn, from 0 to 1, shape (equations, terms). The arguments are
-    those of `Law.partial_pooling`.
+    Beside them their uncertainty, how far each was drawn, from 0 to 1, shape (equations, terms), and which objects were
+    pooled, shape (objects,): objects whose trials say nothing of any coefficient, such as blanks among cultures, keep
+    their own. The arguments are those of `Law.partial_pooling`.
     """
     covariance = uncertainty.known_covariance()
     if uncertainty.shared_factor is not None:
@@ -32,15 +38,22 @@ def partially_pooled(
     if len(coefficients) == 1 or not free.any() or not (others or shared.any()):
         return None
     indices = np.argwhere(support)[free].T
+    told: Bools = np.ones(len(coefficients), dtype=np.bool_)
+    if not shared.any():
+        variances = np.diagonal(covariance, axis1=1, axis2=2)[:, free]
+        told = np.asarray(informative(coefficients[:, *indices], variances).any(axis=1))
     variances = np.where(shared[support][free], 0.0, np.nan if others else np.inf)
-    found = shrink(coefficients[:, *indices], covariance[:, free][:, :, free], variances)
+    if told.sum() < 2:
+        return None
+    found = shrink(coefficients[told][:, *indices], covariance[told][:, free][:, :, free], variances)
     pooled, errors, factor = coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
-    inner = np.ix_(np.arange(len(coefficients)), free, free)
-    pooled[:, *indices], errors[inner], factor[inner] = found.estimates, found.covariances, found.shared_factors
+    inner = np.ix_(told, free, free)
+    pooled[np.flatnonzero(told)[:, np.newaxis], *indices] = found.estimates
+    errors[inner], factor[inner] = found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
     own = OwnEstimates(coefficients[:, support], covariance)
-    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor, unpooled=own), shrinkage
+    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor, unpooled=own), shrinkage, told
 
 
 def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools, shrinkage: Floats) -> Step:
@@ -52,3 +65,13 @@ def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools,
         words.append(f"{terms[term]} in {equations[equation]}: {how} ({share:.2f})")
     reason = "how far each object's coefficient is drawn to the mean of all, by how much these scatter beyond errors"
     return Step("pooling", "; ".join(words), reason)
+
+
+def not_pooled(objects: Sequence[str], told: Bools) -> tuple[Outcome, ...]:
+    """Return that objects were not pooled, as their trials say nothing of their coefficients."""
+    left = [name for name, own in zip(objects, told, strict=True) if not own]
+    if not left:
+        return ()
+    which = f"{counted(len(left), 'object')} ({', '.join(left[:_SHOWN])}{', ...' if len(left) > _SHOWN else ''})"
+    text = f"the trials of {which} carry no information about the coefficients, which are not pooled with the others"
+    return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "leave them out if nothing happens there, as in blanks"),)
