@@ -12,7 +12,7 @@ from commonlaw.report import law_report, law_sections, to_page
 from commonlaw.report.document import Fold, Gallery, Table, Text
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.law_case import LawCase
-from commonlaw.report.law_sections import candidates, coefficients, forecasts
+from commonlaw.report.law_sections import coefficients, forecasts
 from commonlaw.report.markup import formula
 from commonlaw.verdict import find
 
@@ -238,11 +238,3 @@ def test_long_equations_go_on_in_further_lines():
     rows = law_latex(sure).splitlines()[1:-1]
     assert len(rows) == 6
     assert not any(row.strip("&= ").endswith("=") for row in rows)
-
-
-def test_candidates_that_were_more_probable_before_they_were_fitted_are_explained(law, drops):
-    listed = [replace(each, measures={"2 log B": 4.0 * each.chosen}) for each in law.alternatives]
-    second = replace(law, provenance=replace(law.provenance, alternatives=tuple(listed)))
-    said = [LawCase(find(each, drops), str) for each in (law, second)]
-    before = "these numbers are from before that"
-    assert [before in str(candidates(each).blocks) for each in said] == [False, True]

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -294,11 +295,10 @@ class Law(AbstractDelegates):
         return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:
-        from commonlaw.law.simplifying import within_errors
-
         own = self.provenance.equations and len(self.objects) == 1
         values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
-        return text.printed(self._body(), self.state_rates, values, within_errors(self), self.outcomes)
+        simpler = resolve_name("commonlaw.law.simplifying:within_errors")(self)
+        return text.printed(self._body(), self.state_rates, values, simpler, self.outcomes)
 
     def _body(self) -> list[str]:
         """Return the lines that hold the coefficients of all objects."""

@@ -57,11 +57,14 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
 def within_errors(law: Law) -> tuple[str, ...]:
     """Return the equations with what letters are within their errors: one, minus one, another letter or its opposite.
 
-    Nothing if no letter is, or the law does not know how accurate it is. Of one object, the other letters are numbers:
-    those of largest likelihood then.
+    Nothing if no letter is, or the law does not know how accurate estimates of each object by its own trials are. Of
+    one object, the other letters are numbers: those of largest likelihood then.
     """
-    covariance = law.uncertainty.covariance
-    if covariance is None or not law.shared or law.explanation is not None or not np.isfinite(covariance).all():
+    known = law.uncertainty
+    by_own_trials = known.shared_factor is None or known.unpooled is not None
+    if not (law.shared and by_own_trials and known.explanation is None):
+        return ()
+    if known.covariance is None or not np.isfinite(known.covariance).all():
         return ()
     constraints, found = _constrained(law, _Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
     if not constraints:
