@@ -217,7 +217,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
     scaled = covariances / np.outer(units, units)
-    errors: Floats = scaled + JITTER * scaled * np.eye(len(units))
+    errors = np.asarray(scaled + JITTER * scaled * np.eye(len(units)), dtype=np.float64)
     typical = np.linalg.inv(np.linalg.inv(errors).mean(axis=0))
     if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down

@@ -264,6 +264,18 @@ static void join_factors(const double *basis, const double *white, int64_t p, do
     }
 }
 
+/* Multiply the columns of each row with a power of 1 or -1 of the unit of its state. */
+static void times_units(const Model *model, double power, int64_t count, int64_t p, double *rows) {
+    const int64_t D = model->equations + model->rates, W = D + model->latent;
+    for (int64_t i = 0; i < count; ++i) {
+        const int64_t a = i % W;
+        if (a >= D) continue;
+        const double unit = model->unit[a];
+        double *row = rows + i * (p + 1);
+        for (int64_t r = 0; r < p; ++r) row[r] = power > 0 ? row[r] * unit : row[r] / unit;
+    }
+}
+
 /* Linearise the likelihood of one mesh: the factor of its rows, (p + 1) x (p + 1), and the log-determinant. */
 static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
                      const double *coefficients, double model_error, Vagueness beyond, int64_t p, double *factor,
@@ -281,7 +293,9 @@ static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_o
     if (!failed && !fill_rows(border, defects, own, count, p, rows)) failed = NOT_POSITIVE;
     if (!failed) {
         /* Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in */
+        times_units(model, -1, count, p, rows);
         orthogonalize(rows, count, p, p + 1, basis);
+        times_units(model, 1, count, p, rows);
         failed = commonlaw_whiten(model, mesh, states, model_error, beyond, start, end, rows, p + 1, result);
     }
     if (!failed) {

@@ -1,5 +1,6 @@
 """The simplest form of a law: numbers become whole, ratios of small whole numbers, or each other, within errors."""
 
+import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -260,8 +261,8 @@ def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
     """
     near = {Fraction(round(value * each), each) for each in range(1, _LARGEST_DENOMINATOR + 1)} - {Fraction(0)}
     for each in near:
-        bits = 2 + 2 * (np.log2(abs(each.numerator)) + np.log2(each.denominator))
-        yield _Constraint(letter, index, each, None, float(bits))
+        bits = 2 + 2 * (math.log2(abs(each.numerator)) + math.log2(each.denominator))
+        yield _Constraint(letter, index, each, None, bits)
 
 
 def _shortest(law: Law, constraints: Sequence[_Constraint]) -> tuple[str, ...]:

@@ -127,7 +127,7 @@ def _whitened(
     if not np.isfinite(library).all():
         raise NotPositiveError
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
-    basis, mixed = orthogonalized(library, free)
+    basis, mixed = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
     rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
@@ -147,19 +147,23 @@ def _whitened(
     return np.asfortranarray(white[np.repeat(mesh.contiguous, linear.defects.shape[1])]), log_determinant
 
 
-def orthogonalized(library: Floats, free: Bools) -> tuple[Floats, Floats]:
+def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tuple[Floats, Floats]:
     """Return columns that are orthogonal for each equation, and the matrix that gives the library of them.
 
-    The library has the free coefficients of one equation after the other as columns. Those of different equations are
-    far from alike, as each moves its own state most.
+    The library has the free coefficients of one equation after the other as columns, and a row for each defect. In
+    units of the states' noise, so that no state counts more than another, those of different equations are far from
+    alike, as each moves its own state most.
     """
-    counts = free.sum(axis=1)
+    counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.width))
+    units = np.tile(units, len(library) // len(units))[:, np.newaxis]
+    library = library / units
     if len(library) < counts.max(initial=0):
-        return np.linalg.qr(library)
+        basis, mixed = np.linalg.qr(library)
+        return units * basis, mixed
     basis, mixed, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
     for own in map(slice, ends - counts, ends):
         basis[:, own], mixed[own, own] = _orthogonal(library[:, own])
-    return basis, mixed
+    return units * basis, mixed
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:

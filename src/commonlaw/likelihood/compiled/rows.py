@@ -156,7 +156,7 @@ def _whitened(
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         raise NotPositiveError
     # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
-    basis, mixed = orthogonalized(columns, free)
+    basis, mixed = orthogonalized(columns, free, model)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
