@@ -100,8 +100,8 @@ def test_copies_of_rows_and_rows_that_a_column_tells_apart_are_refused():
     frame = rows().drop_duplicates("t")
     with pytest.raises(CommonlawError, match=r"the time 0 is there twice, .* with the same values wherever a time is"):
         read(pd.concat([frame, frame]).sort_values("t"))
-    rigs = pd.concat([frame.assign(rig=1), frame.assign(a=frame.a + 0.1, rig=2)]).sort_values("t")
-    with pytest.raises(CommonlawError, match="column 'rig' would do"):
+    rigs = pd.concat([frame.assign(w=1), frame.assign(a=frame.a + 0.1, w=2)]).sort_values("t")
+    with pytest.raises(CommonlawError, match="column 'w' would do"):
         read(rigs)
 
 
