@@ -136,6 +136,17 @@ def test_what_was_set_is_an_input(u, reason):
     assert roles_of(frame, inputs=[])[3:5] == (("x", "u"), ())
 
 
+def test_amounts_given_at_single_samples_are_said_to_be_interpolated(tmp_path):
+    frame = stacked([{"subject": i} for i in (3, 5, 8)], conc=decay).assign(amt=0.0)
+    frame.loc[frame["t"] == 0, "amt"] = 100.0
+    path = tmp_path / "drug.csv"
+    frame.to_csv(path, index=False)
+    for trials in (Trials.read(path), Trials.read(path, states="conc", inputs="amt")):
+        assert trials.schema.inputs == ("amt",)
+        assert any("amt is zero but for single samples" in note and "doses=['amt']" in note for note in trials.notes)
+    assert not any("single samples" in note for note in Trials.from_frame(frame.assign(amt=frame["t"] > 2)).notes)
+
+
 @pytest.mark.parametrize(
     "y",
     [

@@ -223,6 +223,11 @@ def only_product(coefficients: Sequence[tuple[str, int]]) -> str:
 def _left(text: str) -> Equation:
     left, sign, _ = text.partition("=")
     match = _LEFT.fullmatch(left.strip())
+    if sign and re.fullmatch(r"\w+|`[^`]+`", name := left.strip()):
+        raise CommonlawError(
+            f"{text!r} says what is measured, not how it changes: equations of measurement are not available; every "
+            f'equation begins with a rate such as "{name}\' =", and columns hold the states themselves'
+        )
     if not sign or match is None or len(match["primes"] or "") > 2:
         raise CommonlawError(
             f'cannot read {text!r}: an equation begins with "T\' =", "T\'\' =", "dT/dt =", "d2T/dt2 =" or "T[k+1] =", '

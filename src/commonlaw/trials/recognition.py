@@ -341,6 +341,16 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     return found if len(found) < len(names) else {}
 
 
+def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -> list[str]:
+    """Return the columns that are zero but for single samples, as amounts are that are added at once."""
+
+    def is_pulsed(values: Floats) -> bool:
+        given = [np.flatnonzero(values[rows]) for rows in trials]
+        return any(map(len, given)) and all((np.diff(each) > 1).all() for each in given) and bool(np.mean(values) > 0)
+
+    return [name for name in names if is_pulsed(readable(table, name))]
+
+
 def _span(values: Floats) -> float:
     """Return the range of the values that are there, 1 if they are all the same."""
     finite = values[np.isfinite(values)]

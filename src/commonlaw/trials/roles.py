@@ -20,6 +20,7 @@ from commonlaw.trials.recognition import (
     input_columns,
     object_column,
     other_clocks,
+    pulsed_inputs,
     readable,
     time_column,
     trial_column,
@@ -238,16 +239,21 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if not (states or wide or owner or trial or "object_name" in roles):
         wide = bool(alike := columns_of_one_quantity(table, numbers)) or None
         states = take(alike)
+    begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
+    order = np.lexsort((times, begun, runs, owners))
+    trials = np.split(order, _ends(owners[order], runs[order], np.asarray(begun)[order]))
     left_out: tuple[str, ...] = ()
     if not (wide and "wide" in roles) and "states" not in roles:
         left_out = take(other_clocks(table, numbers, times, owners * len(table) + runs))
         if "inputs" not in roles:
-            begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
-            order = np.lexsort((times, begun, runs, owners))
-            trials = np.split(order, _ends(owners[order], runs[order], np.asarray(begun)[order]))
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
     notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
+    notes += [
+        f"{name} is zero but for single samples, between which it is interpolated: if it holds amounts that are added "
+        f"at once, fit an equation with doses=[{name!r}]"
+        for name in pulsed_inputs(table, inputs, trials)
+    ]
     if not states:
         states = tuple(name for name in free if table.is_numeric(name))
         reasons |= dict.fromkeys(states[1:], "")  # which may be inputs
