@@ -67,6 +67,9 @@ def test_numbers_name_objects_under_the_name_of_one_and_trials_under_that_of_a_t
     frame = stacked([{"subject": i} for i in (101, 205, 317)], x=decay)
     assert roles_of(frame)[:2] == ("subject", "trial")
     assert roles_of(frame.rename(columns={"subject": "run"}))[:2] == ("object", "run")
+    groups = frame.assign(group=frame["subject"].map({101: "a", 205: "b", 317: "b"}))
+    assert roles_of(groups) == ("subject", "trial", "t", ("x",), (), {"group"})
+    assert roles_of(stacked(pairs("group", "mouse"), x=decay))[:2] == ("group", "mouse")
     assert roles_of(frame, object="", restarts="trials")[3:5] == (("x",), ("subject",))
 
 
@@ -167,6 +170,8 @@ def test_standard_deviations_go_with_the_state_that_their_name_has():
     assert trials.schema.noise_columns == {"x": "sd_x", "y": "y err"}
     assert trials.schema.states == ("x", "y", "sigma")
     assert Trials.from_frame(frame, noise_columns={}, properties=[]).schema.states[2:] == ("sd_x", "y err", "sigma")
+    mean = pd.DataFrame({"t": T, "OD mean": np.exp(-T), "OD sd": 0.1})
+    assert Trials.from_frame(mean).schema.noise_columns == {"OD mean": "OD sd"}
     assert Trials.from_frame(frame.assign(sd_x=0.0)).schema.noise_columns == {"y": "y err"}
 
 
@@ -176,7 +181,7 @@ def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_
     done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
     assert done.stderr.splitlines()[0] == (
         "Note: columns taken as time: t; object: Ball; trial: Drop; state: height; if not, say --time ..., "
-        "--object ..., --trial ..., --state ..., --input ..., --property ... or --noise-column ..."
+        "--object ..., --trial ..., --state ..., --input ..., --property ..., --noise-column ... or --wide ..."
     )
     frame.columns = ["object", "trial", "time", "x"]
     assert Trials.from_frame(frame).notes == ()

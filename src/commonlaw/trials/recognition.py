@@ -43,6 +43,7 @@ QUANTITIES = _vocabulary(
 """What one object may have several of."""
 _INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
+_MEAN = _vocabulary("mean avg average")
 _ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
 
 _OF_TIME = {"[time]": 1.0}
@@ -138,22 +139,21 @@ def _rises(table: Table, name: str) -> bool:
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
     """Return the column of these that names the objects, None if there is no such.
 
-    It is the one of text, but for what names trials; a column that another one determines is a property. Whole numbers
-    name objects only under a name such as ``id``.
+    It is the one of text, but for what names trials, or of whole numbers that are called like an individual; a column
+    that another one determines is a property.
 
     Raises
     ------
     CommonlawError
         If several are as likely.
     """
-    texts = [name for name in names if is_label(table, name, times) and not table.is_numeric(name)]
+    able = [name for name in names if is_label(table, name, times)]
+    texts = [name for name in able if not table.is_numeric(name)]
+    numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - _TRIAL)]
     pool = [name for name in texts if not is_called(name, _TRIAL)] or texts
-    pool = pool or [
-        name
-        for name in names
-        if is_label(table, name, times) and is_called(name, _OBJECT) and not is_called(name, _TRIAL)
-    ]
-    codes = {name: table.encoded(name)[0] for name in pool}
+    codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
+    # A number names an object alone if it is never used twice
+    pool += [name for name in numbers if all(_determines(codes[name], codes[text]) for text in pool)]
     finest = [name for i, name in enumerate(pool) if not any(_is_property(name, b, codes, i) for b in pool)]
     for likely in (
         finest,
@@ -295,7 +295,7 @@ def deviation_columns(table: Table, names: Sequence[str]) -> dict[str, str]:
         elif all(map(str.isdigit, rest)):
             fitting = [each for each in measured if words(each)[-len(rest) :] == rest]
         else:
-            fitting = [each for each in measured if words(each) == rest]
+            fitting = [each for each in measured if [word for word in words(each) if word not in _MEAN] == rest]
         if len(fitting) == 1 and fitting[0] not in pairs:
             pairs[fitting[0]] = name
     return pairs

@@ -31,7 +31,9 @@ from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_h
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns taken as "
 """What the line on guessed roles begins with."""
-_REMEDY = "if not, say time=..., object=..., trial=..., states=..., inputs=..., properties=... or noise_columns=..."
+_REMEDY = (
+    "if not, say time=..., object=..., trial=..., states=..., inputs=..., properties=..., noise_columns=... or wide=..."
+)
 
 
 class Roles(TypedDict, total=False):
