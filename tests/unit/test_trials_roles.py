@@ -121,7 +121,7 @@ def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
 
 
 @pytest.mark.parametrize(
-    ("u", "reason"),
+    ("force", "reason"),
     [
         (lambda t, i: (i + 1) * np.where((t > 1) & (t < 3), 5.0, 0.0), "held at levels"),
         (lambda t, i: np.repeat([0.0, 7.0, 3.0, 9.0, 1.0, 4.0, 8.0], 3) + i + 0 * t, "held at levels"),
@@ -131,12 +131,18 @@ def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
         (lambda t, i: np.round(np.sin(t + i), 3), "smooth to its last digit"),
     ],
 )
-def test_what_was_set_is_an_input(u, reason):
-    frame = stacked(pairs("rig", "run"), x=decay, u=u)
-    assert roles_of(frame) == ("rig", "run", "t", ("x",), ("u",), set())
-    assert f"input: u ({reason})" in Trials.from_frame(frame).notes[0]
-    assert roles_of(frame, states=["x", "u"])[3:5] == (("x", "u"), ())
-    assert roles_of(frame, inputs=[])[3:5] == (("x", "u"), ())
+def test_what_was_set_is_an_input(force, reason):
+    frame = stacked(pairs("rig", "run"), x=decay, F=force)
+    assert roles_of(frame) == ("rig", "run", "t", ("x",), ("F",), set())
+    assert f"input: F ({reason})" in Trials.from_frame(frame).notes[0]
+    assert roles_of(frame, states=["x", "F"])[3:5] == (("x", "F"), ())
+    assert roles_of(frame, inputs=[])[3:5] == (("x", "F"), ())
+
+
+def test_u_is_an_input_unless_it_is_a_velocity():
+    frame = pd.DataFrame({"t": T, "u": decay(T, 0), "y": decay(T, 1)})
+    assert roles_of(frame)[3:5] == (("y",), ("u",))
+    assert roles_of(frame.rename(columns={"y": "v"}))[3:5] == (("u", "v"), ())
 
 
 def test_amounts_given_at_single_samples_are_said_to_be_interpolated(tmp_path):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
@@ -149,3 +150,18 @@ def test_the_command_line_says_what_it_took_for_what_and_has_the_option(tmp_path
     assert "if not, say --time ..., --object ..." in guessed.stderr
     done = CliRunner().invoke(commonlaw, ["data", "check", path, "--wide", "OD [OD]"])
     assert done.stdout.startswith(f"{path}: 4 trials of 4 objects, states OD")
+
+
+def test_equations_name_what_was_measured_and_the_law_reads_such_tables_and_writes_a_program_for_them(tmp_path):
+    path, law_path = str(plate(tmp_path)), str(tmp_path / "law.json")
+    done = CliRunner().invoke(commonlaw, ["fit", "OD' = r OD", path, "--noise", "OD=0.001", "--save", law_path])
+    assert done.exit_code == 0, done.output
+    law = cl.Law.load(law_path)
+    assert law.objects == tuple(WELLS)
+    np.testing.assert_allclose(law.letter_values()[0][:, 0], [0.3, 0.4, 0.5, 0.6], rtol=1e-3)
+    done = CliRunner().invoke(commonlaw, ["predict", law_path, path])
+    assert "R^2 of all forecasts: 1" in done.output
+    made = {}
+    exec(law.to_script(path), made)
+    assert made["trials"].schema == law.schema
+    np.testing.assert_allclose(made["law"].coefficients, law.coefficients, rtol=1e-3)

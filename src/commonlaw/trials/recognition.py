@@ -43,6 +43,8 @@ QUANTITIES = _vocabulary(
 """What one object may have several of."""
 _INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
+_VELOCITIES = _vocabulary("v w")
+"""Beside which u is another velocity, and not an input."""
 _MEAN = _vocabulary("mean avg average")
 _ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
 
@@ -322,7 +324,7 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     found = dict[str, str]()
     for name, values in cells.items():
         runs = [values[rows] for rows in trials]
-        if is_called(name, _INPUT):
+        if is_called(name, _INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
             found[name] = "by its name"
         elif not np.isfinite(values).all() or np.ptp(values) == 0:
             continue
