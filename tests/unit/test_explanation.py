@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.inference import explanation
 from commonlaw.inference.explanation import effective_count, gain
 from commonlaw.outcomes import OutcomeKind
 
@@ -38,6 +39,14 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert "lack of fit" in lack.text
     verdict = law.verdict(delayed)
     assert (verdict.exact, verdict.none_exact) == (False, True)
+
+
+def test_of_laws_that_explain_whole_trials_none_is_taken_whose_forecasts_diverge(delayed, monkeypatch):
+    monkeypatch.setattr(explanation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
+    law = cl.discover(delayed, order=1, library="poly:1")
+    assert law.support.sum() == 2
+    assert OutcomeKind.APPROXIMATION in {each.kind for each in law.outcomes}
+    assert {*law.candidates().columns} & {"log score difference", "2 log B"} == {"log score difference"}
 
 
 def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trials_better(delayed):

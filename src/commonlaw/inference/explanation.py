@@ -12,7 +12,7 @@ with s^2 the mean square that the law with process noise (C) and its rival witho
 rival, n measurements, and n_eff independent ones that autocorrelated residuals are worth.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -22,7 +22,8 @@ from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import kind_of
-from commonlaw.inference.hypotheses import OF_LAWS
+from commonlaw.inference.forecast_choice import of_each_size, score_of_forecasts, weighed_by_forecasts
+from commonlaw.inference.hypotheses import OF_LAWS, Hypothesis
 from commonlaw.inference.law_search import ChosenBy, LawSearch, resolved
 from commonlaw.inference.provenance import LACKS_OF_FIT
 from commonlaw.inference.search import STRONG
@@ -36,11 +37,14 @@ Series = list[Floats]
 """Residuals of one state, trial by trial, each of shape (n,)."""
 
 
-def approximated(found: LawSearch, progress: ProgressCallback) -> LawSearch | None:
+def approximated(
+    found: LawSearch, progress: ProgressCallback, pool: Callable[[Law], Law] | None = None
+) -> LawSearch | None:
     """Return the law without process noise that explains whole trials better than the law that was found, if any does.
 
     The evidence for it must be strong, at the price of its coefficients (BIC), which were fitted to whole trials, and
-    it must explain more than a constant for each trial does.
+    it must explain more than a constant for each trial does. Of several the one of largest evidence is taken, but if
+    its forecasts of what was left out diverge: then the best forecaster of all, laws of fewer terms among them.
 
     Parameters
     ----------
@@ -48,6 +52,8 @@ def approximated(found: LawSearch, progress: ProgressCallback) -> LawSearch | No
         By `choose_errors`. Nothing is compared if its law has no process noise, or laws without were not fitted.
     progress
         Takes what is being done.
+    pool
+        How coefficients of objects learn from each other in forecasts; none where the terms are given.
     """
     if not has_process_noise(found):
         return None
@@ -63,8 +69,31 @@ def approximated(found: LawSearch, progress: ProgressCallback) -> LawSearch | No
         price = rival.size * len(rival.problem.models) * float(np.log(count))
         return min(gain(left, own), gain(left, means)) - price
 
-    best = max(rivals, key=worth)
-    return replace(resolved(best, progress), chosen_by=ChosenBy.SOLUTIONS) if worth(best) > STRONG else None
+    def explaining(listed: Iterable[LawSearch]) -> list[LawSearch]:
+        pairs = [(worth(each), each) for each in listed]
+        return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > STRONG]
+
+    listed = explaining(rivals)
+    if not listed:
+        return None
+    best = replace(listed[0], chosen_by=ChosenBy.SOLUTIONS)
+    if pool is not None and np.isneginf(score_of_forecasts(best, pool)):
+        smaller = explaining(each for rival in rivals for each in _of_fewer_terms(rival))
+        scores = [(score_of_forecasts(each, pool), each) for each in (*listed[1:], *smaller)]
+        most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
+        best = best if np.isneginf(most) else weighed_by_forecasts(first, 0.0)
+    return replace(resolved(best, progress), is_approximation=True)
+
+
+def _of_fewer_terms(found: LawSearch) -> Iterator[LawSearch]:
+    """Yield the likeliest law of each size below that of one among plain terms, under white noise."""
+    if found.solver is None:
+        return
+    hypothesis = Hypothesis("white", found.problem, found.state, found.state.alternatives)
+    for supports in of_each_size(hypothesis, found.solver, found.size - 1):
+        with suppress(CommonlawError, NotPositiveError):
+            problem, state = hypothesis.fit(supports)
+            yield replace(found, problem=problem, state=state)
 
 
 def has_process_noise(found: LawSearch) -> bool:
@@ -82,7 +111,7 @@ def _without_process_noise(found: LawSearch) -> Iterator[LawSearch]:
 
 def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law that was found; those of one by `approximated` say how large its lack of fit is."""
-    if found.chosen_by is not ChosenBy.SOLUTIONS:
+    if not found.is_approximation:
         return tuple(outcomes)
     schema, noise = found.problem.trials.schema, found.problem.first_noise
     left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(found)]

@@ -64,8 +64,8 @@ def finish(
     def pooled(law: Law) -> Law:
         return law.partial_pooling(universal(law), partial_pooling)
 
-    found = ranked_first(approximated(found, progress) or found)
-    if found.chosen_by is ChosenBy.SOLUTIONS:
+    found = ranked_first(approximated(found, progress, pooled) or found)
+    if found.is_approximation:
         errors = standardized_errors(found, pooled)
     else:
         found, errors = best_forecaster(found, kinds, pooled, progress)

@@ -65,8 +65,8 @@ def best_forecaster(
     if best is found:
         return found, own
     others = sorted((each for each in weighed if _may_be_right(each[1], best)), key=lambda each: -each[0])
-    rivals = tuple(_weighed(each, most - score) for score, each in others)
-    return replace(_weighed(best, 0.0), rivals=rivals), standardized_errors(best, pool)
+    rivals = tuple(weighed_by_forecasts(each, most - score) for score, each in others)
+    return replace(weighed_by_forecasts(best, 0.0), rivals=rivals), standardized_errors(best, pool)
 
 
 def _may_be_right(other: LawSearch, best: LawSearch) -> bool:
@@ -74,7 +74,7 @@ def _may_be_right(other: LawSearch, best: LawSearch) -> bool:
     return _errors_of(other) == _errors_of(best) and other.state.value < best.state.value
 
 
-def _weighed(found: LawSearch, less: float) -> LawSearch:
+def weighed_by_forecasts(found: LawSearch, less: float) -> LawSearch:
     """Return a law that is less probable by the logarithm of the probability of what was left out."""
     return replace(
         found,
@@ -83,6 +83,14 @@ def _weighed(found: LawSearch, less: float) -> LawSearch:
         rivals=(),
         chosen_by=ChosenBy.FORECASTS,
     )
+
+
+def score_of_forecasts(found: LawSearch, pool: Callable[[Law], Law]) -> float:
+    """Return the logarithm of how probable forecasts make what was left out; minus infinity if any diverges."""
+    with suppress(CommonlawError, NotPositiveError):
+        if errors := standardized_errors(found, pool, both_ways=_tell_by_halves(found)):
+            return _score(errors)
+    return -np.inf
 
 
 def _is_in_doubt(found: LawSearch, errors: Sequence[StandardizedErrors]) -> bool:
@@ -133,7 +141,7 @@ def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCall
     listed = dict[bytes, Bools]()
     known = (_errors_of(found), found.state.supports.tobytes()) if found.solver is not None else None
     for hypothesis in hypotheses(problem, plain.state, kinds, plain.solver, progress):
-        listed |= {each.tobytes(): each for each in _of_each_size(hypothesis, plain.solver, largest)}
+        listed |= {each.tobytes(): each for each in of_each_size(hypothesis, plain.solver, largest)}
     for supports in listed.values():
         under = under_each_kind(problem, supports, kinds)
         for group in GROUPS:
@@ -149,7 +157,7 @@ def _errors_of(found: LawSearch) -> ErrorKind:
     return "walk" if found.state.has_model_error else kind_of(found.problem.errors)
 
 
-def _of_each_size(hypothesis: Hypothesis, solver: AbstractSolver, largest: int) -> Iterable[Bools]:
+def of_each_size(hypothesis: Hypothesis, solver: AbstractSolver, largest: int) -> Iterable[Bools]:
     """Return the likeliest supports of each size."""
     pool = [each for each in hypothesis.pool(solver) if 0 < each.sum() <= largest]
     best = dict[int, Bools]()

@@ -77,6 +77,8 @@ class LawSearch:
         What the law and its rivals are weighed by.
     approximation
         Of a law with process noise: the law of largest evidence under white noise, which solutions fit best.
+    is_approximation
+        Whether the law was taken in place of one with process noise, as its solutions explain more.
     """
 
     template: Law
@@ -87,6 +89,7 @@ class LawSearch:
     rivals: "tuple[LawSearch, ...]" = ()
     chosen_by: ChosenBy = ChosenBy.EVIDENCE
     approximation: "LawSearch | None" = None
+    is_approximation: bool = False
 
     def fitted(self) -> Law:
         """Return the law with its coefficients and their errors."""
