@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw import datasets
@@ -102,7 +103,7 @@ def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("bounds", "unknown setting 'bounds': .*Known: starts, starts_at, doses, positive, .*, n_jobs, progress"),
+        ("bounds", "unknown setting 'bounds': .*Known: starts, starts_at, doses, universal, positive, .*, n_jobs, progress"),
         ("start", "unknown setting 'start': did you mean 'starts'?"),
     ],
 )
@@ -116,3 +117,61 @@ def test_a_law_without_coefficients_is_only_judged(drops):
     law = cl.fit("x'' = -9.8", drops)
     assert (law.coefficients == -9.8).all()
     assert law.noise[0] > 0
+
+
+def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_together():
+    """A' = -k1 A; B' = k1 A - k2 B with k1 of each object and one k2, against least squares of all measurements."""
+    times, source = np.linspace(0, 8, 25), np.random.default_rng(0)
+    rates, noise = (0.9, 0.3, 1.3), 0.02
+
+    def solution(k1, k2):
+        a = np.exp(-k1 * times)
+        return np.column_stack([a, k1 / (k2 - k1) * (a - np.exp(-k2 * times))])
+
+    measured = [solution(k1, 0.25) + noise * source.standard_normal((25, 2)) for k1 in rates]
+    trials = cl.Trials.from_arrays([times] * 3, measured, object=["a", "b", "c"], names=["A", "B"])
+    law = cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, universal="k2", errors="white", noise={"A": noise, "B": noise})
+
+    def left(p):
+        starts, own = p[4:].reshape(3, 2), []
+        for k1, (a, b), states in zip(p[1:4], starts, measured, strict=True):
+            found = a * solution(k1, p[0])
+            found[:, 1] += b * np.exp(-p[0] * times)
+            own.append(found - states)
+        return np.concatenate(own).ravel()
+
+    fit = least_squares(left, [0.25, *rates, *[1.0, 0.0] * 3])
+    error = noise * np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])
+    values, errors = law.letter_values()
+    shared = values[:, law.letters.index("k2")]
+    assert np.ptp(shared) < 1e-12
+    assert shared[0] == pytest.approx(fit.x[0], abs=0.1 * error)
+    assert errors[0, law.letters.index("k2")] == pytest.approx(error, rel=0.05)
+    assert np.ptp(values[:, law.letters.index("k1")]) > 0.5
+    with pytest.raises(cl.CommonlawError, match=r"k3.*Known: k2, k1"):
+        cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, universal="k3")
+
+
+@pytest.mark.parametrize(
+    ("equations", "message"),
+    [
+        ("y = c x (1 + x)", "equations of measurement are not available"),
+        ("x' = u(t - d) - k x", "delays are not available: shift the column u"),
+        ("x' = -k x if x > 1", "events and cases are not available"),
+    ],
+)
+def test_what_equations_cannot_say_is_refused_in_one_sentence(equations, message):
+    times = np.linspace(0, 5, 20)
+    trials = cl.Trials.from_arrays(times, np.exp(-times), inputs=np.sin(times), names=["x", "u"])
+    with pytest.raises(cl.CommonlawError, match=message):
+        cl.fit(equations, trials)
+
+
+def test_a_law_is_evaluated_without_the_time_where_no_term_depends_on_it():
+    ratio = cl.Law.from_text("s' = -V s/(K + s)", {"V": 2.0, "K": 1.0})
+    np.testing.assert_allclose(ratio.evaluate("object", [[1.0]]), [[-1.0]])
+    np.testing.assert_allclose(ratio.evaluate("object", [[1.0, 5.0]]), [[-1.0]])
+    driven = cl.Law.from_text("x' = A sin(w t) - x", {"A": 1.0, "w": 2.0})
+    for law, values in ((driven, [[1.0]]), (ratio, [[1.0, 0.0, 0.0]]), (ratio, [1.0, 2.0])):
+        with pytest.raises(cl.CommonlawError, match="are not those of the variables: give a column for each of"):
+            law.evaluate("object", values)

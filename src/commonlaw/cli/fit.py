@@ -46,6 +46,13 @@ from commonlaw.cli.working import working
     help='An input that holds amounts which are added at once, at the times of their rows, "c\' = -k c + dose/V"; '
     "repeat for more.",
 )
+@option(
+    "Table",
+    "--universal",
+    metavar="LETTER",
+    multiple=True,
+    help="A coefficient of the equations that all objects have in common; repeat for more.",
+)
 @with_likelihood
 @option(
     "Output",
@@ -62,6 +69,7 @@ def fit(
     starts: tuple[str, ...],
     starts_at: float | None,
     doses: tuple[str, ...],
+    universal: tuple[str, ...],
     settings: dict[str, Any],
     against: str | None,
     outputs: Outputs,
@@ -87,6 +95,7 @@ def fit(
     if cluster:
         source.check_streams()
         alone = {"--start": starts, "--starts-at": starts_at, "--dose": doses, "--against": against}
+        alone |= {"--universal": universal}
         if given := [name for name, value in alone.items() if value]:
             raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
@@ -102,7 +111,8 @@ def fit(
         known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
         trials = load(source, [equations], [other] if other else (), known)
         training = source.select(trials)
-        law = cl.fit(equations, training, starts=known, starts_at=starts_at, doses=doses, **settings, progress=show)
+        settings |= {"starts_at": starts_at, "doses": doses, "universal": universal}
+        law = cl.fit(equations, training, starts=known, **settings, progress=show)
         outputs.keep(law, later)
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
         if against and other:

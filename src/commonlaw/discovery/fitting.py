@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
@@ -63,6 +63,7 @@ def fit(
     starts: Mapping[str, Start] | None = None,
     starts_at: float | None = None,
     doses: str | Sequence[str] = (),
+    universal: str | Sequence[str] = (),
     **settings: Any,
 ) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
@@ -102,6 +103,10 @@ def fit(
         Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
         zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
         its first measurement begins there, and the state counts as measured there: zero.
+    universal
+        Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
+        object's own, as alike as the objects are. Their common value is the mean that is weighted by the information
+        of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress, client
         See `refine`.
 
@@ -124,9 +129,9 @@ def fit(
     for name in settings:
         check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
     if isinstance(trials, TrialStream):
-        if starts or doses:
+        if starts or doses or universal:
             raise CommonlawError(
-                "starts=... and doses=... do not go with a stream: give stream.read(), if the trials fit"
+                "starts=..., doses=... and universal=... do not go with a stream: give stream.read(), if the trials fit"
             )
         return _of_stream(equations, trials, **settings)
     refuse_client(settings.pop("client", None))
@@ -135,6 +140,7 @@ def fit(
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
     starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
+    universal = (universal,) if isinstance(universal, str) else tuple(universal)
     trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
     if doses:
         settings = {"input_between": "linear"} | settings
@@ -153,7 +159,7 @@ def fit(
     calls = (
         call(
             fit,
-            {"starts": starts or None, "starts_at": starts_at, "doses": doses, **settings},
+            {"starts": starts or None, "starts_at": starts_at, "doses": doses, "universal": universal, **settings},
             "cl.fit",
             repr(text),
             "trials",
@@ -166,7 +172,7 @@ def fit(
                 f"in laws of discrete time constants inside of terms are not fitted: give {names} as numbers, or "
                 f"correct them; variables: {', '.join(given.terms.variables.measured)}"
             )
-        law = _next_samples(given, trials, settings)
+        law = _next_samples(given, trials, settings | ({"universal": universal} if universal else {}))
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
@@ -176,10 +182,27 @@ def fit(
     provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
     settings = {"input_between": "auto"} | settings
     begun = with_constants_found(_unfitted(given, trials, provenance), trials, given.bounds, **settings)
-    law = refine(begun, trials, **settings)
+    shared = _coefficients_of(universal, begun)
+    others = bool(settings.get("partial_pooling", True))
+    law = refine(begun, trials, **settings | ({"partial_pooling": False} if universal else {}))
+    law = law.partial_pooling(shared, others) if universal else law
     outcomes = (*law.outcomes, *outcomes_of_constants(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
+    """Return which coefficients letters stand for, shape (equations, terms)."""
+    found, named = np.zeros(law.support.shape, dtype=np.bool_), {each.name: each for each in law.named_coefficients}
+    for letter in letters:
+        check_choice("coefficient", letter, [*named])
+        if len(named[letter].parts) > 1:
+            raise CommonlawError(
+                f"{letter} is a quotient or product of what stands before several terms, and cannot be common to all "
+                "objects alone: multiply the equation out, and name the coefficients of terms"
+            )
+        found[named[letter].equation, named[letter].term] = True
+    return found
 
 
 def _of_stream(

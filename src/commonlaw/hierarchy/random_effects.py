@@ -217,14 +217,14 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
     scaled = covariances / np.outer(units, units)
-    errors = np.asarray(scaled + JITTER * scaled * np.eye(len(units)), dtype=np.float64)
+    errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(len(units)))
     typical = np.linalg.inv(np.linalg.inv(errors).mean(axis=0))
     if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
         back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
         turn = np.linalg.inv(back)
         return shrink(own @ turn.T, turn @ errors @ turn.T, variances).mixed(units[:, np.newaxis] * back)
-    effects = RandomEffects(own, np.linalg.inv(errors))
+    effects = RandomEffects(own, np.asarray(np.linalg.inv(errors), dtype=np.float64))
     grids = _grids_beyond(effects)
     largest = np.array([grid[-1] for grid in grids])
     asked = {int(index): grids[index] for index in np.flatnonzero(np.isnan(variances))}

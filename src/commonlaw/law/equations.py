@@ -119,15 +119,29 @@ class AbstractEquations(ShownInNotebooks, ABC):
         name
             The object.
         values
-            The law's variables (states, rates, inputs, time), shape (n, variables).
+            The law's variables (states, rates, inputs, time), shape (n, variables). Time may be left out where no term
+            depends on it.
 
         Raises
         ------
         CommonlawError
-            If there is no such object.
+            If there is no such object, or the values are not those of the variables.
         """
-        own = self.coefficients_of(name)
-        return np.asarray(self.terms.evaluate(self.terms.at(np.asarray(values, dtype=np.float64), own)) @ own.T)
+        own, variables = self.coefficients_of(name), self.terms.variables
+        points, names = np.asarray(values, dtype=np.float64), variables.measured
+        time = variables.index(variables.time)
+        if points.ndim == 2 and points.shape[1] == len(names) - 1 and not self._depends_on(time):
+            points = np.insert(points, time, 0.0, axis=1)
+        if points.ndim != 2 or points.shape[1] != len(names):
+            raise CommonlawError(
+                f"values of shape {points.shape} are not those of the variables: give a column for each of "
+                f"{', '.join(names)}, one row for each point"
+            )
+        return np.asarray(self.terms.evaluate(self.terms.at(points, own)) @ own.T)
+
+    def _depends_on(self, column: int) -> bool:
+        """Return whether a term of the law has a variable in it."""
+        return any(column in self.terms.terms[k].columns() for k in np.flatnonzero(self.support.any(axis=0)))
 
     # How accurate they are
 

@@ -26,6 +26,8 @@ _TOKEN = re.compile(
     rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})(?P<mark>'|\[[kn]\])?"
     r"|(?P<sign>\*\*|[-+*/^()])|(?P<bad>\S))"
 )
+_DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
+_DELAYED = re.compile(r"\(\s*(?:t|time)\s*-")
 _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 """What is a coefficient before a parenthesis, and not the name of a function."""
 
@@ -176,6 +178,11 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
+    if conditional := next((each for each in parts_of(texts) if is_bound(each) and _DERIVATIVE.search(each)), None):
+        raise CommonlawError(
+            f"{conditional!r} has a condition: events and cases are not available; fit the parts of trials apart, or "
+            "write a switch as an input"
+        )
     found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
     if not found:
         raise CommonlawError('there is no equation: write one like "T\' = a + b T"')
@@ -414,6 +421,8 @@ class _Reader:
                 self._fail(token, f"{name}' is no rate that the right-hand side may hold")
             return _Token("name", self.rates[name], token.position)
         if name in self.variables.names:
+            if _DELAYED.match(rest):
+                self._fail(token, f"delays are not available: shift the column {name} in the table, and write {name}")
             if rest.startswith("("):
                 self._fail(token, f"{name} is a variable, not a function: write products with '*', variables alone")
         elif not token.text.startswith("`"):
