@@ -103,7 +103,7 @@ def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("bounds", "unknown setting 'bounds': .*Known: starts, starts_at, doses, universal, positive, .*, n_jobs, progress"),
+        ("bounds", "unknown setting 'bounds': .*Known: starts, starts_at, doses, universal, .*, n_jobs, progress"),
         ("start", "unknown setting 'start': did you mean 'starts'?"),
     ],
 )
