@@ -107,6 +107,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         learned = self.hold_out if self.law is None else HoldOut()
         columns = self.columns
         reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
+        reading |= {role: "" for role in ("object", "trial") if getattr(columns, role) == ""}
         return Source(table.name, table.dataset, columns.properties, learned.written, reading)
 
 

@@ -49,8 +49,14 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
     """Return what the rows of a whole table make, see `Trials.read`."""
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
     time = time_of(table, said)
-    columns = column_roles(_samples(table, time), said, time)
-    rows = _long_rows(table, default_object, said, columns) if columns.wide else read_rows(table, default_object, said)
+    samples = _samples(table, time)
+    columns = column_roles(samples, said, time)
+    if columns.wide:
+        rows = _long_rows(table, default_object, said, columns)
+    elif len(samples) < len(table):
+        rows = read_rows(table, default_object, said)
+    else:
+        rows = _rows(samples, default_object, said, columns, columns)
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -81,21 +87,26 @@ def _long_rows(table: Table, default_object: str, roles: Reading, columns: Colum
     named: Reading = {
         "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs, "noise_columns": noise,
     }  # fmt: skip
-    rows = read_rows(long, default_object, {**roles, **named}, columns)
+    long = with_dates_as_times(long, columns.time)
+    rows = _rows(
+        long, default_object, {**roles, **named}, column_roles(long, {**roles, **named}, columns.time), columns
+    )
     schema = replace(rows.data.schema, wide=columns.states)
     return replace(
         rows, data=rows.data._replace(schema=schema), row_indices=tuple(origin[own] for own in rows.row_indices)
     )
 
 
-def read_rows(table: Table, default_object: str, roles: Reading, shown: ColumnRoles | None = None) -> Rows:
-    """Return the trials in a table, which may end within a trial, whose columns have these roles.
-
-    Those of a wide table are `shown` in place of those of the long one that was made of it.
-    """
+def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
+    """Return the trials in a table, which may end within a trial."""
     time = time_of(table, roles)
     table = with_dates_as_times(table, time)
     columns = column_roles(table, roles, time)
+    return _rows(table, default_object, roles, columns, columns)
+
+
+def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
+    """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
     if columns.object is not None and "object_name" in roles:
         raise CommonlawError(f"{table.source}: column {columns.object!r} names the objects: leave object_name=... out")
     owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or default_object)
@@ -111,12 +122,11 @@ def read_rows(table: Table, default_object: str, roles: Reading, shown: ColumnRo
     groups = groups_of(owners, objects, runs, labels)
     cells = read_cells(located, schema)
     found = trials_of(table, cells, groups, roles.get("restarts"), named=columns.trial is not None)
-    if shown is not None:
-        columns = replace(shown, properties=columns.properties, notes=(*shown.notes, *columns.notes))
-    remarks = (*table.notes, *spelled, *spelled_runs, *columns.lines, *known.notes, *found.notes)
+    shown = replace(shown, properties=columns.properties, notes=tuple(dict.fromkeys((*shown.notes, *columns.notes))))
+    remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *found.notes)
     nameless = columns.object is None and "object_name" not in roles
-    data = TrialData(found.trials, schema, known.values, tuple(dict.fromkeys(remarks)), nameless)
-    return Rows(data, found.empty, found.row_indices, columns)
+    data = TrialData(found.trials, schema, known.values, remarks, nameless)
+    return Rows(data, found.empty, found.row_indices, shown)
 
 
 def _schema(table: Table, roles: Reading, columns: ColumnRoles, known: Properties) -> Schema:

@@ -118,7 +118,9 @@ export async function takeColumns(last) {
   const selects = [...$("columns").querySelectorAll("select")];
   if (SINGLE.includes(last?.value)) for (const each of selects) if (each !== last && each.value === last.value) each.value = "";
   const all = role => selects.filter(({ value }) => value === role).map(each => each.dataset.column);
-  state.columns = { object: all("object")[0] ?? "", trial: all("trial")[0] ?? "", time: all("time")[0] ?? null, states: all("state"), inputs: all("input"), properties: all("property") };
+  // What the reader took for labels is none where the user chose so
+  const label = role => all(role)[0] ?? (state.columns[role] === "" || state.preview.recognised[role] ? "" : null);
+  state.columns = { object: label("object"), trial: label("trial"), time: all("time")[0] ?? null, states: all("state"), inputs: all("input"), properties: all("property") };
   Object.assign(state.columns, { wide: $("wide").value.trim() || null, restarts: $("restarts").checked ? "trials" : null });
   await trying("failure", recognise);
 }

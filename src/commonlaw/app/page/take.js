@@ -48,7 +48,7 @@ function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const said = ["commonlaw", ...chosen ? ["discover"] : ["fit", text.join("; ")], preview.name];
-  for (const role of ["object", "trial", "time"]) if (columns[role]) said.push(`--${role}`, columns[role]);
+  for (const role of ["object", "trial", "time"]) if (columns[role] || columns[role] === "") said.push(`--${role}`, columns[role]);
   for (const [option, role] of [["--state", "states"], ["--input", "inputs"], ["--property", "properties"]]) for (const name of columns[role] ?? []) said.push(option, name);
   if (columns.wide) said.push("--wide", columns.wide);
   if (columns.restarts) said.push("--restarts", columns.restarts);
