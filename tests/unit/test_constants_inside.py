@@ -360,3 +360,34 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
     for name, unit in units.items():
         assert (found[name] is None) == (unit is None), (name, found)
         assert unit is None or parse_unit(found[name] or "dimensionless") == parse_unit(unit or "dimensionless")
+
+
+FORMS = [
+    ("x' = a sin(w t) + b cos(u t)", {"w": 0.3, "u": 1.1}),
+    ("x' = a sin(w t + p) + b sin(u t + q)", {"w": 0.3, "u": 1.1}),
+    ("x' = a sin(2 pi t/P) + b cos(2 pi t/Q)", {"P": 2 * np.pi / 0.3, "Q": 2 * np.pi / 1.1}),
+]
+
+
+@pytest.mark.parametrize(("equation", "truth"), FORMS, ids=[each[0] for each in FORMS])
+def test_several_unknown_frequencies_or_periods_are_found_whatever_their_form(equation, truth):
+    times = np.linspace(0, 40, 120)
+    motion = 3 + np.cos(0.3 * times) + 0.5 * np.sin(1.1 * times)
+    motion = motion + 0.05 * np.random.default_rng(0).standard_normal(120)
+    law = cl.fit(equation, cl.Trials.from_arrays(times, motion, names=["x"]), errors="white")
+    values = dict(zip(law.letters, np.abs(law.letter_values()[0][0]), strict=True))
+    names = list(truth)
+    found = sorted(values[name] for name in names)  # Two sines may exchange what they stand for
+    np.testing.assert_allclose(found, sorted(truth.values()), rtol=0.01)
+    assert law.noise[0] == pytest.approx(0.05, rel=0.2)
+
+
+def test_values_between_two_bounds_are_tried_where_no_others_are():
+    times = np.linspace(0, 40, 120)
+    motion = np.cos(0.3 * times) + 0.4 * np.cos(1.1 * times)
+    motion = motion + 0.02 * np.random.default_rng(0).standard_normal(120)
+    trials = cl.Trials.from_arrays(times, motion, names=["x"])
+    law = cl.fit("x' = a sin(w t) + b sin(u t); 0.295 < w < 0.305; u > 0.5", trials, errors="white")
+    values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+    assert values["w"] == pytest.approx(0.3, abs=0.005)
+    assert values["u"] == pytest.approx(1.1, abs=0.01)

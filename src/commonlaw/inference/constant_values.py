@@ -30,12 +30,26 @@ _PER_CYCLE, _PER_CYCLE_ALONE = 4, 16
 the only one where no phase is sought."""
 
 _MOST_FREQUENCIES = 1000
-_MOST = 3000
+MOST_COMBINATIONS = 3000
 """Combinations that are tried; of more, as many are drawn."""
 
 
 def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Floats:
-    """Return combinations of values of constants, shape (combinations, constants).
+    """Return combinations of the values of `values_of_each`, shape (combinations, constants)."""
+    return combined(values_of_each(terms, values, columns))
+
+
+def combined(banks: Sequence[Floats]) -> Floats:
+    """Return combinations of the values of each constant, shape (combinations, constants)."""
+    counts = [len(each) for each in banks]
+    chosen = np.arange(int(np.prod(counts, dtype=float)))
+    if len(chosen) > MOST_COMBINATIONS:
+        chosen = np.random.default_rng(0).choice(len(chosen), MOST_COMBINATIONS, replace=False)
+    return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
+
+
+def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:
+    """Return the values that each constant is tried at.
 
     Parameters
     ----------
@@ -52,12 +66,7 @@ def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Float
     names = [f"v{i}" for i in range(len(terms.variables.names))]
     for term in terms.terms:
         _look(ast.parse(term.expression(names), mode="eval").body, None, values, steps, found)
-    banks = [found.get(column, _both_signs(_ANY)) for column in columns]
-    counts = [len(each) for each in banks]
-    chosen = np.arange(int(np.prod(counts, dtype=float)))
-    if len(chosen) > _MOST:
-        chosen = np.random.default_rng(0).choice(len(chosen), _MOST, replace=False)
-    return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
+    return [found.get(column, _both_signs(_ANY)) for column in columns]
 
 
 def divisors(terms: Terms, first: int | None = None) -> list[str]:
@@ -119,6 +128,8 @@ def _look(
                     other_size = _size(other, values)
                     if angle and isinstance(op, ast.Mult) and isinstance(own, ast.Name) and other_size is not None:
                         found.setdefault(int(own.id[1:]), _frequencies(other, values, steps.per_cycle))
+                    if angle and isinstance(op, ast.Div) and isinstance(own, ast.Name) and own is right and other_size:
+                        found.setdefault(int(own.id[1:]), 1 / _frequencies(other, values, steps.per_cycle))
                     _look(own, _SIZES[type(op)](size, other_size, first), values, steps, found, angle)
 
 

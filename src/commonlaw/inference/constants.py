@@ -18,7 +18,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.alike_objects import best_fits, drawn_together, every_way, usual_of_best
-from commonlaw.inference.constant_values import divisors, values_to_try
+from commonlaw.inference.constant_values import MOST_COMBINATIONS, combined, divisors, values_of_each
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.integral_matching import Integrals
 from commonlaw.inference.poles import has_pole, values_along
@@ -28,7 +28,7 @@ from commonlaw.inference.told_constants import SURE
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.library import Order, Terms
-from commonlaw.library.bounds import Bound
+from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -58,6 +58,12 @@ _STEPS = 50
 
 _ALIKE = 0.01
 """Deviances that differ by less say the same of the rates."""
+
+_WITHIN = 9
+"""Values between two bounds that are tried at least."""
+
+_SWEEPS = 5
+"""How often all constants are sought again, each given the others, at most."""
 
 _SHARE = 0.1
 """Of a direction that nothing tells: what counts as part of it."""
@@ -177,11 +183,12 @@ def with_constants_found(
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
     with threads(n_jobs):
         rates = _of_rates(setup)
-        bank, deviances = _banked(setup.law, rates)
+        banks = _within(_banks(setup.law, rates), setup.law, bounds)
+        bank, deviances = _banked(setup.law, rates, banks)
         least = bank[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
-        starts = _starts(setup.law, _of_integrals(problem), bounds, bank, deviances)
+        starts = _starts(setup.law, _of_integrals(problem), bounds, banks, bank, deviances)
         inside = rates[0].inside
         _check_identifiable(setup.law, rates, [own[inside] for own in starts[-1]])
         found = _best_of_each(problem, starts)
@@ -265,11 +272,28 @@ def _of_integrals(problem: SearchProblem) -> list[_Profile]:
     return found
 
 
-def _banked(law: Law, profiles: Sequence[_Profile]) -> tuple[Floats, Floats]:
+def _banks(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
+    """Return the values that each constant is tried at."""
+    return values_of_each(law.terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
+
+
+def _within(banks: Sequence[Floats], law: Law, bounds: Sequence[Bound]) -> list[Floats]:
+    """Return the values within the bounds of each constant, and where these are close, values evenly between them."""
+    found = list[Floats]()
+    for name, bank in zip(law.terms.variables.constants, banks, strict=True):
+        low, high = limits_of(name, bounds)
+        inside = bank[(bank > low) & (bank < high)]
+        if len(inside) < _WITHIN and np.isfinite(high - low):
+            inside = np.concatenate([inside, np.linspace(low, high, _WITHIN + 2)[1:-1]])
+        found.append(inside)
+    return found
+
+
+def _banked(law: Law, profiles: Sequence[_Profile], banks: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Return values of constants that are tried, shape (values, constants), and their deviances for each object."""
-    bank = values_to_try(law.terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
+    bank = combined(banks)
     deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in bank], profiles))
-    if not np.isfinite(deviances).any(axis=1).all():
+    if not len(bank) or not np.isfinite(deviances).any(axis=1).all():
         raise _without_values(law)
     return bank, deviances
 
@@ -283,19 +307,59 @@ def _without_values(law: Law) -> CommonlawError:
 
 
 def _starts(
-    law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], bank: Floats, deviances: Floats
+    law: Law,
+    profiles: Sequence[_Profile],
+    bounds: Sequence[Bound],
+    banks: Sequence[Floats],
+    bank: Floats,
+    deviances: Floats,
 ) -> list[Floats]:
     """Return coefficients to begin with, each of shape (objects, equations, terms).
 
     First with constants that are best for all objects together, then with others for all of them that differ, then with
     those that are best for each.
     """
-    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0))[:_TOGETHER]
-    alone = in_parallel(lambda each, own: _best(law, [each], bounds, bank, own)[:1], profiles, deviances)
+    swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
+    if np.prod([len(each) for each in banks], dtype=float) > MOST_COMBINATIONS:
+        best = [bank[i] for i in np.argsort(deviances.sum(axis=0), kind="stable")[:_TOGETHER]]
+        swept = [_swept(profiles, banks, each) for each in best]
+        swept_alone = in_parallel(lambda each: [_swept([each], banks, own) for own in swept[:1]], profiles)
+    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0), swept)[:_TOGETHER]
+    alone = in_parallel(
+        lambda each, own, more: _best(law, [each], bounds, bank, own, [*swept, *more])[:1],
+        profiles,
+        deviances,
+        swept_alone,
+    )
     if not all(alone):
         raise _without_values(law)
     starts = [*([each] * len(profiles) for each in together), [own for (own,) in alone]]
     return [np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts]
+
+
+def _swept(profiles: Sequence[_Profile], banks: Sequence[Floats], begin: Floats) -> Floats:
+    """Return the constants that leave least of all values of one of them, given the others, one after the other.
+
+    Of several frequencies this is the periodogram of what the others leave, again and again (the relaxation of Li and
+    Stoica 1996), where their combinations are too many to be tried.
+    """
+
+    def left(constants: Floats) -> float:
+        return sum(each.deviance(constants) for each in profiles)
+
+    now, value = begin, left(begin)
+    for _ in range(_SWEEPS):
+        before = value
+        for i, bank in enumerate(banks):
+            tried = np.tile(now, (len(bank), 1))
+            tried[:, i] = bank
+            values = [left(each) for each in tried]
+            best = int(np.argmin(values))
+            if values[best] < value:
+                now, value = tried[best], values[best]
+        if not value < before - _ALIKE:
+            break
+    return now
 
 
 def _columns(profile: _Profile) -> list[int]:
@@ -305,9 +369,16 @@ def _columns(profile: _Profile) -> list[int]:
 
 
 def _best(
-    law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], bank: Floats, deviances: Floats
+    law: Law,
+    profiles: Sequence[_Profile],
+    bounds: Sequence[Bound],
+    bank: Floats,
+    deviances: Floats,
+    swept: Sequence[Floats],
 ) -> list[Floats]:
     """Return the constants that leave least of the rates of some objects, from ones of a bank that differ.
+
+    Constants that were found by sweeps are begun with, too.
 
     Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has a
     name is above zero, and then the smaller ones.
@@ -319,8 +390,9 @@ def _best(
         return all(bound.holds(letters[bound.name].of(own)) for bound in bounds for own in coefficients)
 
     listed = [bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
-    begun = [*islice(filter(holds, listed), _BEST), *_different(listed, holds)]
-    found = [*begun, *filter(holds, (_refined(profiles, each) for each in begun))]
+    begun = [*filter(holds, swept), *islice(filter(holds, listed), _BEST), *_different(listed, holds)]
+    limits = np.array([limits_of(name, bounds) for name in law.terms.variables.constants]).reshape(-1, 2).T
+    found = [*begun, *filter(holds, (_refined(profiles, each, limits) for each in begun))]
     values = [sum(each.deviance(own) for each in profiles) for own in found]
 
     def unusual(constants: Floats) -> tuple[int, float]:
@@ -346,8 +418,8 @@ def _is_near(one: Floats, other: Floats) -> bool:
         return bool((np.abs(np.log(one / other)) < np.log(_FACTOR)).all())
 
 
-def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
-    """Return the constants that leave least of the rates near some values."""
+def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:
+    """Return the constants that leave least of the rates near some values, between limits, shape (2, constants)."""
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
@@ -359,7 +431,8 @@ def _refined(profiles: Sequence[_Profile], begin: Floats) -> Floats:
         whole = np.concatenate([own / size for own, size in pairs])
         return np.where(np.isfinite(whole), whole, _FAR)
 
-    return np.asarray(begin * least_squares(left, np.ones_like(begin), max_nfev=_STEPS).x)
+    low, high = np.sort(limits / begin, axis=0)
+    return np.asarray(begin * least_squares(left, np.ones_like(begin), bounds=(low, high), max_nfev=_STEPS).x)
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Sequence[Floats]) -> None:

@@ -36,6 +36,12 @@ class Bound:
         return bool(np.all((values >= self.low) & (values <= self.high)))
 
 
+def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
+    """Return between which numbers a coefficient lies, infinite for none."""
+    own = [each for each in bounds if each.name == name]
+    return max((each.low for each in own), default=-np.inf), min((each.high for each in own), default=np.inf)
+
+
 def parts_of(texts: str | Sequence[str]) -> list[str]:
     """Return the equations and bounds in a text, between semicolons or lines, or in several texts."""
     listed = [texts] if isinstance(texts, str) else texts
