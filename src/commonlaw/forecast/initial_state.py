@@ -24,6 +24,9 @@ from commonlaw.likelihood import (
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
+_EXACT = 1e-4
+"""Noise of a state that is exactly zero, relative to that of the state elsewhere: next to none."""
+
 MIN_SAMPLES = 5
 """Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
 
@@ -98,7 +101,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     """
     noise = _noise_of(law)
     unmeasured = _unmeasured(law, trial)
-    trial = trial.cut(count)
+    trial = _with_exact_zeros(trial.cut(count), noise)
     _check_measured(law, trial, unmeasured)
     guess = _guess(law, trial)
     if law.uncertainty.error_model:
@@ -120,6 +123,11 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     if not np.isfinite(found.objective):
         raise CommonlawError(_not_finite(trial))
     return FittedInitialState(found.states[0][0], trial, observation_model)
+
+
+def _with_exact_zeros(trial: Trial, noise: Floats) -> Trial:
+    """Return a trial in which states that are exactly zero, such as a species that is absent, have next to no noise."""
+    return replace(trial, noise=np.where(trial.absent, _EXACT * noise, trial.noise)) if trial.absent.any() else trial
 
 
 def _not_finite(trial: Trial) -> str:

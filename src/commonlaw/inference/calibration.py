@@ -38,6 +38,9 @@ _FOLDS = 4
 _PARTS = 6
 """Parts of the longest forecast, in the middle of which errors are gathered, as far as to the middles beside it."""
 
+_UNTOLD = 10.0
+"""Standard errors of a coefficient, relative to its size by all trials, above which some trials do not tell it."""
+
 _LEVEL = 0.95
 
 _ENOUGH = 19
@@ -131,16 +134,30 @@ def standardized_errors(
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
     for kept, left_out in _folds(problem.trials, both_ways):
         with suppress(CommonlawError, NotPositiveError):
-            law = pool(_fitted_to(template, problem, state, kept))
+            law = _fitted_to(template, problem, state, kept)
+            known, law = _objects_told(law, template), pool(law)
             for own, start in left_out:
-                for key, errors in _standardized_errors(law, problem.trials.with_trials(own), start):
-                    found.setdefault(key, []).append(errors)
+                if told := [trial for trial in own if trial.object in known]:
+                    for key, errors in _standardized_errors(law, problem.trials.with_trials(told), start):
+                        found.setdefault(key, []).append(errors)
     return [
         StandardizedErrors(
             *(np.concatenate([getattr(each, part.name) for each in own]) for part in fields(StandardizedErrors))
         )
         for own in found.values()
     ]
+
+
+def _objects_told(law: Law, whole: Law) -> set[str]:
+    """Return the objects of which some trials tell every coefficient that all trials tell.
+
+    Of two species whose trial together is left out, trials of each alone say nothing of how they compete: forecasts by
+    these do not show how well the law forecasts.
+    """
+    errors, own = np.nan_to_num(law.standard_errors), [whole.index(name) for name in law.objects]
+    sizes = np.hypot(whole.coefficients, np.nan_to_num(whole.standard_errors))[own]
+    told = np.all(errors <= _UNTOLD * sizes, axis=(1, 2))
+    return {name for name, known in zip(law.objects, told, strict=True) if known}
 
 
 LeftOut = list[tuple[list[Trial], int | None]]

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import noise_told
+from commonlaw.inference.first_noise import FLOOR, noise_told
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
@@ -56,10 +56,12 @@ class Measurements:
     def white_std(self, noise: Floats, errors: ErrorModel) -> Floats:
         """Return the white noise of all measurements, shape (points, d), if that of the states has shape (d,).
 
-        States that never change, such as a species that is absent, tell nothing of it, and keep that estimated first.
+        States that never change tell nothing of it, and keep that estimated first; those that are exactly zero, such as
+        a species that is absent, have none.
         """
         std = errors.white_std(self._usual_states, with_typical(self._given, noise))
-        return np.where(self._still, with_typical(self._given, self.first_noise), std) * self._averaging
+        still = np.where(self._absent, FLOOR * self.first_noise, self.first_noise)
+        return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
         """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
@@ -92,7 +94,8 @@ class Measurements:
 
         It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
         """
-        variance = noise**2 * np.mean((std / (with_typical(self._given, noise) * self._averaging)) ** 2, axis=0)
+        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
+        variance = noise**2 * np.mean(relative**2, axis=0)
         if errors.correlated is not None:
             variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
         return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
@@ -117,6 +120,10 @@ class Measurements:
     @cached_property
     def _still(self) -> Bools:
         return np.concatenate([each.still for each in self.meshes])
+
+    @cached_property
+    def _absent(self) -> Bools:
+        return np.concatenate([each.absent for each in self.meshes])
 
     @cached_property
     def pure_error(self) -> tuple[Floats, float]:

@@ -331,7 +331,7 @@ def prepare(
         begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
         starts, as_good = _begun_along_curves(models, groups, curves, begins), []
     typical = typical_states(curves)
-    measured = tuple(int(sum(trial.counts.sum() for trial in group)) for group in groups)
+    measured = tuple(int(sum(trial.counts[:, ~trial.absent].sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
     problem = SearchProblem(
         trials,

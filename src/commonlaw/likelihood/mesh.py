@@ -70,6 +70,14 @@ class Mesh:
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
 
+    @cached_property
+    def absent(self) -> Bools:
+        """Which of these are of a state that is exactly zero, such as a species that is absent, shape (n, d)."""
+        first = np.flatnonzero(self.first)
+        seen = np.add.reduceat(self.observed.astype(np.intp), first)
+        twice = np.repeat(seen > 1, np.diff(first, append=len(self)), axis=0)
+        return np.asarray(self.still & twice & (np.nan_to_num(self.measured) == 0))
+
     def indices_on(self, stride: int) -> Floats:
         """Return where its points are on a mesh with that many steps for each of its own, shape (n,)."""
         return np.concatenate([[0], np.cumsum(np.where(self.contiguous, stride, 1))])

@@ -227,6 +227,12 @@ class Trial:
         return 1.0 if self.repeats is None else np.where(np.isnan(self.noise), self.repeats.counts**-0.5, 1.0)
 
     @property
+    def absent(self) -> Bools:
+        """Which states are exactly zero wherever they were measured, twice at least: no noise is, shape (states,)."""
+        seen = np.isfinite(self.states)
+        return np.asarray((seen.sum(axis=0) > 1) & ~np.any(seen & (self.states != 0), axis=0))
+
+    @property
     def counts(self) -> Floats:
         """How many measurements of each state there are at each sample, shape (n, states)."""
         return np.isfinite(self.states) * (1.0 if self.repeats is None else self.repeats.counts)
