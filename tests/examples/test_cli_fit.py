@@ -141,3 +141,24 @@ def test_fit_prints_a_line_for_each_parameter(run, tmp_path):
         (numbers,) = [line[2:] for line in lines if line[:2] == [row.object, row.parameter]]
         assert [float(each) for each in numbers[:4]] == pytest.approx(list(row[2:6]), rel=0.02, abs=0.06 * row[3])
         assert numbers[4:] == (["1/min"] if row.parameter == "k" else [])
+
+
+@pytest.mark.usefixtures("cups")
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        (("fit", "cups.csv", "T' = -k T"), "cups.csv is a table, not an equation"),
+        (("compare", "T' = -k T", "T' = -0.1 T", "cups.csv"), "T' = -k T is an equation, not a table"),
+        (("predict", "cups.csv", "law.json"), "cups.csv is a table, not a saved law"),
+        (("discover", "law.json"), "law.json is a saved law, not a table"),
+    ],
+)
+def test_swapped_arguments_are_recognised(run, tmp_path, given, problem):
+    cl.Law.from_text("T' = -k T", {"k": 0.1}).save(tmp_path / "law.json")
+    code, _, err = run(*given)
+    assert (code, err.splitlines()[-1]) == (2, f"Error: {problem}. Are the arguments swapped?")
+
+
+def test_in_python_the_equations_come_first():
+    with pytest.raises(cl.CommonlawError, match="equations come first"):
+        cl.fit(cl.datasets.linear_drag(), "x'' = -g")

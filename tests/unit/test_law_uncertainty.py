@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
 from scipy.stats import norm
@@ -12,6 +13,7 @@ from scipy.stats import norm
 from commonlaw.errors import CommonlawError
 from commonlaw.law import History, Law, Provenance, Step, Uncertainty
 from commonlaw.law.numbers import latex_with_error, with_error
+from commonlaw.law.tables import readable
 from commonlaw.library import PolynomialLibrary, Variables
 from commonlaw.trials import Schema
 
@@ -308,3 +310,14 @@ def test_draws_need_a_covariance_and_a_number(drag):
         without(drag, "covariance").draws()
     with pytest.raises(CommonlawError, match="0 draws of the coefficients: ask for 1 to"):
         drag.draws(0)
+
+
+def test_tables_that_are_read_have_the_digits_that_mean_something():
+    columns = {"coefficient": [0.447096, 12345.6], "standard error": [0.0050877, 678.0], "low": [0.4370344, 11016.7]}
+    shown = readable(
+        pd.DataFrame(
+            {"term": ["x", "1"], **columns, "term probability": [4e-320, 0.123456], "probability": [np.nan, 1.0]}
+        )
+    )
+    assert shown.loc[0].tolist() == ["x", "0.4471", "0.0051", "0.4370", "< 1e-9", ""]
+    assert shown.loc[1].tolist() == ["1", "12350", "680", "11020", "0.1235", "1"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from commonlaw.cli.paths import check_files, check_text
+from commonlaw.cli.paths import check_files, check_order, check_text
 from commonlaw.cli.working import verbose_option
 
 _OTHERS = "Options"
@@ -38,6 +38,7 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Do what the command does once its files are found to be right."""
+        check_order(ctx.params)
         check_files(self.params, ctx.params)
         return super().invoke(ctx)
 

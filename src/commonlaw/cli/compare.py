@@ -96,10 +96,10 @@ def _sentences(frame: "pd.DataFrame") -> list[str]:
     """Return in words which law is the most probable, and how the others stand to it."""
     first, *others = zip(frame["law"], frame["2 log B"], strict=True)
     words = (
-        (2.0, "hardly less probable, and not told apart from it by these measurements"),
-        (6.0, "less probable"),
-        (10.0, "much less probable"),
-        (float("inf"), "out of the question beside it"),
+        (2.0, "not distinguishable from it with these data"),
+        (6.0, "less probable: positive evidence against it"),
+        (10.0, "less probable: strong evidence against it"),
+        (float("inf"), "less probable: very strong evidence against it"),
     )
     said = [f"{first[0]} is the most probable of these laws."]
     return said + [f"{name} is {next(text for most, text in words if below <= most)}." for name, below in others]

@@ -28,11 +28,10 @@ def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[st
 
 def print_compared(frame: "pd.DataFrame") -> None:
     """Print the evidence of laws beside each other, and what its numbers mean."""
-    from commonlaw.law.numbers import shown_probability
     from commonlaw.law.tables import MEANINGS
 
     say("\nEvidence from the same measurements, the most probable law first:\n")
-    print_frame(frame.assign(probability=frame["probability"].map(shown_probability)))
+    print_frame(frame)
     say(f"\n{MEANINGS['2 log B']}.")
     say("More coefficients cost evidence by themselves. The probability holds if one of these laws is true.")
 

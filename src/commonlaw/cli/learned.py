@@ -13,7 +13,7 @@ from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.many_objects import print_spread
 from commonlaw.cli.options import as_one, option
-from commonlaw.cli.output import Written, print_frame, print_history, print_json, print_table, say
+from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
@@ -232,7 +232,7 @@ class Learned:
 
     def _show_parameters(self) -> None:
         """Print a line for each letter of given equations, then how far forecasts are off."""
-        from commonlaw.law.numbers import rounded
+        from commonlaw.law.numbers import Written, rounded
 
         law, columns = self.law, defaultdict[str, list[object]](list)
         (values, errors), ends = law.letter_values(), law.letter_interval_ends()

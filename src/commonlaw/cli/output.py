@@ -17,12 +17,6 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
 
 
-class Written(str):
-    """A number that is written already, to the digits that mean something."""
-
-    __slots__ = ()
-
-
 _MOST_ROWS = 1000
 """Rows of a table that are printed; more would take minutes to set."""
 
@@ -49,6 +43,8 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from commonlaw.law.numbers import Written
+
     rows = [list(row) for row in rows]
     rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
     table = Table(box=SIMPLE_HEAD, show_edge=False)
@@ -65,6 +61,9 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 def print_frame(frame: "pd.DataFrame") -> None:
     """Print a data frame without its index."""
+    from commonlaw.law.tables import readable
+
+    frame = readable(frame)
     print_table([str(name) for name in frame.columns], frame.itertuples(index=False, name=None))
 
 

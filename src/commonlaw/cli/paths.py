@@ -1,7 +1,7 @@
 """Options and arguments that name files: which a command reads, and which it writes."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.files import check_targets
 from commonlaw.names import as_text, in_line
+
+_EQUATION = re.compile(r"('|\]|/\s*d\s*\w+(\s*\^?\s*2)?)\s*=")
+"""The left-hand side of an equation: of ``x''``, ``x[k+1]``, ``dx/dt``."""
 
 
 class _File(StringParamType):
@@ -81,6 +84,29 @@ class WrittenTable(WrittenFile):
 def is_law_file(value: str) -> bool:
     """Whether a text that may be a law or the file of one is a file."""
     return value.endswith((".json", ".parquet"))
+
+
+def check_order(values: Mapping[str, Any]) -> None:
+    """Refuse a table in the place of a law, and a law in that of a table.
+
+    Raises
+    ------
+    click.UsageError
+        If the value of an argument is plainly what another one takes.
+    """
+    law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
+    is_text = bool(_EQUATION.search(path)) and not values.get("dataset") and not Path(path).exists()
+    if law and Path(law).is_file() and not is_law_file(law):
+        problem = f"{law} is a table, not a saved law"
+    elif equations and not _EQUATION.search(equations) and (is_text or Path(equations).is_file()):
+        problem = f"{equations} is a table, not an equation"
+    elif is_text and not equations:
+        problem = f"{path} is an equation, not a table"
+    elif path.endswith(".json"):
+        problem = f"{path} is a saved law, not a table"
+    else:
+        return
+    raise click.UsageError(in_line(problem) + ". Are the arguments swapped?" * ("path" in values))
 
 
 def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:

@@ -126,6 +126,8 @@ def fit(
     <BLANKLINE>
     with v = x', g [m/s²] = 9.80000 ± 0.00096, c [1/s] = 0.380000 ± 0.000086
     """
+    if isinstance(equations, Trials | TrialStream):
+        raise CommonlawError("the equations come first, then the trials: cl.fit(equations, trials)")
     for name in settings:
         check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
     if isinstance(trials, TrialStream):

@@ -37,6 +37,21 @@ def with_error(value: float, error: float, digits: int = 4, bracket: bool = Fals
     return f"({pair}){power}" if uncertainty and (bracket or power) else pair + power
 
 
+class Written(str):
+    """A number that is written already, to the digits that mean something."""
+
+    __slots__ = ()
+
+
+def probability_text(value: float) -> str:
+    """Return a probability as text.
+
+    >>> probability_text(0.71423), probability_text(4e-130)
+    ('0.7142', '< 1e-9')
+    """
+    return f"{value:.4g}" if not value < _LEAST_PROBABILITY else "< 1e-9"
+
+
 def rounded(value: float, error: float) -> str:
     """Return a number to the decimal place of the second digit of an error; to four digits if there is none.
 
@@ -51,15 +66,6 @@ def rounded(value: float, error: float) -> str:
     if not _PLAIN[0] <= size < _PLAIN[1]:
         return f"{value:.{size - last}e}"
     return f"{round(value, -last):z.{max(-last, 0)}f}"
-
-
-def shown_probability(value: float) -> float | str:
-    """Return a probability as tables show it: below 1e-9 its digits mean nothing.
-
-    >>> shown_probability(0.99683), shown_probability(3e-41), shown_probability(0.0)
-    (0.99683, '< 1e-9', '< 1e-9')
-    """
-    return "< 1e-9" if value < _LEAST_PROBABILITY else value
 
 
 def r_squared_text(value: float) -> str:

@@ -8,10 +8,13 @@ import pandas as pd
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.numbers import shown_probability
+from commonlaw.law.numbers import Written, probability_text, rounded
 from commonlaw.law.provenance import Alternative
 
 _MORE_TERMS = 2
+
+_WITH_ERRORS = ("coefficient", "factor", "standard error", "low", "high")
+"""Columns, or how they begin, whose digits mean something as far as the column of standard errors says."""
 
 MOST_DRAWS = 10_000_000
 """Draws of coefficients; more say nothing that these do not."""
@@ -52,6 +55,24 @@ def coefficient_frame(
     else:
         columns = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
     return pd.DataFrame(values, index=pd.Index(objects, name="object"), columns=columns)
+
+
+def readable(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with the digits that mean something: numbers as far as their errors let them be.
+
+    Coefficients, errors and ends of intervals have the decimal places of the standard error's second digit, and
+    probabilities below 1e-9 are just that.
+    """
+    shown, errors = frame.copy(), frame.get("standard error")
+    for name in map(str, frame.columns):
+        if "probability" in name:
+            texts = [probability_text(each) for each in frame[name]]
+        elif errors is not None and name.startswith(_WITH_ERRORS):
+            texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
+        else:
+            continue
+        shown[name] = pd.Series(map(Written, texts), frame.index, dtype=object).where(frame[name].notna(), "")
+    return shown
 
 
 def letter_frame(
@@ -146,8 +167,6 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     measures = [name for name in _MEASURES if name in frame and others[name].notna().any()]
     frame["terms"] = [" + ".join(each.terms) or "0" for each in alternatives]
     frame[""] = np.where(frame["chosen"], "*", "")
-    if "probability" in measures:
-        frame["probability"] = frame["probability"].map(shown_probability)
     few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
     return frame.loc[few, ["", "equation", "terms", *measures]]
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from commonlaw.extras import optional_import
+from commonlaw.law.tables import readable
 from commonlaw.names import visible
 from commonlaw.report.document import KINDS, Block, Fold, Gallery, Picture, Report, Table, Text
 from commonlaw.report.markup import inline, markdown, plain
@@ -70,7 +71,7 @@ def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str
             source = _data("image/svg+xml", drawings[name])
             return {"kind": "picture", "name": name, "caption": caption, "source": source}
         case Table(name, caption, frame, digits):
-            present = frame.astype(object).where(frame.notna(), None)
+            present = readable(frame).astype(object).where(frame.notna(), None)
             rows = [[cell(value, digits) for value in row] for row in present.itertuples(index=False, name=None)]
             looks = [_look(column) for column in zip(*rows, strict=True)] or ["word"] * len(frame.columns)
             head = list(zip(map(str, frame.columns), looks, strict=True))

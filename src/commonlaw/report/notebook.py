@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.plan import Design
 from commonlaw.inference import Bounds
 from commonlaw.law import Forecast, History, Law
+from commonlaw.law.tables import readable
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.formulas import law_markdown
@@ -94,7 +95,9 @@ def _forecast(forecast: Forecast) -> str:
 
 def _table(frame: pd.DataFrame) -> str:
     more = f"<p>... and {len(frame) - _ROWS} more rows</p>" if len(frame) > _ROWS else ""
-    return str(frame.head(_ROWS).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
+    return (
+        str(readable(frame.head(_ROWS)).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
+    )
 
 
 def _drawn(draw: Callable[[], Figure]) -> str:
