@@ -46,13 +46,15 @@ def test_a_plate_is_recognised_and_a_note_says_so():
 @pytest.mark.parametrize(
     ("names", "wide"),
     [
-        (["WT_1", "WT_2", "mut_1", "mut_2"], True),
         (["rat 1", "rat 2", "rat 3"], True),
         (["OD A1", "OD A2", "OD B1", "OD B2"], True),
         (["A1", "A2"], False),
         (["theta_1", "theta_2", "omega_1", "omega_2"], False),
         (["pos_1", "vel_1", "pos_2", "vel_2"], False),
         (["tank_1", "tank_2", "tank_3"], False),
+        (["prey_1", "prey_2", "hunter_1", "hunter_2"], False),
+        (["C1", "C2", "C3", "C4"], False),
+        ([f"C{i}" for i in range(1, 9)], True),
         (["prey", "predator", "grass"], False),
         (["x1", "x2", "x3", "x4", "x5"], False),
     ],
@@ -68,12 +70,14 @@ def test_columns_of_a_single_word_are_replicates_where_they_nearly_agree():
     noise = np.random.default_rng(0).normal(0, 0.01, (6, 3))
     frame = pd.DataFrame({"t": HOURS, **{f"WT_{i + 1}": np.exp(-HOURS) + noise[:, i] for i in range(3)}})
     assert Trials.from_frame(frame).objects == ("WT_1", "WT_2", "WT_3")
+    two = frame.assign(mut_1=0.5 * frame["WT_1"], mut_2=0.5 * frame["WT_2"])
+    assert Trials.from_frame(two).objects == ("WT_1", "WT_2", "WT_3", "mut_1", "mut_2")
     assert Trials.from_frame(frame.assign(WT_3=2 * frame["WT_3"])).objects == ("object",)
 
 
 def test_columns_of_standard_deviations_go_with_those_of_the_same_number():
     deviations = {f"std{i}": 0.01 * i + 0 * HOURS for i in range(1, 5)}
-    curves = {f"G{i}": np.exp(-i * HOURS) for i in range(1, 5)}
+    curves = {f"G{i}": 1 - np.exp(-i * HOURS) for i in range(1, 5)}
     trials = Trials.from_frame(pd.DataFrame({"t": HOURS, **curves, **deviations}))
     assert trials.objects == ("G1", "G2", "G3", "G4")
     assert trials.schema.noise_columns == {"value": "value noise"}

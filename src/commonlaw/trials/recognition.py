@@ -27,18 +27,18 @@ _TIME = _vocabulary(
 _SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick frame cycle")
 """What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
 SEPARATE = _vocabulary(
-    "subject patient participant person individual animal mouse rat well vial tube flask colony strain sample specimen "
-    "plant replicate rep repeat repetition trial run"
+    "subject patient participant person individual animal mouse rat ball well vial tube flask colony strain sample "
+    "specimen plant replicate rep repeat repetition trial run"
 )
 """What does not act on others of its kind."""
-_OBJECT = SEPARATE | _vocabulary("object id ball body particle cell device board rig unit site station tank name")
+_OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
 _TRIAL = _vocabulary(
     "trial run replicate rep repeat repetition drop experiment exp test session series batch attempt throw shot pass "
     "round episode cond condition versuch lauf messung wiederholung"
 )
 QUANTITIES = _vocabulary(
     "pos position vel velocity speed angle temp temperature pressure level height conc concentration current voltage "
-    "mass species node mode channel state var"
+    "mass species node mode channel state var tank cell body particle site station patch compartment"
 )
 """What one object may have several of."""
 _INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")

@@ -2,7 +2,6 @@
 
 import re
 import unicodedata
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readab
 
 _DEFAULT = "value"
 """Name of what stands in the columns, if nobody names it."""
-_WELL = re.compile(r"(?:(.*[\W_]))?[A-P]0?(?:[1-9]|1\d|2[0-4])")
+_WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 """Of a plate of up to 384 wells, after the name of what was measured or without it."""
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
 _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]+\d+")
@@ -24,25 +23,26 @@ _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]+\d+")
 _FEW, _MANY = 4, 8
 """Columns of like names, and of any names, from which on they may be an object each."""
 _ALIKE = 0.1
-"""Of the range of their mean, by how much replicates differ from it."""
+"""Of the range of their mean, by how much replicates differ from it; and of all values, by how much starts differ."""
 
 
 def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
 
-    They have one unit, and names of wells; or all are called by words with numbers, as replicates are: of several
-    words, or of one that names individuals or repetitions, or of one with nearly the same values in all columns.
-    Symbols of variables such as theta are no such words.
+    They have one unit, and names of wells, which start alike if they are few and of one letter; or all are called by
+    words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
+    replicates have. Names of quantities such as theta are no such words.
     """
-    wells = [name for name in names if _WELL.fullmatch(name)]
-    stems = [found[1] if (found := _REPLICATE.fullmatch(name)) else "" for name in names]
-    counts = Counter(stems)
-    if len(wells) >= _FEW and len({found[1] for name in wells if (found := _WELL.fullmatch(name))}) == 1:
-        alike = wells
-    elif all(stems) and len(names) > 2 and not any(map(_is_variable, counts)):
-        individuals = all(is_called(stem, SEPARATE) for stem in counts)
-        several = len(counts) > 1 and max(counts.values()) > 1
-        alike = list(names) if individuals or several or _are_repeated(table, names) else []
+    wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
+    stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
+    groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
+    if len(wells) >= _FEW and len({found[1] for found in wells.values()}) == 1:
+        letters = {found[2] for found in wells.values()}
+        alike = [*wells] if len(letters) > 1 or len(wells) >= _MANY or _start_alike(table, [*wells]) else []
+    elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
+        individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
+        repeated = len(groups) < len(names) and all(_are_repeated(table, group) for group in groups)
+        alike = list(names) if individuals or repeated else []
     else:
         return []
     return alike if len({table.units.get(name) for name in alike}) == 1 else []
@@ -55,6 +55,13 @@ def _is_variable(stem: str) -> bool:
     except KeyError:
         return is_called(stem, QUANTITIES)
     return True
+
+
+def _start_alike(table: Table, names: Sequence[str]) -> bool:
+    """Say whether the first values of columns differ by little of the range of all."""
+    values = np.column_stack([readable(table, name) for name in names])
+    values = values[np.isfinite(values).all(axis=1)]
+    return bool(len(values)) and bool(np.ptp(values[0]) < _ALIKE * np.ptp(values))
 
 
 def _are_repeated(table: Table, names: Sequence[str]) -> bool:
