@@ -135,9 +135,9 @@ def standardized_errors(
     for kept, left_out in _folds(problem.trials, both_ways):
         with suppress(CommonlawError, NotPositiveError):
             law = _fitted_to(template, problem, state, kept)
-            known, law = _objects_told(law, template), pool(law)
-            for own, start in left_out:
-                if told := [trial for trial in own if trial.object in known]:
+            own, law = law, pool(law)
+            for listed, start in left_out:
+                if told := _told(listed, kept, own, template):
                     for key, errors in _standardized_errors(law, problem.trials.with_trials(told), start):
                         found.setdefault(key, []).append(errors)
     return [
@@ -148,8 +148,8 @@ def standardized_errors(
     ]
 
 
-def _objects_told(law: Law, whole: Law) -> set[str]:
-    """Return the objects of which some trials tell every coefficient that all trials tell.
+def _told(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law) -> list[Trial]:
+    """Return the parts of trials that were left out, and whole ones of which others tell what all trials tell.
 
     Of two species whose trial together is left out, trials of each alone say nothing of how they compete: forecasts by
     these do not show how well the law forecasts.
@@ -157,7 +157,9 @@ def _objects_told(law: Law, whole: Law) -> set[str]:
     errors, own = np.nan_to_num(law.standard_errors), [whole.index(name) for name in law.objects]
     sizes = np.hypot(whole.coefficients, np.nan_to_num(whole.standard_errors))[own]
     told = np.all(errors <= _UNTOLD * sizes, axis=(1, 2))
-    return {name for name, known in zip(law.objects, told, strict=True) if known}
+    objects = {name for name, known in zip(law.objects, told, strict=True) if known}
+    cut = {(trial.object, trial.name) for trial in kept}
+    return [trial for trial in left_out if trial.object in objects or (trial.object, trial.name) in cut]
 
 
 LeftOut = list[tuple[list[Trial], int | None]]
