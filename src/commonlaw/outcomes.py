@@ -11,6 +11,8 @@ class OutcomeKind(StrEnum):
     """Other coefficients fit the measurements as well."""
     APPROXIMATION = "approximation"
     """The law with the best solutions, where no law of the library fits the measurements within their noise."""
+    BOUND = "bound"
+    """A coefficient is at its bound."""
     CHOSEN = "chosen"
     """The terms of an equation were chosen from candidates; the text says why these."""
     COPIES = "copies"

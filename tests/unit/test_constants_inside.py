@@ -244,7 +244,6 @@ def test_laws_with_constants_are_compared_with_others(enzymes):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (f"{SATURATING}; K < 0.1", "the fit ends at K = .*, outside of K < 0.1: leave the bound out"),
         (f"{SATURATING}; K > a", "cannot read the bound 'K > a': write 'K > 0'"),
         (f"{SATURATING}; 2 < K < 1", "the bound '2 < K < 1' leaves no number"),
         (f"{SATURATING}; Q > 0", "unknown coefficient 'Q'"),
@@ -257,6 +256,18 @@ def test_laws_with_constants_are_compared_with_others(enzymes):
 def test_what_cannot_be_fitted_is_refused_in_words(enzymes, text, message):
     with pytest.raises(CommonlawError, match=message):
         cl.fit(text, enzymes)
+
+
+def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes):
+    law = cl.fit(f"{SATURATING}; 0 < K < 0.1", enzymes, errors="white")
+    at_bound = cl.fit(SATURATING.replace("K", "0.1"), enzymes, errors="white", partial_pooling=False)
+    values, errors = by_letter(law)
+    np.testing.assert_array_equal(values["K"], 0.1)
+    assert (errors["K"] == 0).all()
+    np.testing.assert_allclose(values["V"], by_letter(at_bound)[0]["V"], rtol=0.02)
+    named = [each for each in law.outcomes if each.kind == "bound"]
+    assert [each.where for each in named] == list(enzymes.objects)
+    assert "K is at its bound, 0.1" in named[0].text
 
 
 def test_what_a_term_does_not_show_of_its_constants_is_said():

@@ -175,3 +175,30 @@ def test_a_law_is_evaluated_without_the_time_where_no_term_depends_on_it():
     for law, values in ((driven, [[1.0]]), (ratio, [[1.0, 0.0, 0.0]]), (ratio, [1.0, 2.0])):
         with pytest.raises(cl.CommonlawError, match="are not those of the variables: give a column for each of"):
             law.evaluate("object", values)
+
+
+def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
+    """Of two objects one has its rate at the bound; the other is as without it."""
+    times, source = np.linspace(0, 10, 40), np.random.default_rng(0)
+    measured = [2 * np.exp(-0.5 * times), 3 * np.exp(-0.3 * times)]
+    measured = [own + 0.02 * source.standard_normal(40) for own in measured]
+    trials = cl.Trials.from_arrays([times] * 2, measured, object=["p", "q"], names=["x"])
+    white = {"errors": "white", "noise": {"x": 0.02}, "partial_pooling": False, "huber_threshold": np.inf}
+    law, free = (cl.fit(text, trials, **white) for text in ("x' = a - k x; 0 < k < 0.4", "x' = a - k x"))
+
+    def left(p):
+        start, a, k = p
+        return (start - a / k) * np.exp(-k * times) + a / k - measured[0]
+
+    fit = least_squares(left, [2.0, 0.0, 0.35], bounds=([-10, -10, 0], [10, 10, 0.4]), xtol=1e-12)
+    values, errors = law.letter_values()
+    a, k = law.letters.index("a"), law.letters.index("k")
+    assert values[0, k] == 0.4
+    assert errors[0, k] == 0
+    assert values[0, a] == pytest.approx(fit.x[1], abs=0.1 * errors[0, a])
+    own, alone = (each.coefficients[1] for each in (law, free))
+    np.testing.assert_allclose(own, alone, rtol=1e-6)
+    (outcome,) = (each for each in law.outcomes if each.kind == "bound")
+    assert (outcome.where, "95 %: down to 0.39" in outcome.text) == ("p", True)
+    with pytest.raises(cl.CommonlawError, match=r"the fit ends at T = .*, outside of 5 < T < 6: leave the bound out"):
+        cl.fit("x' = -k (x - T); 5 < T < 6", trials, **white)

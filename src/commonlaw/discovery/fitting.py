@@ -26,7 +26,7 @@ from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
-from commonlaw.outcomes import OutcomeKind
+from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
@@ -85,8 +85,8 @@ def fit(
         Coefficients inside of functions, powers and sums below a line are constants of their terms and fitted as such:
         ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
         ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they stand
-        beside, and keeps to bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``; where the best
-        values are outside of these, the law is refused.
+        beside, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
+        best value is outside is at its bound, which an outcome says with a one-sided interval.
     trials
         What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
         law has no constants inside of terms, and no states that nobody measured.
@@ -186,7 +186,11 @@ def fit(
     begun = with_constants_found(_unfitted(given, trials, provenance), trials, given.bounds, **settings)
     shared = _coefficients_of(universal, begun)
     others = bool(settings.get("partial_pooling", True))
-    law = refine(begun, trials, **settings | ({"partial_pooling": False} if universal else {}))
+    apart = settings | {"partial_pooling": False}
+    law = refine(begun, trials, **apart if universal else settings)
+    if _outside(law, given.bounds):
+        law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
+        law = law if universal else law.partial_pooling(None, others)
     law = law.partial_pooling(shared, others) if universal else law
     outcomes = (*law.outcomes, *outcomes_of_constants(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
@@ -239,9 +243,9 @@ def _of_part(equations: str | Sequence[str], settings: dict[str, Any], part: Tri
     return LawOfPart.of(law, trials)
 
 
-def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    """Return a law, refused if a coefficient is outside of its bound, as found or as an object's own trials tell it."""
-    unpooled, own = law.uncertainty.unpooled, law.coefficients.copy()
+def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
+    """Return objects and the bounds that a coefficient is outside of, pooled or by the object alone, and its value."""
+    unpooled, own, found = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
     letters = {each.name: each for each in law.named_coefficients}
@@ -251,12 +255,94 @@ def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
         for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
             outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
             if outside is not None:
-                found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
-                raise CommonlawError(
-                    f"{name}: the fit ends at {bound.name} = {found}, outside of {bound.text}: leave the bound out, "
-                    f"or give {bound.name} as a number"
-                )
+                as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
+                found.append((name, bound, as_found))
+    return found
+
+
+def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
+    """Return a law, refused if a coefficient is outside of its bound."""
+    for name, bound, as_found in _outside(law, bounds):
+        raise CommonlawError(
+            f"{name}: the fit ends at {bound.name} = {as_found}, outside of {bound.text}: leave the bound out, or give "
+            f"{bound.name} as a number"
+        )
     return law
+
+
+def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict[str, Any]) -> Law:
+    """Return a law that is not pooled with coefficients that are outside of their bounds at these, others fitted again.
+
+    An active set, object by object: what is at a bound is known there. Coefficients that are quotients or products of
+    what stands before several terms stay as they are.
+    """
+    refitted = dict[str, Law]()
+    outcomes = list[Outcome]()
+    for owner in law.objects:
+        own, held = law.select([owner]), dict[str, float]()
+        while ends := _ends(own, bounds, held):
+            outcomes += [_at_bound(own, owner, bound, end) for bound, end in ends]
+            held |= {bound.name: end for bound, end in ends}
+            own = refine(_held(law.select([owner]), held), trials.select(object=[owner]), **settings)
+            refitted[owner] = own
+    if not refitted:
+        return law
+    coefficients, parts = law.coefficients.copy(), [refitted.get(name, law.select([name])) for name in law.objects]
+    coefficients[:] = [each.coefficients[0] for each in parts]
+    support = np.any(coefficients != 0, axis=0)
+    covariance = np.zeros((len(parts), support.sum(), support.sum()))
+    for own, each in zip(covariance, parts, strict=True):
+        inner = np.flatnonzero(each.support[support])
+        own[np.ix_(inner, inner)] = each.uncertainty.known_covariance()[0]
+    known = parts[0].uncertainty if len(parts) == 1 else law.uncertainty
+    provenance = parts[0].provenance if len(parts) == 1 else law.provenance
+    return replace(
+        law,
+        coefficients=coefficients,
+        uncertainty=replace(known, covariance=covariance),
+        provenance=replace(provenance, outcomes=(*provenance.outcomes, *outcomes)),
+    )
+
+
+def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
+    """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
+    letters, found = {each.name: each for each in law.named_coefficients}, list[tuple[Bound, float]]()
+    values = dict(zip(law.letters, law.letter_values()[0][0].tolist(), strict=True))
+    for bound in bounds:
+        value, name = values[bound.name], bound.name
+        if name not in held and len(letters[name].parts) == 1 and not bound.holds(np.array(value)):
+            found.append((bound, bound.low if value < bound.low else bound.high))
+    return found
+
+
+def _held(law: Law, held: Mapping[str, float]) -> Law:
+    """Return the law of one object with coefficients that are known by their letters, and others that are not."""
+    coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
+    for each in law.named_coefficients:
+        if each.name in held:
+            (part,) = each.parts
+            coefficients[:, part.equation, part.term] = part.factor * held[each.name] ** float(part.power)
+            is_free[:, part.equation, part.term] = False
+    certain = law.standard_errors == 0
+    free = (is_free & ~certain)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
+    uncertainty = Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
+    return replace(law, coefficients=coefficients, uncertainty=uncertainty)
+
+
+def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
+    """Return that a coefficient is at its bound, with the interval on the other side.
+
+    That has 95 % of the normal distribution about the estimate without the bound, as far as it is within.
+    """
+    from scipy.stats import norm
+
+    index = law.letters.index(bound.name)
+    value, error = (float(each[0, index]) for each in law.letter_values())
+    side = 1 if end == bound.low else -1
+    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
+    within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
+    text = f"{bound.name} is at its bound, {end:g}, as the best fit without it is at {with_error(value, error)}{within}"
+    return Outcome(OutcomeKind.BOUND, owner, text, f"check the equation, or leave {bound.text} out")
 
 
 def _with_unmeasured(
