@@ -35,6 +35,10 @@ def numbers(text):
 def test_the_first_example_runs_without_a_network_and_prints_what_stands_below_it(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pooch.retrieve", lambda *_, **__: pytest.fail("a download"))
+    monkeypatch.setattr("sys.argv", shlex.split(blocks("sh")[0].splitlines()[0]))
+    with pytest.raises(SystemExit):
+        main()
+    capsys.readouterr()
     names = {}
     for name in ("README.md", "docs/choices.md"):
         for block in blocks("python", name):

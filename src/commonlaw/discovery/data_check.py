@@ -38,7 +38,7 @@ def variables_not_told_apart(
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
     found = stand_ins(asked, order, library)
     return tuple(
-        Finding(f"laws for {_side(each, asked, order)} {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
+        Finding(f"{_side(each, asked, order)}: {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
         for each in found
     )
 
@@ -46,9 +46,7 @@ def variables_not_told_apart(
 def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return what to know of a law whose variables the trials that it was learned from cannot tell apart."""
     return tuple(
-        Outcome(
-            OutcomeKind.NOT_IDENTIFIABLE, _side(each, trials, order), f"laws {_sentence(each, trials)}", _remedy(each)
-        )
+        Outcome(OutcomeKind.NOT_IDENTIFIABLE, _side(each, trials, order), _sentence(each, trials), _remedy(each))
         for each in (stand_ins(trials, order, library) if order else ())
     )
 
@@ -59,22 +57,21 @@ def _side(found: StandIns, trials: Trials, order: Order) -> str:
 
 
 def _remedy(found: StandIns) -> str:
-    return f"trials from other starts, such as at other values of {next(iter(found.starts))}, would tell"
+    return f"add trials with other initial values, such as of {next(iter(found.starts))}"
 
 
 def _sentence(found: StandIns, trials: Trials) -> str:
     """Return what variables stand in for each other, and why."""
     unit = f" {trials.schema.units.get(found.state, '')}".rstrip()
     concerned = _and(list(found.starts))
-    varying = ", with coefficients that differ from trial to trial" if found.by_trial else ""
+    varying = ", with coefficients that differ from trial to trial," if found.by_trial else ""
     left = _and([f"{each:.3g}" for each in found.left[:_LISTED]])
-    single = max(len(trials.of_object(name)) for name in trials.objects) == 1
-    why = f"{'the trial of each object is' if single else 'trials visit'} little more than one curve of {concerned}"
+    alike = ""
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
-        why = f"all trials start alike{_ranges(found, trials.schema)}, so that {concerned} are one curve"
+        alike = f", as all trials start alike{_ranges(found, trials.schema)}"
     return (
-        f"in {_alternatives(found)} fit alike{varying}: they leave {left}{unit}, and laws in all variables "
-        f"{found.left_by_all:.3g}{unit}; {why}"
+        f"{concerned} are confounded{alike}: laws in {_alternatives(found)}{varying} fit as well (RMS residual "
+        f"{left}{unit}; in all variables {found.left_by_all:.3g}{unit})"
     )
 
 

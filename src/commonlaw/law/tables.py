@@ -71,7 +71,7 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
             texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
         else:
             continue
-        shown[name] = pd.Series(map(Written, texts), frame.index, dtype=object).where(frame[name].notna(), "")
+        shown[name] = pd.Series(map(Written, texts), frame.index, dtype=object).where(frame[name].notna(), Written())
     return shown
 
 
