@@ -108,6 +108,13 @@ def test_a_column_that_increases_and_is_called_like_a_time_is_the_time_whatever_
     assert (schema.time, schema.states) == (name, ("T", "Response"))
 
 
+def test_a_time_that_is_called_like_a_unit_has_it():
+    frame = pd.DataFrame({"hours": T, "x": np.exp(-T)})
+    assert Trials.from_frame(frame).schema.units == {"hours": "h"}
+    assert Trials.from_frame(frame, units={"hours": ""}).schema.units == {}
+    assert Trials.from_frame(frame.rename(columns={"hours": "age"})).schema.units == {}
+
+
 def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
     frame = pd.DataFrame({"minutes": T, "seconds": 60 * T, "x": np.exp(-T)})
     with pytest.raises(CommonlawError, match="which column holds the time, 'minutes' or 'seconds'"):

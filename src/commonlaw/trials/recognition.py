@@ -130,6 +130,16 @@ def _dimensions(table: Table, name: str) -> dict[str, Any]:
     return {} if unit is None else {str(each): power for each, power in unit.dimensionality.items()}
 
 
+def unit_in_name(time: str) -> dict[str, str]:
+    """Return the unit of a column of times that is called like one, by its name; nothing if it is not.
+
+    >>> unit_in_name("Minutes"), unit_in_name("t")
+    ({'Minutes': 'min'}, {})
+    """
+    unit = known_unit(time.casefold()) if time.casefold() in _TIME | {"s", "h", "d", "min"} else None
+    return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
+
+
 def _rises(table: Table, name: str) -> bool:
     """Say whether values go up at least twice as often as down, as times do even in trials of three samples."""
     if not table.is_numeric(name):

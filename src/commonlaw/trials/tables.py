@@ -16,6 +16,7 @@ from commonlaw.trials.grouping import groups_of, read_cells, trials_of
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import Properties, column_properties, given_properties, object_codes
+from commonlaw.trials.recognition import unit_in_name
 from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, time_of
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import Schema, TrialData, check_measured
@@ -132,9 +133,8 @@ def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRole
 def _schema(table: Table, roles: Reading, columns: ColumnRoles, known: Properties) -> Schema:
     """Return names and units of the columns that are used."""
     names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
-    units = joined_units(
-        {**table.units, **known.units}, roles.get("units"), [*table.columns, *known.names], [*names, *known.names]
-    )
+    headers = {**unit_in_name(columns.time), **table.units, **known.units}
+    units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
     _check_units(table, columns.noise_columns, units)
     labels_in = columns.object or "object", columns.trial or "trial"
     return Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
