@@ -6,7 +6,10 @@ import commonlaw as cl
 def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).to_csv(tmp_path / "drops.csv")
     arguments = ("drops.csv", "--order", 2, "--library", "poly:1", "--hold-out", "trial=2")
-    code, out, _ = run("report", *arguments, "--out", "drops.html")
+    code, out, err = run("report", *arguments, "--out", "drops.html")
+    assert err.splitlines()[-1].startswith(
+        "Note: columns taken as time: t; object: object; trial: trial; state: x; prop"
+    )
     assert (code, out.strip()) == (0, "Wrote drops.html")
     page = (tmp_path / "drops.html").read_text()
     assert "commonlaw report drops.csv --order 2" in page

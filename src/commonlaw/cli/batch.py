@@ -15,10 +15,10 @@ from commonlaw.cli.options import as_one, in_options, option
 from commonlaw.cli.output import print_table, say
 from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
-from commonlaw.cli.source import Source
+from commonlaw.cli.source import Source, guesses
 from commonlaw.cli.workers import in_processes, in_words
 from commonlaw.cluster import counting, current_cluster
-from commonlaw.names import as_text
+from commonlaw.names import as_text, shown
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.wording import counted
 
@@ -56,11 +56,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Found:
-    """What was found in a file: the form of the law, whether it can be used, and the rows of the table."""
+    """What was found in a file: the form of the law, whether it can be used, the rows of the table, and guesses."""
 
     law: str
     usable: bool | None
     rows: list[dict[str, object]]
+    guesses: list[str]
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,14 @@ class Results:
         )
         laws = sum(each is not None for each, _ in self.found)
         say(f"\n{counted(laws, 'law')} in {counted(len(self.paths), 'file')}")
-        later.end(reasons=() if laws else ("no file has a law",))
+        files = dict[str, list[str]]()
+        for path, (each, _) in zip(self.paths, self.found, strict=True):
+            for guess in each.guesses if each else ():
+                files.setdefault(guess, []).append(path)
+        later.end(
+            [f"in {shown(names)}: {guess}" for guess, names in files.items()],
+            reasons=() if laws else ("no file has a law",),
+        )
 
     def _table(self, path: str) -> bytes:
         import pandas as pd
@@ -181,4 +189,5 @@ def _found(piece: Piece) -> Found:
         "; ".join(law.structure()),
         verdict.usable if verdict else None,
         [{str(name): value for name, value in each.items()} | said for each in rows],
+        guesses(trials),
     )

@@ -13,7 +13,7 @@ from commonlaw.cli.options import in_options, option
 from commonlaw.cli.output import say
 from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
-from commonlaw.cli.source import Source, with_training_source
+from commonlaw.cli.source import Source, guesses, with_training_source
 from commonlaw.cli.working import working
 from commonlaw.names import as_text
 from commonlaw.progress import part
@@ -86,7 +86,7 @@ def report(
         def of_table(law: Law, trials: Trials, training: Trials) -> Report:
             return law_report(find(law, trials, training), command, source.path or "", in_options, show)
 
-        known = given.schema if given else None
+        known, guessed = given.schema if given else None, list[str]()
         if streams:
             stream = stream_of(source, known)
             some = source.select(stream)
@@ -94,6 +94,7 @@ def report(
             made = partial(of_stream, law, stream, some)
         else:
             trials = source.load(known)
+            guessed += guesses(trials)
             training = source.select(trials)
             law = learned_from(training)
             made = partial(of_table, law, trials, training)
@@ -106,4 +107,4 @@ def report(
     written = out in later.written
     if not written:
         say(str(law))
-    later.end(reasons=() if written else later.failures)
+    later.end(guessed, reasons=() if written else later.failures)

@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
+from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import property_names
 
@@ -254,6 +255,11 @@ class Source:
             restarts=self.restarts,
             sheet=self.sheet,
         )
+
+
+def guesses(trials: Trials) -> list[str]:
+    """Return the line that says what columns were taken for, if something was guessed."""
+    return [note for note in trials.notes if note.startswith(GUESSED)]
 
 
 def _in_its_words(command: Callable[..., None]) -> Callable[..., None]:
