@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.differentiation.noise import _covariance, differences, noise_level
 from commonlaw.formulation import law_variables
+from commonlaw.inference.first_noise import noise_of_digits
 from commonlaw.inference.search_problem import prepare
 
 RNG_SEED = 0
@@ -173,6 +174,13 @@ def test_of_exact_measurements_what_leaves_less_counts_for_more():
     assert more - less > 50
     assert problem.counted.least == pytest.approx(0.01)
     assert less - least < 300
+
+
+@pytest.mark.parametrize(("decimals", "step"), [(2, 0.01), (4, 1e-4), (15, 0.0)])
+def test_few_values_have_the_step_of_their_decimals(decimals, step):
+    times = np.arange(8.0)
+    trials = cl.Trials.from_arrays([times] * 2, [(10 * np.exp(-r * times)).round(decimals) for r in (0.31, 0.17)])
+    assert noise_of_digits(trials) == pytest.approx([step / np.sqrt(12)])
 
 
 def test_digits_tell_no_less_than_their_steps():

@@ -20,6 +20,9 @@ exactly than the steps of a law are integrated here."""
 _LEAST_FREEDOM = 4
 """Degrees of freedom of repeated measurements whose scatter tells the noise: its estimate is then off by a third."""
 
+_DECIMALS = 12
+"""More decimals than instruments have: numbers with as many are computed."""
+
 _MULTIPLE = 1e-3
 """Differences that are so near to multiples of a step are multiples."""
 
@@ -55,13 +58,19 @@ def noise_of_digits(trials: Trials) -> Floats:
 
 
 def _step(values: Floats) -> float:
-    """Return the step of which all differences of values are multiples, 0 if there is none."""
+    """Return the step of which all differences of values are multiples, or that of their decimals, 0 if there is none.
+
+    Few values seldom are neighbours on their scale: of decimals, the last that any has is the step.
+    """
     different = np.unique(values)
     if len(different) < 3:
         return 0.0
     step = float(np.diff(different).min())
     multiples = (different - different[0]) / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE) else 0.0
+    if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE):
+        return step
+    decimals = (places for places in range(_DECIMALS) if np.array_equal(np.round(different, places), different))
+    return next((10.0**-places for places in decimals), 0.0)
 
 
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
