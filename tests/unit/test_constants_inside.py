@@ -402,3 +402,20 @@ def test_values_between_two_bounds_are_tried_where_no_others_are():
     values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
     assert values["w"] == pytest.approx(0.3, abs=0.005)
     assert values["u"] == pytest.approx(1.1, abs=0.01)
+
+
+def test_a_fit_begins_at_guesses():
+    times = np.arange(0, 30, 1.0)
+    motion = np.cos(0.9 * times) + 0.01 * np.random.default_rng(0).standard_normal(30)
+    trials, found = cl.Trials.from_arrays(times, motion, names=["x"]), {}
+    for guess in (None, 0.9, 0.6):
+        law = cl.fit("x' = a sin(w t + p)", trials, guesses=guess and {"w": guess}, errors="white")
+        found[guess] = dict(zip(law.letters, law.letter_values()[0][0], strict=True))["w"]
+    assert found[None] == pytest.approx(0.9, abs=0.002)
+    assert found[0.9] == pytest.approx(found[None], rel=1e-6)
+    assert found[0.6] == pytest.approx(0.6, abs=0.05)  # Another local optimum, as was asked for
+    assert "guesses={'w': 0.6}" in law.to_script().replace('"', "'")
+    with pytest.raises(CommonlawError, match=r"unknown coefficient 'v'"):
+        cl.fit("x' = a sin(w t + p)", trials, guesses={"v": 0.9})
+    with pytest.raises(CommonlawError, match="the guess of w is 3: give a number within its bounds"):
+        cl.fit("x' = a sin(w t + p); w < 2", trials, guesses={"w": 3})

@@ -12,7 +12,7 @@ from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs, with_outputs
 from commonlaw.cli.methods import with_likelihood
 from commonlaw.cli.on_cluster import on_cluster_at, with_cluster
-from commonlaw.cli.options import by_name, number_or_text, option
+from commonlaw.cli.options import by_name, number_or_text, numbers, option
 from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
@@ -53,6 +53,15 @@ from commonlaw.cli.working import working
     multiple=True,
     help="A coefficient of the equations that all objects have in common; repeat for more.",
 )
+@option(
+    "Table",
+    "--guess",
+    "guesses",
+    metavar="LETTER=VALUE",
+    multiple=True,
+    help="Where the fit begins with a constant inside of a term, a frequency w=0.3; repeat for more.  [default: all "
+    "values that samples tell apart are tried]",
+)
 @with_likelihood
 @option(
     "Output",
@@ -70,6 +79,7 @@ def fit(
     starts_at: float | None,
     doses: tuple[str, ...],
     universal: tuple[str, ...],
+    guesses: tuple[str, ...],
     settings: dict[str, Any],
     against: str | None,
     outputs: Outputs,
@@ -95,7 +105,7 @@ def fit(
     if cluster:
         source.check_streams()
         alone = {"--start": starts, "--starts-at": starts_at, "--dose": doses, "--against": against}
-        alone |= {"--universal": universal}
+        alone |= {"--universal": universal, "--guess": guesses}
         if given := [name for name, value in alone.items() if value]:
             raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
@@ -112,6 +122,7 @@ def fit(
         trials = load(source, [equations], [other] if other else (), known)
         training = source.select(trials)
         settings |= {"starts_at": starts_at, "doses": doses, "universal": universal}
+        settings |= {"guesses": numbers("--guess", guesses) or None}
         law = cl.fit(equations, training, starts=known, **settings, progress=show)
         outputs.keep(law, later)
         learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)

@@ -64,6 +64,7 @@ def fit(
     starts_at: float | None = None,
     doses: str | Sequence[str] = (),
     universal: str | Sequence[str] = (),
+    guesses: Mapping[str, float] | None = None,
     **settings: Any,
 ) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
@@ -107,6 +108,9 @@ def fit(
         Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
         object's own, as alike as the objects are. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
+    guesses
+        Where the fit begins with constants inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
+        values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress, client
         See `refine`.
 
@@ -131,9 +135,9 @@ def fit(
     for name in settings:
         check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
     if isinstance(trials, TrialStream):
-        if starts or doses or universal:
+        if starts or doses or universal or guesses:
             raise CommonlawError(
-                "starts=..., doses=... and universal=... do not go with a stream: give stream.read(), if the trials fit"
+                "starts, doses, universal and guesses do not go with a stream: give stream.read(), if the trials fit"
             )
         return _of_stream(equations, trials, **settings)
     refuse_client(settings.pop("client", None))
@@ -158,10 +162,11 @@ def fit(
         ),
         *_properties_in(given, trials),
     )
+    chosen: dict[str, Any] = {"universal": universal, "guesses": guesses}
     calls = (
         call(
             fit,
-            {"starts": starts or None, "starts_at": starts_at, "doses": doses, "universal": universal, **settings},
+            {"starts": starts or None, "starts_at": starts_at, "doses": doses, **chosen, **settings},
             "cl.fit",
             repr(text),
             "trials",
@@ -183,7 +188,15 @@ def fit(
     differentiation = suitable_differentiation(trials, given.order)
     provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
     settings = {"input_between": "auto"} | settings
-    begun = with_constants_found(_unfitted(given, trials, provenance), trials, given.bounds, **settings)
+    unfitted = _unfitted(given, trials, provenance)
+    for name, value in (guesses or {}).items():
+        check_choice("coefficient", name, unfitted.letters)
+        within = [each for each in given.bounds if each.name == name]
+        if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
+            raise CommonlawError(f"the guess of {name} is {value}: give a number within its bounds, not zero")
+    if guesses and starts:
+        raise CommonlawError("guesses do not go with states that nobody measured: leave them out")
+    begun = with_constants_found(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
     others = bool(settings.get("partial_pooling", True))
     apart = settings | {"partial_pooling": False}

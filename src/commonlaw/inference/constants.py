@@ -150,6 +150,7 @@ def with_constants_found(
     law: Law,
     trials: Trials,
     bounds: Sequence[Bound] = (),
+    guesses: Mapping[str, float] | None = None,
     *,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
@@ -167,6 +168,8 @@ def with_constants_found(
         As it was stated, whose constants have any values.
     bounds
         Of the named coefficients of the law.
+    guesses
+        Where to begin with constants, by name, in place of the values that are tried.
     trials, positive, input_between, noise, huber_threshold, n_jobs, progress
         See `refine`, whose other settings are of no matter here.
 
@@ -183,7 +186,8 @@ def with_constants_found(
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
     with threads(n_jobs):
         rates = _of_rates(setup)
-        banks = _within(_banks(setup.law, rates), setup.law, bounds)
+        tried = zip(law.terms.variables.constants, _within(_banks(setup.law, rates), setup.law, bounds), strict=True)
+        banks = [np.array([guesses[name]]) if guesses and name in guesses else each for name, each in tried]
         bank, deviances = _banked(setup.law, rates, banks)
         least = bank[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
